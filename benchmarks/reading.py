@@ -18,8 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.cli.exit_status import exit_status
-from dronecats.pilots import inscription, reading, vision
-from dronecats.pilots.inscription import SURE, ReadText
+from dronecats.pilots.vision import ocr, pilot
+from dronecats.pilots.vision.command import plain_text
+from dronecats.pilots.vision.ocr import SURE_CONFIDENCE, ReadText
 from episodes.authoring.pictures import probe
 from episodes.authoring.pictures.studio import alone
 from episodes.camera.renderer.renderer import Renderer
@@ -66,7 +67,7 @@ def line_of(
     renderer = Renderer(alone(kind.asset, mesh, probe.SUN), probe.CAMERA, shadow_cells=1024)
     rgb = renderer.render(CameraPose(eye, quat_from_euler(0.0, 0.0, yaw))).rgb
     renderer.close()
-    seen = vision.decode(picture.encode(rgb))
+    seen = pilot.decode(picture.encode(rgb))
     middle_y = 180.0 + 320.0 * (eye_m - face.height) / distance_m
     high = 1.7 * 320.0 * kind.letter_m / distance_m
     wide = high / 1.7 * 0.98 * len(text) * math.cos(angle)
@@ -76,14 +77,14 @@ def line_of(
 
 def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
     """Return what the pilot's reader makes of a line, widened as it is when it is seen aslant."""
-    found = reading.line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
+    found = ocr.read_line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
     return found[0] if found else ReadText("", 0.0)
 
 
 def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) -> tuple[list[LegibilityRow], float]:
     """Return the rows, and the CPU milliseconds of one reading by the package."""
     rng, taken = np.random.default_rng(11), probe.used()
-    reading.ready()
+    ocr.load_engine()
     rows, spent_s, count = [], 0.0, 0
     for base in probe.KINDS:
         for distance in distances:
@@ -101,10 +102,10 @@ def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) 
                     began = time.process_time()
                     said = by_package(part, angle)
                     spent_s, count = spent_s + time.process_time() - began, count + 1
-                    plain = inscription.plain(text)
-                    read = inscription.plain(said.text)
+                    plain = plain_text(text)
+                    read = plain_text(said.text)
                     package += read == plain
-                    wrong += read != plain and len(read) == len(plain) and said.confidence >= SURE
+                    wrong += read != plain and len(read) == len(plain) and said.confidence >= SURE_CONFIDENCE
                 rows.append(LegibilityRow(base.name, distance, angle, each, package, wrong))
     return rows, 1e3 * spent_s / max(1, count)
 

@@ -30,7 +30,7 @@ from dronecats.bench import worker
 from dronecats.cli.exit_status import exit_status
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json
-from dronecats.pilots import reading
+from dronecats.pilots.vision import ocr
 from episodes.records import suites
 from foundation.threads import expect_more
 
@@ -162,7 +162,7 @@ def main() -> int:
     parser.add_argument("--drawn", default="quick", metavar="NAME", help="whose episodes vision flies (quick)")
     parser.add_argument("--short", action="store_true", help="only show that every figure can be had")
     args = parser.parse_args()
-    reading.check_installed()
+    ocr.check_installed()
     machine, few = Machine(), ["--limit", "2"] if args.short else []
     undrawn = ["--pilot", "noisy", *(few or ["--flights", "2"])]
     one, two = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))

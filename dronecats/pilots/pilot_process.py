@@ -1,11 +1,19 @@
-"""A built-in pilot as a process: an OpenAI-compatible endpoint on the loopback."""
+"""A built-in pilot as a child process: an OpenAI-compatible endpoint on the loopback interface."""
 
 import time
+from dataclasses import dataclass
 from typing import Any
 
 from dronecats.pilots import roster
-from dronecats.pilots.config import PilotConfig
 from dronecats.pilots.server import PilotServer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PilotConfig:
+    """The configuration that the parent sends to the child process."""
+
+    pilot: str  # its name in the roster
+    port: int = 0  # TCP; 0: the system chooses one
 
 
 class PilotPart:

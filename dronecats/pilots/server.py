@@ -12,14 +12,12 @@ import json
 import math
 import socket
 import threading
-from collections.abc import Callable
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
+from dronecats.pilots.actions import Pilot
 from foundation.errors import UsageError
-
-Pilot = Callable[[str, list[bytes]], str]
 
 MAX_BODY_BYTES = 16 * 1024 * 1024
 _MAX_IMAGES = 64
@@ -29,7 +27,7 @@ _IDLE_S = 60.0  # a silent connection is dropped after this long
 
 
 class PilotServer:
-    """Serves one pilot, a function (prompt text, JPEGs in order) → reply text, under a model name."""
+    """Serves one pilot under a model name."""
 
     def __init__(
         self, pilot: Pilot, name: str, *, owned_by: str = "dronecats", host: str = "127.0.0.1", port: int = 0
@@ -134,15 +132,19 @@ def _image(value: Any) -> bytes:
 
 def completion(model: str, body: bytes, prompt: str, images: list[bytes], text: str) -> dict[str, Any]:
     """Return the chat.completion object of a reply; its id is a digest of the request, its token counts estimates."""
-    asked = math.ceil(len(prompt) / _CHARACTERS_PER_TOKEN) + _IMAGE_TOKENS * len(images)
-    said = math.ceil(len(text) / _CHARACTERS_PER_TOKEN)
+    prompt_tokens = math.ceil(len(prompt) / _CHARACTERS_PER_TOKEN) + _IMAGE_TOKENS * len(images)
+    completion_tokens = math.ceil(len(text) / _CHARACTERS_PER_TOKEN)
     return {
         "id": "chatcmpl-" + hashlib.sha256(body).hexdigest()[:24],
         "object": "chat.completion",
         "created": 0,  # no wall clock in a deterministic reply
         "model": model,
         "choices": [{"index": 0, "message": {"role": "assistant", "content": text}, "finish_reason": "stop"}],
-        "usage": {"prompt_tokens": asked, "completion_tokens": said, "total_tokens": asked + said},
+        "usage": {
+            "prompt_tokens": prompt_tokens,
+            "completion_tokens": completion_tokens,
+            "total_tokens": prompt_tokens + completion_tokens,
+        },
     }
 
 

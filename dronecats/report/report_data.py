@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.pilots import roster
-from dronecats.pilots.failing import FAILURES
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.oracle.failing import FAILURES
+from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import differences, identity, refusal
@@ -102,9 +102,9 @@ def what_it_is(pilot: str) -> str:
     if pilot in OURS:
         return f"{pilot} {OURS[pilot]}."
     if kind == "failing" and name in FAILURES:
-        return f"{pilot} fails on purpose: it {FAILURES[name].says}."
+        return f"{pilot} fails on purpose: it {FAILURES[name].description}."
     if kind == "blind" and name in PATTERNS:
-        return f"{pilot} sees nothing: {PATTERNS[name].says}."
+        return f"{pilot} sees nothing: {PATTERNS[name].description}."
     return f"{pilot} says recorded replies again." if kind == "recorded" else ""
 
 

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.pilots.briefing import PastAction
+from dronecats.pilots.actions import PastAction
 from examples.action_head import features
 from foundation.errors import UsageError
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.pilots import reply
-from dronecats.pilots.briefing import PastAction
+from dronecats.pilots import actions
+from dronecats.pilots.actions import PastAction
 from examples.action_head.features import KINDS
 from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
 
@@ -49,11 +49,11 @@ def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str
     chance = dict(zip(KINDS, seen.kinds.tolist(), strict=True))
     in_vain = bool(past) and past[-1].kind == FINISHED
     if chance[FINISHED] >= declares_at and not in_vain:
-        return reply.finished()
+        return actions.finished()
     x, y = point(seen.heat)
     depth_m = min(max(seen.depth_m, NEAREST_M), FARTHEST_M)
     if chance[GO] >= chance[ROTATE]:
-        return reply.go(POINT_SPAN * x, POINT_SPAN * y, depth_m)
+        return actions.go(POINT_SPAN * x, POINT_SPAN * y, depth_m)
     if len(past) == HISTORY_LENGTH and all(one.kind in (ROTATE, THINK) for one in past):
-        return reply.go(POINT_SPAN / 2.0, POINT_SPAN / 2.0, ELSEWHERE_M)
-    return reply.rotate(TURNS_DEG[int(seen.turns.argmax())])
+        return actions.go(POINT_SPAN / 2.0, POINT_SPAN / 2.0, ELSEWHERE_M)
+    return actions.rotate(TURNS_DEG[int(seen.turns.argmax())])

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.pilots.briefing import LEVEL_PX, PastAction
+from dronecats.pilots.actions import LEVEL_PX, PastAction
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK

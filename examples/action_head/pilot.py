@@ -6,8 +6,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.pilots import briefing, reply
-from dronecats.pilots.server import Pilot
+from dronecats.pilots import actions
+from dronecats.pilots.actions import Pilot
 from examples.action_head import features
 from examples.action_head.decide import Outlook, decide
 from foundation.errors import UsageError
@@ -31,7 +31,7 @@ def pilot(head: Beholder, declares_at: float) -> Pilot:
     def answer(prompt: str, pictures: list[bytes]) -> str:
         if not pictures:
             raise UsageError("The head wants a picture of each drone.")
-        told = briefing.read(prompt)
+        told = actions.read_prompt(prompt)
         words = features.words(told.command)
         replies = []
         for drone, jpeg in enumerate(pictures):
@@ -39,6 +39,6 @@ def pilot(head: Beholder, declares_at: float) -> Pilot:
             with turn:
                 seen = head.outlook(features.picture(jpeg), words, features.history(past))
             replies.append(decide(seen, past, declares_at))
-        return reply.fleet(replies)
+        return actions.join(replies)
 
     return answer

@@ -10,7 +10,7 @@ from dronecats.agent.action import Action, History, action_from, compact
 from dronecats.agent.controller import plan
 from dronecats.agent.models.reply_schema import action_schema, flat_action_schema
 from dronecats.agent.prompt import Prompt
-from dronecats.pilots import briefing
+from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.redaction import MIN_CHARS, SPOKEN
 
@@ -32,4 +32,4 @@ def test_every_place_knows_the_action(action):
     told = History(CAMERA)
     told.append(action)
     assert compact(action, CAMERA) in told.render()
-    assert [past.kind for past in briefing.read(told.render()).past(0)] == [declared["action"]]
+    assert [past.kind for past in actions.read_prompt(told.render()).past(0)] == [declared["action"]]

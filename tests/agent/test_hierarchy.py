@@ -19,7 +19,7 @@ from dronecats.agent.loop import Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
-from dronecats.pilots import briefing
+from dronecats.pilots import actions
 from foundation.errors import ModelError
 from foundation.run_folder.reading import exchanges
 from foundation.run_folder.writing import LineLog, PromptLog
@@ -104,7 +104,7 @@ def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5",
 
 
 def command_of(request):
-    return briefing.read(request.text).command
+    return actions.read_prompt(request.text).command
 
 
 def test_all_hover_until_the_commander_has_spoken_and_then_fly_its_goals(tmp_path):
@@ -166,8 +166,8 @@ def test_a_report_waits_for_its_answer_and_an_order_is_a_refusal_with_a_fresh_hi
     assert own[1]["t_frame"] >= told[2].t_answered > INTERVAL_S
     requests = [request for request in pilot.asked if request.drone == 0]
     assert [command_of(request) for request in requests[:2]] == ["goal 1", "the next"]
-    assert briefing.read(requests[1].text).past(0) == ()  # a new goal is a new context
-    assert [past.kind for past in briefing.read(requests[2].text).past(0)] == ["go"]
+    assert actions.read_prompt(requests[1].text).past(0) == ()  # a new goal is a new context
+    assert [past.kind for past in actions.read_prompt(requests[2].text).past(0)] == ["go"]
 
 
 class Updated(Said):

@@ -15,8 +15,8 @@ from dronecats.agent.latency_draws import LONGEST_S
 from dronecats.agent.model_call import Asking, InlineExecutor
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.pictures import PicturePath
-from dronecats.pilots.noisy import NoisyPilot
-from dronecats.pilots.sight import TrueSight
+from dronecats.pilots.oracle.noisy import NoisyPilot
+from dronecats.pilots.oracle.oracle import TrueState
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from tests.support.refusal import refusal
@@ -193,7 +193,7 @@ def test_no_two_draws_of_a_flight_are_one():
                 name = "pictures"
                 pictures.drawn(question, seen)
             name = "noisy"
-            at = TrueSight(
+            at = TrueState(
                 (0.0,) * 3, 0.0, (1.0, 0.0, 0.0, 0.0), (20.0, 0.0, 0.0), (0.0,) * 3, CameraModel(), drone, step, True
             )
             pilot([at])

@@ -5,7 +5,7 @@ import pytest
 from dronecats.agent.action import Finished, Go, History, Rotate, Think
 from dronecats.agent.commanding.command_prompt import CAUSES, CommandPrompt
 from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
-from dronecats.pilots import briefing
+from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from tests.agent.paper_words import known, rows
@@ -105,7 +105,8 @@ def test_a_template_for_one_drone_asks_a_fleet_for_an_array(tmp_path):
     before, _, after = fleet.partition("find the {n} van")
     assert "3" in before
     assert re.search(r"array\D*3", after.rstrip().splitlines()[-1])
-    assert [[p.kind for p in past] for past in briefing.read(fleet).history] == [["think"], ["finished"], ["rotate"]]
+    read_back = actions.read_prompt(fleet).history
+    assert [[p.kind for p in past] for past in read_back] == [["think"], ["finished"], ["rotate"]]
 
 
 @pytest.mark.parametrize("knowing", ["{answer}", "You fly {drones} drones; answer with an array."])

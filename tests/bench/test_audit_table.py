@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dronecats.bench.audit import as_table, flights, floor, groups, row, table
 from dronecats.cli.main import main
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.writers import as_terminal
 from episodes.records import catalogue, suites
 from episodes.records.baselines import BlindFlight, BlindTable, load_blind, merged
@@ -156,7 +156,7 @@ def test_only_a_blind_pilots_flights_are_kept_as_such(capsys: pytest.CaptureFixt
     assert main(["episodes", "audit", "--pilot", "vision", "--write-blind"]) == 2
 
 
-UNAWARE = [name for name, pattern in PATTERNS.items() if "16 m" not in pattern.says]
+UNAWARE = [name for name, pattern in PATTERNS.items() if "16 m" not in pattern.description]
 KEPT = load_blind()
 CELLS = sorted({name.rpartition("-")[0] for name in IDS})
 

@@ -11,7 +11,7 @@ from dronecats.agent.action import Finished, Go, Rotate, Think, action_from
 from dronecats.cli.main import main
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.pilots.briefing import PastAction
+from dronecats.pilots.actions import PastAction
 from examples.action_head import dataset, features
 from examples.action_head.dataset import action_of
 from examples.action_head.features import KINDS

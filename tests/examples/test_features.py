@@ -6,7 +6,7 @@ import pytest
 
 from dronecats.agent.action import Action, Finished, Go, History, Rotate, Think
 from dronecats.agent.prompt import Prompt
-from dronecats.pilots import briefing
+from dronecats.pilots import actions
 from examples.action_head import features
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
@@ -29,12 +29,12 @@ def test_a_prompt_tells_what_a_dataset_tells():
     for count, action in enumerate(FLOWN, 1):
         history.append(action)
         prompt = Prompt.load().render("go to the cyan SUV", history.render(), 5)
-        told = briefing.read(prompt)
+        told = actions.read_prompt(prompt)
         flown = [features.as_past(one) for one in FLOWN[:count]][-5:]
         np.testing.assert_allclose(features.history(told.past(0)), features.history(flown), atol=1e-3)
         assert told.command == "go to the cyan SUV"
     assert not features.history(
-        briefing.read(Prompt.load().render("x", History(CameraModel()).render(), 5)).past(0)
+        actions.read_prompt(Prompt.load().render("x", History(CameraModel()).render(), 5)).past(0)
     ).any()
 
 

@@ -5,7 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.pilots import blind, oracle, vision
+from dronecats.pilots.oracle import oracle
+from dronecats.pilots.scripted import blind
+from dronecats.pilots.vision import pilot
 from episodes.records import catalogue, suites
 from episodes.world import world as worlds
 from foundation.camera import CameraModel
@@ -19,7 +21,7 @@ def oracle_of(world, camera):
     def decide(prompt, position, yaw, t):
         here, soon = world.target_centre(t), world.target_centre(t + 0.5)
         velocity = tuple((b - a) / 0.5 for a, b in zip(here, soon, strict=True))
-        return oracle.reply(position, yaw, None, camera, here, velocity)
+        return oracle.next_action(position, yaw, None, camera, here, velocity)
 
     return decide
 
@@ -54,7 +56,7 @@ def test_vision_finds_the_target_in_rendered_frames_and_declares_within_reach(ep
     see = eye(world)
 
     def decide(prompt, position, yaw, t):
-        return vision.answer(prompt, [see(position, yaw, t)])
+        return pilot.answer(prompt, [see(position, yaw, t)])
 
     flown = fly_kinematic(world, decide, cap_s=120.0)
     assert flown.success

@@ -24,6 +24,7 @@ FOLDERS = (
     *("foundation", "vehicles", "autopilot", "episodes", "hil", "dronecats/agent", "dronecats/pilots"),
     *(f"dronecats/flight/{name}" for name in ("logger", "processes", "run", "sitl", "spec", "stages")),
 )
+FITTING = "dronecats/pilots/fitting"  # makes what the pilots ship with, and flies nothing
 JUDGE = "dronecats/judge"  # its own files only: metrics and statistics decide nothing
 
 
@@ -31,11 +32,12 @@ JUDGE = "dronecats/judge"  # its own files only: metrics and statistics decide n
 def code_digest() -> str:
     """Return the digest of every source that decides what is flown and how it is judged.
 
-    What asks for flights and reads them back (command line, campaigns, metrics, reports) is not among them. Moving a
-    file or changing a comment changes nothing: `dronecats.flight.run.source_digest`.
+    What asks for flights and reads them back (command line, campaigns, metrics, reports) is not among them, and neither
+    is what fits the pilots. Moving a file or changing a comment changes nothing: `dronecats.flight.run.source_digest`.
     """
     paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")] + list((ROOT / JUDGE).iterdir())
-    return source_digest.digest([path for path in paths if path.suffix in SOURCES])
+    flown = [path for path in paths if not path.is_relative_to(ROOT / FITTING)]
+    return source_digest.digest([path for path in flown if path.suffix in SOURCES])
 
 
 def protocol_numbers() -> dict[str, float | str]:

@@ -10,10 +10,11 @@ from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.parts import TRUTH_HZ
 from dronecats.flight.stages.stage import TruthfulStage
-from dronecats.pilots import failing, oracle, roster
-from dronecats.pilots.noisy import NoisyPilot
-from dronecats.pilots.oracle_model import OracleModel
-from dronecats.pilots.sight import Knowing
+from dronecats.pilots import roster
+from dronecats.pilots.oracle import failing, oracle
+from dronecats.pilots.oracle.noisy import NoisyPilot
+from dronecats.pilots.oracle.oracle import TruthPilot
+from dronecats.pilots.oracle.oracle_model import OracleModel
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.truth import KEPT
@@ -41,9 +42,9 @@ def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) 
         tap.close()
 
 
-def _knowing(name: str, flight: Flight) -> Knowing:
+def _knowing(name: str, flight: Flight) -> TruthPilot:
     if name == roster.ORACLE:
-        return oracle.nearest_flies
+        return oracle.reply_nearest
     if name == roster.NOISY:
         return NoisyPilot(flight.instruction, flight.seed)
     return failing.pilot(name.removeprefix(roster.FAILING))

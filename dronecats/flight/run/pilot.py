@@ -22,7 +22,7 @@ from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.parts import COMMANDER, PILOT
 from dronecats.flight.stages.stage import Stage
 from dronecats.pilots import roster
-from dronecats.pilots.config import PilotConfig
+from dronecats.pilots.pilot_process import PilotConfig
 from dronecats.pilots.server import PilotServer
 
 

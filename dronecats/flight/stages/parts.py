@@ -8,7 +8,7 @@ from dronecats.flight.processes.supervisor import ChildKind
 from dronecats.flight.sitl.config import CameraConfig, FlightConditions, HostStalls, SimulatorConfig, TruthBridgeConfig
 from dronecats.flight.spec.disturbances import FrameFaults, VehicleFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.pilots.config import PilotConfig
+from dronecats.pilots.pilot_process import PilotConfig
 from foundation.run_folder import layout
 from foundation.truth import KEPT
 

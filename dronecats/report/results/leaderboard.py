@@ -7,9 +7,9 @@ from typing import Any
 import msgspec
 
 from dronecats.agent.names import PAPER, agent_name
-from dronecats.pilots.failing import FAILURES
-from dronecats.pilots.patterns import PATTERNS
+from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.roster import BLIND, FAILING, NOISY, ORACLE, RECORDED, SERVED
+from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.archive.verification import CellScore, Verification
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
@@ -78,10 +78,10 @@ def what(pilot: str) -> str:
         return "is told where the target is, and errs as classical vision does"
     if pilot.startswith(FAILING):
         failing = FAILURES.get(pilot.removeprefix(FAILING))
-        return f"is told the truth, and fails on purpose{f': {failing.says}' if failing else ''}"
+        return f"is told the truth, and fails on purpose{f': {failing.description}' if failing else ''}"
     if pilot == "blind" or pilot.startswith(BLIND):
         pattern = PATTERNS.get(pilot.removeprefix(BLIND))
-        return f"looks at nothing{f': {pattern.says}' if pattern else ''}"
+        return f"looks at nothing{f': {pattern.description}' if pattern else ''}"
     if pilot.startswith(RECORDED):
         return "says the replies of a file again"
     if pilot in SERVED:

@@ -11,7 +11,7 @@ import pytest
 
 from dronecats.flight.processes.supervisor import ChildKind, Supervisor
 from dronecats.flight.stages import parts
-from dronecats.pilots.config import PilotConfig
+from dronecats.pilots.pilot_process import PilotConfig
 from foundation.errors import InfrastructureError, LinkError, UsageError
 from tests.flight.processes.ending_part import EndingConfig
 

@@ -10,7 +10,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.episode import judge_run
-from dronecats.pilots import places
+from dronecats.pilots.scripted import commander
 from foundation.errors import UsageError
 from foundation.run_folder.reading import exchanges
 from tests.foundation.run_folder.published import check
@@ -30,7 +30,7 @@ def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
     result, folder = flown(tmp_path / "first", "hierarchical", latency="lognormal:0.4,0.5")
     assert (result["outcome"], result["declarations"]) == ("success", 1)
     told, decisions = exchanges(folder), rows(folder / "decisions.jsonl")
-    assert {order.drone: places.told(order.goal) for order in told[0].orders} == {0: 1, 1: 2, 2: 3, 3: 4}
+    assert {order.drone: commander.place_in_goal(order.goal) for order in told[0].orders} == {0: 1, 1: 2, 2: 3, 3: 4}
     (confirmed,) = [d for d in decisions if "confirmed_by" in d]
     assert told[-1].confirms == (confirmed["drone"],)
     assert told[-1].frames[confirmed["drone"]] == confirmed["frame_id"]
@@ -71,7 +71,7 @@ def test_who_has_found_the_wrong_one_is_sent_on(tmp_path):
     assert result["outcome"] == "success"
     told = exchanges(folder)
     assert [cause.why for one in told for cause in one.causes] == ["start", "stall", "report"]
-    assert [places.told(order.goal) for one in told for order in one.orders] == [1, 2]
+    assert [commander.place_in_goal(order.goal) for one in told for order in one.orders] == [1, 2]
 
 
 @pytest.mark.slow("flies a fleet in real time")

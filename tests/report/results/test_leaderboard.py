@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.pilots.failing import FAILURES
+from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.report.archive.verification import CellScore, Verification
 from dronecats.report.results.leaderboard import entry, page, what
 from foundation.errors import UsageError

@@ -1,1 +1,0 @@
-"""What the vision pilot sees of a residential target: pictures with the truth, and counts."""

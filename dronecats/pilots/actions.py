@@ -1,0 +1,118 @@
+"""The actions as text: those of the prompt's history are parsed, those of a reply are written.
+
+The agent's prompt has one line `Command: …` and a history in the compact form of the logs (paper, appendix "Execution",
+History). A reply is one JSON object per drone (paper, section "Action Space").
+"""
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from foundation.protocol import FINISHED, GO, NEAR_SCALE, POINT_SPAN, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M, THINK
+
+Pilot = Callable[[str, list[bytes]], str]  # (prompt, JPEGs in picture order) → reply
+
+LEVEL_PX = 360.0  # row of the horizon in the history's pixels: 1280 × 720
+SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # of a `go`; the margin survives the rounding
+
+_COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
+_NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
+_PAST = re.compile(
+    rf"^\s*\d+\.\s+(?:GO\s+x={_NUMBER}\s+y={_NUMBER}\s+depth={_NUMBER}m|ROTATE\s+angle={_NUMBER}deg|(THINK)|(FINISHED))"
+)
+_DRONE = re.compile(r"\bdrone\s*#?\s*(\d{1,3})\b", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class PastAction:
+    """One action of the history, as the prompt shows it."""
+
+    kind: str  # GO, ROTATE, THINK or FINISHED
+    x_px: float = 0.0  # px of the full picture, of a go
+    y_px: float = LEVEL_PX  # px of the full picture, of a go
+    depth_m: float = 0.0  # m, of a go
+    angle_deg: float = 0.0  # deg, of a rotate, positive to the right
+
+
+@dataclass(frozen=True, slots=True)
+class Briefing:
+    """The command and the history of one prompt."""
+
+    command: str  # the instruction; '' if the prompt has no command line
+    history: tuple[tuple[PastAction, ...], ...]  # one per drone that has a history, oldest action first
+
+    def past(self, drone: int) -> tuple[PastAction, ...]:
+        """Return the history of one drone, by its place in the picture order; () if it has none."""
+        return self.history[drone] if 0 <= drone < len(self.history) else ()
+
+
+def read_prompt(prompt: str) -> Briefing:
+    """Return the command and the histories of a prompt. Never raises: what is missing is empty.
+
+    Each of several drones has its history under a line with its number ("Drone 2"). The pictures are in the order of
+    the numbers.
+    """
+    commands = _COMMAND.findall(prompt)
+    sections: dict[int, list[PastAction]] = {}
+    drone = 0
+    for line in prompt.splitlines():
+        match = _PAST.match(line)
+        if match:
+            sections.setdefault(drone, []).append(_parse_action(match))
+            continue
+        heading = _DRONE.search(line)
+        if heading:
+            drone = int(heading.group(1))
+            if "none yet" in line or line.rstrip().endswith(":"):
+                sections.setdefault(drone, [])
+    return Briefing(commands[-1] if commands else "", tuple(tuple(sections[k]) for k in sorted(sections)))
+
+
+def _parse_action(match: re.Match[str]) -> PastAction:
+    x, y, depth, angle, think, _finished = match.groups()
+    if depth is not None:
+        return PastAction(GO, x_px=float(x), y_px=float(y), depth_m=float(depth))
+    if angle is not None:
+        return PastAction(ROTATE, angle_deg=float(angle))
+    return PastAction(THINK if think else FINISHED)
+
+
+def go(u: float, v: float, depth_m: float) -> str:
+    """Return a `go` at the point (u, v), 0–1000 from the top-left on both axes, clipped, with its depth in metres."""
+    point = [round(min(max(u, 0.0), POINT_SPAN)), round(min(max(v, 0.0), POINT_SPAN))]
+    return json.dumps({"action": GO, "point": point, "depth_m": round(depth_m, 2)})
+
+
+def rotate(angle_deg: float) -> str:
+    """Return a `rotate` by an angle (deg, positive to the right)."""
+    return json.dumps({"action": ROTATE, "angle_deg": round(angle_deg, 1)})
+
+
+def think() -> str:
+    """Return a `think`."""
+    return json.dumps({"action": THINK})
+
+
+def finished() -> str:
+    """Return a `finished`: a declaration of arrival."""
+    return json.dumps({"action": FINISHED})
+
+
+def join(replies: list[str]) -> str:
+    """Return the reply for all drones: one object, or a JSON array of several in picture order."""
+    return replies[0] if len(replies) == 1 else "[" + ", ".join(replies) + "]"
+
+
+def short_stride_m(travel_m: float) -> float:
+    """Return the length (m) of the next short stride of a way of `travel_m`.
+
+    A short stride has 1.2 m to 1.8 m. A longer way is halved, so that the last stride is not too short to be flown.
+    """
+    longest = NEAR_SCALE * STRIDE_MAX_M
+    return min(max(travel_m if travel_m <= longest else 0.5 * travel_m, STRIDE_MIN_M), longest)
+
+
+def depth_of_stride(stride_m: float) -> float:
+    """Return the depth (m) of a `go` that is flown as a stride of this length, and of 1.2 m at least."""
+    return max(stride_m, STRIDE_MIN_M) / NEAR_SCALE + 0.01

@@ -1,0 +1,57 @@
+"""Fits what the vision pilot and its noisy stand-in ship with.
+
+    python -m dronecats.pilots.fitting shapes [--out FOLDER] [--scenes N] [--pictures N] [--rounds N]
+    python -m dronecats.pilots.fitting colors [--out FOLDER] [--scenes N] [--pictures N] [--rounds N]
+    python -m dronecats.pilots.fitting vision-errors RUN [--out FOLDER]
+
+`shapes` fits the network of `shape_detector`, `colors` the network of `color_detector` and the outlines of `ranging`,
+each from rendered pictures of places that no record has. `--check [FOLDER]` fits nothing: it prints how a network
+does on scenes that it was not fitted to. `--short` runs in seconds to show that the fit works, and writes only with
+`--out`. Everything comes from seeds; the last digits depend on the processor and its algebra library.
+
+`vision-errors` fits the errors of `oracle/noisy.py` to RUN, the run folder of a benchmark that vision flew.
+"""
+
+import argparse
+from pathlib import Path
+
+import msgspec
+
+from dronecats.pilots.fitting import colors, shapes, vision_errors
+from dronecats.pilots.oracle import noisy
+from dronecats.pilots.vision import color_detector
+
+
+def main() -> None:
+    """Fit, write and print, as the command line says."""
+    parser = argparse.ArgumentParser(prog="python -m dronecats.pilots.fitting", description="Fits the vision pilot.")
+    fits = parser.add_subparsers(dest="fit", required=True)
+    shipped = Path(color_detector.__file__).parent
+    for name, fit in (("shapes", shapes), ("colors", colors)):
+        network = fits.add_parser(name, help=f"the network of the {name}")
+        network.add_argument("--out", type=Path, help="folder to write to (default: over what ships)")
+        network.add_argument("--scenes", type=int, default=fit.SCENES, help=f"to fit to (default {fit.SCENES})")
+        network.add_argument("--pictures", type=int, default=fit.PICTURES, help=f"of each (default {fit.PICTURES})")
+        network.add_argument("--rounds", type=int, default=fit.ROUNDS, help=f"of the fit (default {fit.ROUNDS})")
+        network.add_argument("--check", type=Path, nargs="?", const=shipped, help="only check what is in this folder")
+        network.add_argument("--short", action="store_true", help="one scene and one round, to see that it runs")
+    errors = fits.add_parser("vision-errors", help="the errors of the noisy pilot")
+    errors.add_argument("run", type=Path, help="run folder of a benchmark that vision flew")
+    shipped_errors = noisy.FILE.parent
+    errors.add_argument("--out", type=Path, default=shipped_errors, help="folder (default: over what ships)")
+    args = parser.parse_args()
+    if args.fit == "vision-errors":
+        data = msgspec.json.format(msgspec.json.encode(vision_errors.fit_run(args.run)), indent=2) + b"\n"
+        (args.out / noisy.FILE.name).write_bytes(data)
+        print(data.decode(), end="")
+        return
+    fit = {"shapes": shapes, "colors": colors}[args.fit]
+    if args.check is not None:
+        fit.check(args.check, args.short)
+    else:
+        size = (1, fit.SHORT_PICTURES, 1) if args.short else (args.scenes, args.pictures, args.rounds)
+        fit.fit_and_check(*size, args.out or (None if args.short else shipped), args.short)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,271 @@
+"""Fits the network of `color_detector` to pictures of neighbourhoods that no record has, and makes the outlines of
+`ranging`."""
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.pilots.fitting import neighbourhoods, training
+from dronecats.pilots.fitting.neighbourhoods import NOUNS, PAINTS, Target
+from dronecats.pilots.fitting.training import BATCH, CAMERA, Floats, OutputGradient
+from dronecats.pilots.vision import color_detector, color_target
+from dronecats.pilots.vision.color_detector import CHANNELS, LENGTH, SIDE, PatchNetwork
+from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.command import read_referent
+from dronecats.pilots.vision.pilot import decode
+from dronecats.pilots.vision.ranging import BoundingBox
+from episodes.maps import assets
+from foundation.protocol import RADIUS_M
+
+FILE, OUTLINES = "patch_network.npz", "outlines.npz"
+FIT_SEED, CHECK_SEED = 320, 300  # first seed of the neighbourhoods to fit to, and of those to check with
+SCENES, PICTURES, ROUNDS = 14, 180, 40
+SHORT_PICTURES = 12
+CHECK_SCENES, CHECK_PICTURES = 4, 160
+
+# Examples. Intersection over union from which a patch is the target, and share of it inside the target up to which it
+# is not. A patch between, as one door of a bus, is no example.
+IS, IS_NOT = 0.5, 0.2
+ABSENT_TARGETS = 4  # instructions per picture whose target is not in it
+LIKE_BRICK = ("brown", "red", "orange")  # asked for more often: houses and fences have them
+
+HIDDEN = 48
+DECAY = 4e-4  # of the weights
+COVERED = 0.15  # share of the cells that are hidden in a step
+DIM = 0.2  # standard deviation of the log of the light
+FACTOR = 2.0  # weight of the distance's squared error beside the cross-entropy
+SPREAD = 0.15  # standard deviation of the log of the distance
+_CELLS = SIDE * SIDE
+_PATCH = _CELLS * CHANNELS
+
+BANDS_M = (3.0, 5.0, 7.0, 10.0, 15.0, 22.0, 32.5)
+ASIDE_PX = 4  # a detection's middle may be this far beside the target's box
+
+# Outlines
+OUTLINE_PAINT = "red"  # any: the shape does not depend on it
+LEVELS = 6  # heights
+DIRECTIONS = 8  # in plan: each level has its outermost points in each
+STEEP = 6.0  # slope of the directions of the highest and lowest points
+
+TargetJpeg = tuple[bytes, Target]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchExamples:
+    """Patches and what they are."""
+
+    inputs: NDArray[np.float16]  # (N, LENGTH), the network's input
+    is_target: NDArray[np.float32]  # (N,) 1: the target, 0: anything else
+    factor: NDArray[np.float32]  # (N,) log of the true distance over the one by size; 0 for anything else
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionResult:
+    """The detection for one picture's instruction."""
+
+    target: Target
+    detected_m: float | None  # estimated distance; None without a detection
+    is_right: bool  # the detection is the target
+
+
+def join(examples: Iterable[PatchExamples]) -> PatchExamples:
+    """Return all examples as one."""
+    parts = list(examples)
+    names = ("inputs", "is_target", "factor")
+    return PatchExamples(*(np.concatenate([getattr(e, name) for e in parts]) for name in names))
+
+
+def draw(first: int, scenes: int, pictures: int) -> Iterator[TargetJpeg]:
+    """Yield pictures of neighbourhoods as JPEG, each with its target."""
+    return training.draw(neighbourhoods.build, neighbourhoods.photograph, first, scenes, pictures)
+
+
+def examples_of(picture: Picture, target: Target, rng: np.random.Generator) -> PatchExamples:
+    """Return the patches of one picture, for its own instruction and for some with absent targets."""
+    wanted = [(target.asset, target.paint)]
+    while len(wanted) <= ABSENT_TARGETS:
+        paints = LIKE_BRICK if rng.random() < 0.5 else PAINTS
+        absent = (str(rng.choice(list(NOUNS))), str(rng.choice(paints)))
+        if absent[1] != target.paint:
+            wanted.append(absent)
+    inputs, is_target, factor = [], [], []
+    for asset, paint in wanted:
+        patches, rows = color_detector.color_patches(picture, read_referent(f"go to the {paint} {NOUNS[asset]}"))
+        is_present = (asset, paint) == (target.asset, target.paint)
+        for patch, row in zip(patches, rows, strict=True):
+            union, inside = overlap(patch.box, target.box, picture.shape[:2])
+            is_part = inside > IS_NOT
+            if (is_present and union >= IS) or not is_part:
+                inputs.append(row)
+                is_target.append(float(is_part))
+                factor.append(np.log(target.distance_m / patch.range.distance_m) if is_part else 0.0)
+    array = np.array(inputs, np.float16).reshape(-1, LENGTH)
+    return PatchExamples(array, np.array(is_target, np.float32), np.array(factor, np.float32))
+
+
+def overlap(box: BoundingBox, true: tuple[int, int, int, int] | None, shape: tuple[int, int]) -> tuple[float, float]:
+    """Return the intersection over union of two rectangles, and the share of the first one inside the second one."""
+    if true is None:
+        return 0.0, 0.0
+    height, width = shape
+    left, right = ((x + 0.5) * width for x in (box.left, box.right))
+    top, bottom = (y * width + 0.5 * height for y in (box.top, box.bottom))
+    wide = max(0.0, min(right, true[2]) - max(left, true[0]))
+    common = wide * max(0.0, min(bottom, true[3]) - max(top, true[1]))
+    area, true_area = (right - left) * (bottom - top), (true[2] - true[0]) * (true[3] - true[1])
+    return common / max(1e-9, area + true_area - common), common / max(1e-9, area)
+
+
+def fit_scenes(scenes: int, pictures: int, rounds: int) -> PatchNetwork:
+    """Return the network fitted to so many pictures of so many neighbourhoods."""
+    rng = np.random.default_rng(5)
+    jpegs = draw(FIT_SEED, scenes, pictures)
+    return fit(join(examples_of(decode(data), target, rng) for data, target in jpegs), rounds, 1)
+
+
+def fit(examples: PatchExamples, rounds: int, seed: int) -> PatchNetwork:
+    """Return the network after so many rounds over the examples; equal arguments give the same network."""
+    rng = np.random.default_rng((seed, 32))
+    sample = examples.inputs[:: max(1, len(examples.inputs) // 6000)].astype(np.float32)
+    mean, deviation = sample.mean(axis=0), np.maximum(sample.std(axis=0), 0.05)
+    weights = training.initial_weights(rng, LENGTH, HIDDEN, 2)
+    steps = rounds * (len(examples.is_target) // BATCH)
+    training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
+    # the network takes raw inputs and gives the log of a factor: mean, deviation and SPREAD go into the weights
+    hidden = weights[0] / deviation[:, None]
+    scale = np.array((1.0, SPREAD), np.float32)
+    return PatchNetwork(hidden, weights[1] - mean @ hidden, weights[2] * scale, weights[3] * scale)
+
+
+def mirrored(inputs: Floats) -> Floats:
+    """Return inputs (N, LENGTH) as a mirror shows them."""
+    patch = inputs[:, :_PATCH].reshape(-1, SIDE, SIDE, CHANNELS)[:, :, ::-1]
+    rest = inputs[:, _PATCH:].copy()
+    rest[:, [0, 1]] = -rest[:, [1, 0]]  # the rectangle's left and right
+    rest[:, [9, 10]] = rest[:, [10, 9]]  # whether each touches the picture's edge
+    return np.concatenate((patch.reshape(len(inputs), _PATCH), rest), axis=1)
+
+
+def _batches(
+    examples: PatchExamples, rounds: int, mean: Floats, deviation: Floats, rng: np.random.Generator
+) -> Iterator[tuple[Floats, OutputGradient]]:
+    yes = np.flatnonzero(examples.is_target > 0.5)
+    no = np.flatnonzero(examples.is_target < 0.5)
+    for _ in range(rounds):
+        # targets are rarer, so they are repeated: a third of the examples
+        order = rng.permutation(np.concatenate((no, rng.choice(yes, max(1, len(no) // 2)))))[: len(examples.is_target)]
+        for k in range(len(order) // BATCH):
+            take = order[k * BATCH : (k + 1) * BATCH]
+            x = examples.inputs[take].astype(np.float32)
+            if rng.random() < 0.5:
+                x = mirrored(x)
+            patch = x[:, :_PATCH].reshape(len(x), _CELLS, CHANNELS)
+            patch[:, :, :3] *= np.minimum(np.exp(rng.normal(0.0, DIM, (len(x), 1, 1))), 1.15).astype(np.float32)
+            x = (np.concatenate((patch.reshape(len(x), _PATCH), x[:, _PATCH:]), axis=1) - mean) / deviation
+            visible = (rng.random((len(x), _CELLS), np.float32) >= COVERED) / np.float32(1.0 - COVERED)
+            x[:, :_PATCH] *= np.repeat(visible, CHANNELS, axis=1)
+            yield x, cost_gradient(examples.is_target[take], examples.factor[take])
+
+
+def cost_gradient(is_target: NDArray[np.floating], factor: NDArray[np.floating]) -> OutputGradient:
+    """Return the gradient of the mean cost by the outputs: cross-entropy, and the distance's error of the targets."""
+
+    def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
+        error = np.empty_like(outputs)
+        error[:, 0] = 1.0 / (1.0 + np.exp(-np.clip(outputs[:, 0], -30.0, 30.0))) - is_target
+        # an error of more than three SPREADs counts as three: a partly hidden thing always has the wrong size
+        error[:, 1] = is_target * 0.1 * FACTOR * np.clip(outputs[:, 1] - factor / SPREAD, -3.0, 3.0)
+        error /= len(is_target)
+        return error
+
+    return gradient
+
+
+def outline(asset: str) -> NDArray[np.float32]:
+    """Return points (P, 3) m, forward, right and up, on the outside of an asset's painted surface, each once."""
+    mesh = assets.build(asset, OUTLINE_PAINT)
+    names = (f"paint-{OUTLINE_PAINT}", f"cloth-{OUTLINE_PAINT}")
+    painted = [i for i, material in enumerate(mesh.materials) if material.name in names]
+    corners = mesh.vertices[mesh.triangles[np.isin(mesh.material, painted)]]  # (T, 3, 3)
+    a, b = (v.ravel() for v in np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9)))
+    a, b = a[a + b <= 1.0], b[a + b <= 1.0]
+    surface = np.einsum("kp,tkc->tpc", np.stack((a, b, 1.0 - a - b)), corners).reshape(-1, 3) * (1.0, 1.0, -1.0)
+    edges = np.linspace(surface[:, 2].min(), surface[:, 2].max(), LEVELS + 1)
+    turns = np.arange(DIRECTIONS) * 2.0 * np.pi / DIRECTIONS
+    points = []
+    for low, high in pairwise(edges.tolist()):
+        level = surface[(surface[:, 2] >= low) & (surface[:, 2] <= high)]
+        for turn in turns:
+            out = level @ (np.cos(turn), np.sin(turn), 0.0)
+            outermost = level[out >= out.max() - 0.03] if len(level) else level
+            if len(outermost):
+                points += [outermost[outermost[:, 2].argmin()], outermost[outermost[:, 2].argmax()]]
+    for turn in turns:
+        for up in (-STEEP, STEEP):
+            points.append(surface[(surface @ (np.cos(turn), np.sin(turn), up)).argmax()])
+    return np.unique(np.round(np.array(points), 2).astype(np.float32), axis=0)
+
+
+def write_outlines(file: Path) -> None:
+    """Write the outlines of all assets that a residential record may have as its target."""
+    outlines: dict[str, Any] = {asset: outline(asset) for asset in NOUNS}
+    np.savez(file, **outlines)
+
+
+def evaluate(network: PatchNetwork, jpegs: Iterable[TargetJpeg]) -> list[DetectionResult]:
+    """Return the detection for each picture's instruction."""
+    results = []
+    for data, target in jpegs:
+        detection = color_detector.find(decode(data), read_referent(target.instruction), network=network)
+        middle = CAMERA.width * (0.5 + 0.5 * (detection.box.left + detection.box.right)) if detection else math.nan
+        is_right = target.box is not None and target.box[0] - ASIDE_PX <= middle <= target.box[2] + ASIDE_PX
+        results.append(DetectionResult(target, detection.range.distance_m if detection else None, is_right))
+    return results
+
+
+def check(folder: Path, short: bool) -> None:
+    """Print detections and the errors of their distance, by distance and by kind, and the false detections."""
+    jpegs = draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES)))
+    _print_table(evaluate(color_detector.load_network(folder / FILE), jpegs))
+
+
+def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
+    """Fit a network, write it and the outlines to a folder if there is one, and print how it does."""
+    network = fit_scenes(scenes, pictures, rounds)
+    if out is not None:
+        write_outlines(out / OUTLINES)
+        training.save_network(network, out / FILE)
+        check(out, short)
+        return
+    _print_table(evaluate(network, draw(CHECK_SEED, 1, SHORT_PICTURES)))
+
+
+def _print_table(results: list[DetectionResult]) -> None:
+    groups: dict[str, list[DetectionResult]] = defaultdict(list)
+    for result in results:
+        if result.target.box is not None:
+            for low, high in pairwise(BANDS_M):
+                if low <= result.target.distance_m < high:
+                    groups[f"{low:g}–{high:g} m"].append(result)
+    for asset in NOUNS:
+        groups[asset] = [r for r in results if r.target.asset == asset and r.target.box is not None]
+    print(f"{'':12}| found   | range / truth: 10 %, half, 90 % ")
+    for name, members in groups.items():
+        ratios = [r.detected_m / r.target.distance_m for r in members if r.is_right and r.detected_m]
+        spread = " ".join(f"{v:5.2f}" for v in np.percentile(ratios, (10, 50, 90))) if ratios else ""
+        print(f"{name:12}| {sum(r.is_right for r in members):3}/{len(members):<3} | {spread}")
+    present, absent = ([r for r in results if (r.target.box is None) == is_absent] for is_absent in (False, True))
+    false = sum(r.detected_m is not None for r in absent)
+    wrong = sum(r.detected_m is not None and not r.is_right for r in present)
+    near = [r for r in results if r.is_right and r.detected_m and r.detected_m <= color_target.ARRIVED_M]
+    far = sum(r.target.distance_m > RADIUS_M for r in near)
+    print(f"detections of absent targets: {false}/{len(absent)}")
+    print(f"wrong detections of present targets: {wrong}/{len(present)}")
+    print(f"estimated within reach: {len(near)}, of which outside the radius of success: {far}")

@@ -1,0 +1,101 @@
+"""What the fits of both networks share: pictures as a pilot gets them, and training with Adam in numpy.
+
+A network has one hidden layer of rectifiers. Its weights are a list: hidden (inputs, H), hidden bias (H,), out (H,
+outputs) and out bias (outputs,).
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps.scene import Scene
+from foundation.camera import CameraModel
+
+CAMERA = CameraModel(640, 360)
+JPEG_QUALITY = 88  # of the pictures, as a pilot gets them
+SHADOW_CELLS = 2048  # side of the shadow map: half of what flights are rendered with
+BATCH = 128
+RATE = 1.5e-3  # of Adam's step
+FIRST, SECOND = 0.9, 0.999  # of Adam's moments
+DROPOUT = 0.3  # share of the hidden layer that is off in a step
+PARAMETERS = ("hidden", "hidden_bias", "out", "out_bias")
+
+Floats = NDArray[np.float32]
+Truth = TypeVar("Truth")
+OutputGradient = Callable[[NDArray[np.floating]], NDArray[np.floating]]  # outputs (N, K) → gradient of the mean cost
+
+
+def draw(
+    build: Callable[[int], Scene],
+    photograph: Callable[[Scene, Renderer, int, int], Iterator[tuple[NDArray[np.uint8], Truth]]],
+    first: int,
+    scenes: int,
+    pictures: int,
+) -> Iterator[tuple[bytes, Truth]]:
+    """Yield JPEGs with their truth: so many pictures of so many scenes, from a first seed on."""
+    for seed in range(first, first + scenes):
+        scene = build(seed)
+        renderer = Renderer(scene, CAMERA, threads=1, shadow_cells=SHADOW_CELLS)
+        for rgb, truth in photograph(scene, renderer, seed, pictures):
+            done, data = cv2.imencode(".jpg", rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+            assert done
+            yield data.tobytes(), truth
+        renderer.close()
+
+
+def initial_weights(rng: np.random.Generator, inputs: int, hidden: int, outputs: int) -> list[Floats]:
+    """Return random weights."""
+    return [
+        rng.normal(0.0, (2.0 / inputs) ** 0.5, (inputs, hidden)).astype(np.float32),
+        np.zeros(hidden, np.float32),
+        rng.normal(0.0, (1.0 / hidden) ** 0.5, (hidden, outputs)).astype(np.float32),
+        np.zeros(outputs, np.float32),
+    ]
+
+
+def train(
+    weights: list[Floats],
+    batches: Iterable[tuple[Floats, OutputGradient]],
+    steps: int,
+    decay: float,
+    rng: np.random.Generator,
+) -> None:
+    """Train weights in place with Adam, a cosine schedule, dropout and decoupled weight decay."""
+    firsts, seconds = [np.zeros_like(w) for w in weights], [np.zeros_like(w) for w in weights]
+    for k, (x, output_gradient) in enumerate(batches):
+        rate = np.float32(RATE * 0.5 * (1.0 + np.cos(np.pi * k / steps)) + 1e-5)
+        active = (rng.random((len(x), len(weights[1])), np.float32) >= DROPOUT) / np.float32(1.0 - DROPOUT)
+        for i, gradient in enumerate(gradients(weights, x, active, output_gradient)):
+            firsts[i] += (1.0 - FIRST) * (gradient - firsts[i])
+            seconds[i] += (1.0 - SECOND) * (gradient * gradient - seconds[i])
+            step = firsts[i] / (1.0 - FIRST ** (k + 1)) / (np.sqrt(seconds[i] / (1.0 - SECOND ** (k + 1))) + 1e-8)
+            weights[i] -= rate * (step + (decay * weights[i] if weights[i].ndim > 1 else 0.0)).astype(np.float32)
+
+
+def gradients(
+    weights: Sequence[NDArray[np.floating]],
+    x: NDArray[np.floating],
+    active: NDArray[np.floating],
+    output_gradient: OutputGradient,
+) -> list[NDArray[np.floating]]:
+    """Return the gradient of the mean cost by each weight.
+
+    x: (N, inputs). active: (N, H), the dropout's factor on each hidden unit, 0 where it is off.
+    """
+    hidden, hidden_bias, out, out_bias = weights
+    before = x @ hidden + hidden_bias
+    layer = np.maximum(before, 0.0) * active
+    error = output_gradient(layer @ out + out_bias)
+    back = (error @ out.T) * (before > 0.0) * active
+    return [x.T @ back, back.sum(axis=0), layer.T @ error, error.sum(axis=0)]
+
+
+def save_network(network: object, file: Path) -> None:
+    """Write a network's parameters in half precision."""
+    arrays = {name: getattr(network, name).astype(np.float16) for name in PARAMETERS}
+    np.savez(file, **arrays)

@@ -1,0 +1,160 @@
+"""Fits the errors of the noisy pilot to flights of the vision pilot: decisions compared with the logger's frame rows.
+
+A `go` within 5° of the target, or within the sides of its box, takes the target. Another `go` takes something else,
+except at the depths of a search. A declaration takes what is before the drone. Of a fleet only the drone that was
+most often on the target counts."""
+
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
+from dronecats.pilots.oracle import noisy
+from dronecats.pilots.oracle.noisy import BANDS_M, Attention, DetectionErrors, NamedBy, VisionErrors, distance_band
+from dronecats.pilots.vision import search
+from foundation.camera import CameraModel
+from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
+from foundation.run_folder import reading
+
+Taken = Literal["target", "else", "claim", "nothing"]
+ASIDE_DEG = 5.0  # off the target's centre: a point within this is on the target, whatever its box
+SIDES_PX = 8.0  # beyond the sides of its box, likewise
+WANDER_BAND_M = 0.3  # off the depth of a stride to a new vantage point
+PRIOR = 2.0  # weight, in steps, of the share over all distances beside that of a band
+_CAMERA = CameraModel()
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledDecision:
+    """A decision, labelled with what it took for the target."""
+
+    taken: Taken
+    seen: bool  # whether the target was visible
+    distance_m: float
+    error_px: tuple[float, float] | None  # of a `go` at a visible target, not near: aside, + right, and below
+    depth: float | None  # likewise: log of the depth over the true depth of the centre
+    astray_m: float | None  # depth of a `go` at something else
+
+
+@dataclass(frozen=True, slots=True)
+class OneDroneFlight:
+    """The decisions of one drone in one flight."""
+
+    success: bool
+    decisions: tuple[LabelledDecision, ...]
+
+
+def label(step: FlightStep) -> LabelledDecision | None:
+    """Return a step's decision with its label; None if its frame has no truth, or if it is no action."""
+    frame = step.truth
+    if frame is None or frame.distance_m is None or frame.target_frd is None or step.decision.kind is None:
+        return None
+    seen, away = bool(frame.visible), frame.distance_m
+    if step.decision.kind == FINISHED:
+        return LabelledDecision("target" if seen and away < 2.0 * RADIUS_M else "claim", seen, away, None, None, None)
+    go = step.go
+    if go is None or abs(go.depth_m - search.WANDER_M) < WANDER_BAND_M:
+        return LabelledDecision("nothing", seen, away, None, None, None)
+    ahead, right, below = frame.target_frd
+    if not seen or ahead <= 0.0:
+        return LabelledDecision("else", seen, away, None, None, go.depth_m)
+    x, y = go.x * _CAMERA.width / POINT_SPAN, go.y * _CAMERA.height / POINT_SPAN
+    off_x = x - (_CAMERA.width / 2.0 + _CAMERA.focal_px * right / ahead)
+    off_y = y - (_CAMERA.height / 2.0 + _CAMERA.focal_px * below / ahead)
+    angle = math.degrees(abs(math.atan2(x - _CAMERA.width / 2.0, _CAMERA.focal_px) - math.atan2(right, ahead)))
+    box = frame.target_box
+    scale = _CAMERA.width / POINT_SPAN
+    within = box is not None and scale * box[0] - SIDES_PX <= x <= scale * box[2] + SIDES_PX
+    if angle > ASIDE_DEG and not within:
+        return LabelledDecision("else", seen, away, None, None, go.depth_m)
+    if go.depth_m <= NEAR_M:  # near the target, points and depths make strides and are no estimates
+        return LabelledDecision("target", seen, away, None, None, None)
+    return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
+
+
+def one_drone(flown: JudgedFlight) -> OneDroneFlight:
+    """Return the decisions of the drone that was on the target most often."""
+    of_drone: dict[int, list[LabelledDecision]] = defaultdict(list)
+    for step in flown.steps:
+        if step.counts and (decision := label(step)) is not None:
+            of_drone[step.decision.drone].append(decision)
+    most = max(of_drone.values(), key=lambda ds: sum(d.taken == "target" for d in ds), default=[])
+    return OneDroneFlight(flown.verdict.success is True, tuple(most))
+
+
+def attention(flights: Iterable[OneDroneFlight]) -> Attention:
+    """Return the shares of steps; a share of few steps leans on the share over all distances."""
+    steps = [(a, b) for f in flights for a, b in zip((None, *f.decisions), f.decisions, strict=False)]
+    seen = [(a is not None and a.taken == "target", b) for a, b in steps if b.seen]
+    after_else = [b.taken for a, b in steps if a is not None and a.taken == "else" and b.taken != "target"]
+    after_none = [b.taken for a, b in steps if (a is None or a.taken != "else") and b.taken != "target"]
+
+    def taking(was: bool) -> tuple[float, float, float]:
+        near, middle, far = ([b.taken == "target" for w, b in seen if w is was and distance_band(b.distance_m) == k]
+                             for k in range(len(BANDS_M) + 1))  # fmt: skip
+        overall = _share(near + middle + far, 0.5)
+        return _share(near, overall), _share(middle, overall), _share(far, overall)
+
+    return Attention(
+        found=taking(False),
+        kept=taking(True),
+        strays=_share([t in ("else", "claim") for t in after_none], 0.1),
+        stays=_share([t == "else" for t in after_else], 0.5),
+        claims=_share([t == "claim" for t in after_else], 0.05),
+    )
+
+
+def _share(cases: Sequence[bool], prior: float) -> float:
+    return round((sum(cases) + PRIOR * prior) / (len(cases) + PRIOR), 4)
+
+
+def errors_of(flights: Sequence[OneDroneFlight]) -> DetectionErrors:
+    """Return the errors of flights whose commands name the target in one way."""
+    won, lost = ([f for f in flights if f.success is kind] for kind in (True, False))
+    decisions = [decision for f in flights for decision in f.decisions]
+    errors = [decision.error_px for decision in decisions if decision.error_px]
+    depths = [[d for decision in f.decisions if (d := decision.depth) is not None] for f in flights]
+    mean = statistics.median([d for flight_depths in depths for d in flight_depths])
+    inner = [d - statistics.fmean(steps) for steps in depths if len(steps) > 1 for d in steps]
+    step = _spread(inner)
+    between = [statistics.fmean(steps) for steps in depths if steps]
+    apart = max(0.0, _spread(between) ** 2 - step**2 / statistics.fmean(len(steps) for steps in depths if steps))
+    astray = [math.log(m) for decision in decisions if (m := decision.astray_m) is not None]
+    return DetectionErrors(
+        flights=len(flights),
+        mistaken=round(len(lost) / len(flights), 4),
+        sure=attention(won),
+        lost=attention(lost) if lost else attention(won),
+        aside_px=round(_spread([e[0] for e in errors]), 1),
+        above_px=round(_spread([e[1] for e in errors]), 1),
+        depth=round(mean, 4),
+        depth_flight=round(math.sqrt(apart), 4),
+        depth_step=round(step, 4),
+        astray_m=round(math.exp(statistics.median(astray)), 2) if astray else 10.0,
+        astray=round(_spread(astray), 4) if astray else 0.0,
+    )
+
+
+def _spread(values: Sequence[float]) -> float:
+    """Return the standard deviation of a normal distribution with the same middle two thirds."""
+    low, high = np.percentile(values, (15.87, 84.13))
+    return float(high - low) / 2.0
+
+
+def fit_run(run: Path) -> VisionErrors:
+    """Return the errors of a run folder's flights. Raises UsageError if it is damaged."""
+    flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
+    for folder in reading.episodes(run):
+        flown = JudgedFlight.read(folder)
+        if flown.scored:
+            flights[noisy.named_by(str(flown.record.get("instruction", "")))].append(one_drone(flown))
+    code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))
+    return VisionErrors(
+        fitted_to=run.resolve().name, code_sha256=code, eyes={name: errors_of(group) for name, group in flights.items()}
+    )

@@ -1,0 +1,159 @@
+"""Pilots that fail on purpose, each in one way of the paper's taxonomy and in no other.
+
+They test what finds and names a failure ("The Failure Is Declaration, Not Navigation", "Failure Taxonomy", "Commanding
+Several Drones"). They know the truth, as the oracle does: a pilot must know where the target is to fail in one way
+only. The same truth gets the same answer.
+"""
+
+import itertools
+import json
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+from dronecats.pilots import actions
+from dronecats.pilots.oracle import oracle
+from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
+from foundation.protocol import BRAKE_M, FINISHED, GO, POINT_SPAN, RADIUS_M, STRIDE_MIN_M
+
+EARLY = 1.3  # times the start distance, at which the paper's 2B model declares on average (Table "gap": 1.28)
+_LONG_DEPTH_M = 6.0  # flown as the longest stride
+_STILL_DEPTH_M = 0.5 * BRAKE_M  # flown as no stride
+_CLOSE_ENOUGH_M = 0.5 * STRIDE_MIN_M  # strides come no nearer to a given distance
+_AHEAD_DEG = 8.0  # off the nose: within this it does not turn first
+_STUCK_M = 0.3  # a stride that moves less met an obstacle
+_ARRIVED_M = RADIUS_M - 0.5  # well inside the radius of success
+_EDGE = 50.0  # 0–1000, distance of a point from the picture's edge
+_KEPT_OFF_M = 2.0 * RADIUS_M  # within this it does not stride towards the target, even if it is not in the picture
+
+Way = Generator[str, TrueState, None]  # yields a drone's next action, and gets its true state after that
+
+
+@dataclass(frozen=True, slots=True)
+class Failing:
+    """One way to fail."""
+
+    description: str  # one sentence
+    way: Callable[[TrueState], Way]  # for one drone
+    together: Callable[[list[str]], str] = actions.join  # joins the drones' actions
+
+
+def pilot(name: str) -> TruthPilot:
+    """Return the pilot of one flight. Raises KeyError for an unknown name."""
+    failing = FAILURES[name]
+    ways: list[Way] = []
+
+    def answer(states: Sequence[TrueState]) -> str:
+        if not ways:
+            ways.extend(failing.way(state) for state in states)
+            return failing.together([next(way) for way in ways])
+        return failing.together([way.send(state) for way, state in zip(ways, states, strict=True)])
+
+    return answer
+
+
+def declares_at_once(state: TrueState) -> Way:
+    """Declare in the first step, and hover."""
+    yield actions.finished()
+    while True:
+        yield actions.think()
+
+
+def declares_early(state: TrueState) -> Way:
+    """Fly away, declare at 1.3 times the start distance, and hover."""
+    goal_m, aside_deg = EARLY * state.distance_m, 0.0
+    while (left_m := goal_m - state.distance_m) > _CLOSE_ENOUGH_M:
+        turn_deg = (state.bearing_deg + 180.0 + aside_deg + 180.0) % 360.0 - 180.0
+        if abs(turn_deg) > _AHEAD_DEG:
+            state = yield actions.rotate(max(-90.0, min(90.0, turn_deg)))
+            continue
+        before_m = state.distance_m
+        state = yield actions.go(500, 500, oracle.depth_for(left_m, _LONG_DEPTH_M))
+        aside_deg += 30.0 if state.distance_m - before_m < _STUCK_M else 0.0
+    yield actions.finished()
+    while True:
+        yield actions.think()
+
+
+def never_declares(state: TrueState) -> Way:
+    """Fly to the target as the oracle does; there, point at it without end."""
+    while True:
+        reply = oracle.reply_for(state)
+        has_arrived = state.distance_m <= _ARRIVED_M or json.loads(reply)["action"] == FINISHED
+        state = yield _pointing(state) if has_arrived else reply
+
+
+def oscillates(state: TrueState) -> Way:
+    """Stride on, turn round, stride back, turn round, without end."""
+    yield from _in_turn([actions.go(500, 500, _LONG_DEPTH_M), actions.rotate(90.0), actions.rotate(90.0)])
+
+
+def never_grounds(state: TrueState) -> Way:
+    """Stride to the other side of the picture than the target's; without the target in view, fly a square."""
+    square = itertools.cycle([actions.go(500, 500, _LONG_DEPTH_M)] * 4 + [actions.rotate(90.0)])
+    while True:
+        pointing = json.loads(_pointing(state))
+        if pointing["action"] == GO:
+            state = yield actions.go(
+                _EDGE if pointing["point"][0] > POINT_SPAN / 2.0 else POINT_SPAN - _EDGE, 500, _LONG_DEPTH_M
+            )
+        elif state.distance_m < _KEPT_OFF_M and abs(state.bearing_deg) < 90.0:
+            state = yield actions.rotate(-90.0 if state.bearing_deg > 0.0 else 90.0)
+        else:
+            state = yield next(square)
+
+
+def never_closes(state: TrueState) -> Way:
+    """Point at the target at each step, with a depth that brakes."""
+    while True:
+        state = yield _pointing(state)
+
+
+def one_point(state: TrueState) -> Way:
+    """Fly as `never-declares`; all drones get the first drone's action."""
+    yield from never_declares(state)
+
+
+def leaves_the_protocol(state: TrueState) -> Way:
+    """Reply with texts that neither parser accepts."""
+    yield from _in_turn(NO_ACTIONS)
+
+
+NO_ACTIONS = (
+    "The target is ahead of me, slightly to the right. I will fly towards it.",
+    '{"action": "land"}',
+    "",
+    "go(point=[500, 500], depth_m=6)",
+    '{"action": "go", "point": [1240, 355], "depth_m": 6}',
+    "I am sorry, but I cannot control a drone.",
+    '{"action": "rotate", "angle_deg": "to the right"}',
+    '{"action": "go", "point": [500, 5',
+)
+FAILURES = {
+    "declares-at-once": Failing("declares in its first step, and hovers", declares_at_once),
+    "declares-early": Failing("flies away, and declares at 1.3 times the start distance", declares_early),
+    "never-declares": Failing("flies to the target and stays there without a word", never_declares),
+    "oscillates": Failing("strides to and fro, and turns round between", oscillates),
+    "never-grounds": Failing("points to the other side whenever the target is in view", never_grounds),
+    "never-closes": Failing("points at the target, and never leaves its place", never_closes),
+    "one-point": Failing(
+        "gives every drone of a fleet the first one's action",
+        one_point,
+        lambda replies: actions.join([replies[0]] * len(replies)),
+    ),
+    "leaves-the-protocol": Failing("replies what is no action", leaves_the_protocol, lambda replies: replies[0]),
+}
+
+
+def _in_turn(texts: Sequence[str]) -> Way:
+    for number in itertools.count():
+        yield texts[number % len(texts)]
+
+
+def _pointing(state: TrueState) -> str:
+    """Return a `go` at the target that does not move the drone, or the turn that brings the target into view."""
+    x, y = oracle.pixel(
+        oracle.in_camera(state.position_ned, state.attitude, state.camera, state.target_ned), state.camera
+    )
+    if not 0.0 <= x <= state.camera.width:
+        return actions.rotate(max(-90.0, min(90.0, state.bearing_deg)))
+    return actions.go(POINT_SPAN * x / state.camera.width, POINT_SPAN * y / state.camera.height, _STILL_DEPTH_M)

@@ -1,0 +1,248 @@
+"""The oracle with the vision pilot's errors: a pilot for studies of thousands of flights without pictures.
+
+It knows the truth and answers as the vision pilot would from the picture (`vision_errors.json`): the target at a
+wrong pixel and a wrong depth, something else instead, or nothing, as often as vision; never a target that the picture
+does not show. Like vision it declares by its own estimate of the distance. Its errors are drawn from the record's
+seed, the flight's seed, the drone and the step, and from nothing else: flights under different disturbances have the
+same draws and can be compared in pairs. It stands for vision in studies, and for no model.
+
+At each step vision takes the target for the target, or something else, or nothing. Which one depends on the step
+before and, for a visible target, on its distance. Flights that vision lost are a class of their own, drawn once per
+flight: what vision mistakes, it mistakes for the whole flight. `python -m dronecats.pilots.fitting vision-errors`
+fits the numbers.
+"""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from dronecats.pilots import actions
+from dronecats.pilots.oracle import oracle
+from dronecats.pilots.oracle.oracle import TrueState
+from dronecats.pilots.vision import search
+from dronecats.pilots.vision.command import read_inscription, read_place_expression, read_referent
+from foundation.frames import Vec3, rotate
+from foundation.protocol import FINISHED, POINT_SPAN
+
+NamedBy = Literal["paint", "place", "inscription"]  # how a command names its target, and vision looks for it
+BANDS_M = (8.0, 16.0)  # m, the edges between the three bands of distance: near, middle, far
+FILE = Path(__file__).with_name("vision_errors.json")
+ARRIVED_M = 4.6  # estimated distance at which it declares, as vision does
+_CIRCLE = 5  # turns that show everything around
+_WANDERS = 3  # strides to another vantage point
+_LEAVE_DEG = 75.0  # of the turn away after a wrong declaration
+_EDGE = 60.0  # 0–1000, least distance of a point from the picture's side
+
+
+def distance_band(distance_m: float) -> int:
+    """Return the band of a distance: 0 near, 1 middle, 2 far."""
+    return sum(distance_m >= edge for edge in BANDS_M)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attention:
+    """What vision takes for the target, as shares of the steps."""
+
+    found: tuple[float, float, float]  # by band: the target, if it is visible and was not taken at the step before
+    kept: tuple[float, float, float]  # by band: the target, if it is visible and was taken
+    strays: float  # if the target is not taken: something else, after a step without something else
+    stays: float  # likewise, after a step with something else
+    claims: float  # likewise: a declaration at something else
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DetectionErrors:
+    """The errors for one way of naming the target."""
+
+    flights: int  # number of flights of the fit
+    mistaken: float  # share of lost flights
+    sure: Attention  # of flights that reached the target
+    lost: Attention  # of flights that did not
+    aside_px: float  # px of a picture 1280 wide, standard deviation of a point's error to the side
+    above_px: float  # px, likewise upwards
+    depth: float  # mean of log(depth of the `go` / true depth of the target's centre)
+    depth_flight: float  # standard deviation of that mean between flights
+    depth_step: float  # standard deviation between the steps of a flight
+    astray_m: float  # m, median depth of something else
+    astray: float  # standard deviation of the log of that depth
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VisionErrors:
+    """The errors of vision, and the run that they were fitted to."""
+
+    fitted_to: str  # the run folder's name
+    code_sha256: str  # of the run's code
+    eyes: dict[NamedBy, DetectionErrors]
+
+
+@cache
+def shipped_errors() -> VisionErrors:
+    """Return the errors that ship with the package."""
+    return msgspec.json.decode(FILE.read_bytes(), type=VisionErrors)
+
+
+def named_by(command: str) -> NamedBy:
+    """Return how a command names its target, in the order in which vision reads it."""
+    if read_inscription(command) is not None:
+        return "inscription"
+    by_place = read_referent(command).color is None and read_place_expression(command) is not None
+    return "place" if by_place else "paint"
+
+
+@dataclass(slots=True)
+class _Memory:
+    """What the pilot of one drone remembers."""
+
+    on_target: bool = False  # the step before took the target
+    astray_ned: Vec3 | None = None  # m, the place of something else that it took for the target
+    declared: bool = False  # the step before was a declaration
+    nearer: bool = False  # it has come nearer once after a wrong declaration
+    side: float = 1.0  # 1 or -1: the side to which it turns
+    turns: int = 0  # of the current circle
+    strides: int = 0  # of the walk after it
+
+
+@dataclass(frozen=True, slots=True)
+class _Draw:
+    """The random numbers of one step of one drone, one for each use, whether it is used or not."""
+
+    takes: float  # uniform, 0 … 1, like the next two
+    strays: float
+    where: float
+    aside: float  # standard normal, like the next three
+    above: float
+    depth: float
+    astray: float
+
+
+@dataclass(slots=True)
+class NoisyPilot:
+    """The pilot of one flight: a `TruthPilot`."""
+
+    instruction: str
+    seed: tuple[int, ...]  # of the record, and of the flight
+    errors: VisionErrors = field(default_factory=shipped_errors)
+    _memories: dict[int, _Memory] = field(default_factory=dict)
+
+    def __call__(self, states: Sequence[TrueState]) -> str:
+        """Return the reply for some drones. The nearest one flies, the others hover, as with the oracle."""
+        nearest = min(states, key=lambda state: state.distance_m)
+        return actions.join([self._decide(state) if state is nearest else actions.think() for state in states])
+
+    @property
+    def _errors(self) -> DetectionErrors:
+        return self.errors.eyes[named_by(self.instruction)]
+
+    def _decide(self, state: TrueState) -> str:
+        errors, memory = self._errors, self._memories.setdefault(state.drone, _Memory())
+        mistaken, flight_depth = self._draw_flight(errors)
+        draw, attention = self._draw(state), errors.lost if mistaken else errors.sure
+        has_declared, memory.declared = memory.declared, False
+        shares = attention.kept if memory.on_target else attention.found
+        if state.visible and draw.takes < shares[distance_band(state.distance_m)]:
+            memory.on_target, memory.astray_ned = True, None
+            return self._to_target(state, memory, self._estimate_ned(state, errors, draw, flight_depth), has_declared)
+        memory.on_target, memory.nearer = False, False
+        if has_declared:
+            memory.astray_ned, memory.turns, memory.strides = None, 0, 0
+            return actions.rotate(math.copysign(_LEAVE_DEG, memory.side))
+        return self._without_target(state, memory, attention, errors, draw)
+
+    def _to_target(self, state: TrueState, memory: _Memory, estimate_ned: Vec3, has_declared: bool) -> str:
+        """Return the way to the estimated target; there, a declaration; after a wrong one, one stride nearer."""
+        memory.turns, memory.strides = 0, 0
+        memory.side = math.copysign(1.0, state.bearing_deg)
+        if math.dist(state.position_ned, estimate_ned) > ARRIVED_M:
+            reply = _fly_to(state, estimate_ned)
+            memory.declared = _declares(reply)
+            return reply
+        if has_declared and not memory.nearer:
+            memory.nearer = True
+            x, _ = oracle.pixel(_in_camera(state, estimate_ned), state.camera)
+            return actions.go(POINT_SPAN * x / state.camera.width, POINT_SPAN * 0.5, actions.SHORTEST_DEPTH_M)
+        memory.declared, memory.nearer = True, False
+        return actions.finished()
+
+    def _without_target(
+        self, state: TrueState, memory: _Memory, attention: Attention, errors: DetectionErrors, draw: _Draw
+    ) -> str:
+        """Return the action without the target: the way to something else, or a search."""
+        if memory.astray_ned is None:
+            if draw.strays < attention.strays:
+                memory.astray_ned = self._astray_ned(state, errors, draw)
+        elif draw.strays < attention.claims:
+            memory.declared = True
+            return actions.finished()
+        elif draw.strays >= attention.claims + attention.stays:
+            memory.astray_ned = None
+        if memory.astray_ned is not None:
+            reply = _fly_to(state, memory.astray_ned)
+            if not _declares(reply):
+                memory.turns, memory.strides = 0, 0
+                return reply
+            memory.astray_ned = None  # it has arrived there, and sees what it is
+        return self._search(memory, draw)
+
+    def _search(self, memory: _Memory, draw: _Draw) -> str:
+        """Return a turn until the circle is closed, then strides to another place, as vision searches."""
+        if memory.turns < _CIRCLE:
+            memory.turns += 1
+            return actions.rotate(math.copysign(search.SWEEP_DEG, memory.side))
+        memory.strides += 1
+        if memory.strides >= _WANDERS:
+            memory.turns, memory.strides = 0, 0
+        u = _EDGE + draw.where * (POINT_SPAN - 2.0 * _EDGE) if memory.strides == 1 else 0.5 * POINT_SPAN
+        return actions.go(u, 0.5 * POINT_SPAN, search.WANDER_M)
+
+    def _estimate_ned(self, state: TrueState, errors: DetectionErrors, draw: _Draw, flight_depth: float) -> Vec3:
+        """Return the estimated place (m, NED) of the target: off its pixel, and at a wrong depth."""
+        camera, true = state.camera, _in_camera(state, state.target_ned)
+        x, y = oracle.pixel(true, camera)
+        x = min(max(x + errors.aside_px * draw.aside, 0.0), camera.width)
+        y = min(max(y + errors.above_px * draw.above, 0.0), camera.height)
+        factor = math.exp(errors.depth + errors.depth_flight * flight_depth + errors.depth_step * draw.depth)
+        return _place(state, x, y, true[0] * factor)
+
+    def _astray_ned(self, state: TrueState, errors: DetectionErrors, draw: _Draw) -> Vec3:
+        """Return the place (m, NED) of something else, level with the camera."""
+        u = _EDGE + draw.where * (POINT_SPAN - 2.0 * _EDGE)
+        depth = errors.astray_m * math.exp(errors.astray * draw.astray)
+        return _place(state, u * state.camera.width / POINT_SPAN, 0.5 * state.camera.height, depth)
+
+    def _draw_flight(self, errors: DetectionErrors) -> tuple[bool, float]:
+        """Return whether the flight is a lost one, and the error of its depths in standard deviations."""
+        rng = np.random.default_rng((*self.seed, 0))
+        return bool(rng.random() < errors.mistaken), float(rng.standard_normal())
+
+    def _draw(self, state: TrueState) -> _Draw:
+        rng = np.random.default_rng((*self.seed, 1 + state.step, 1 + state.drone))
+        return _Draw(*rng.random(3).tolist(), *rng.standard_normal(4).tolist())
+
+
+def _fly_to(state: TrueState, point_ned: Vec3) -> str:
+    return oracle.next_action(state.position_ned, state.yaw_rad, state.attitude, state.camera, point_ned)
+
+
+def _declares(reply: str) -> bool:
+    return bool(json.loads(reply)["action"] == FINISHED)
+
+
+def _in_camera(state: TrueState, point_ned: Vec3) -> Vec3:
+    return oracle.in_camera(state.position_ned, state.attitude, state.camera, point_ned)
+
+
+def _place(state: TrueState, x: float, y: float, depth_m: float) -> Vec3:
+    """Return the place (m, NED) at a pixel and a depth."""
+    camera, ahead = state.camera, state.camera.offset_frd
+    right = depth_m * (x - camera.width / 2.0) / camera.focal_px
+    below = depth_m * (y - camera.height / 2.0) / camera.focal_px
+    north, east, down = rotate(state.attitude, (ahead[0] + depth_m, ahead[1] + right, ahead[2] + below))
+    return (state.position_ned[0] + north, state.position_ned[1] + east, state.position_ned[2] + down)

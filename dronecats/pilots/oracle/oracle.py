@@ -1,0 +1,159 @@
+"""The oracle: a pilot that knows the truth. It is the ceiling of the benchmark, and the proof that an episode can be
+flown.
+
+It has the same four actions as a model, so a model can do whatever it does. It is a pure function of the truth: the run
+calls it, never the agent.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from dronecats.pilots import actions
+from foundation.camera import CameraModel
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
+from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
+
+ARRIVED_M = 4.0  # 3-D distance at which it declares; the verifier's radius is 5 m
+_CLOSE_ENOUGH_M = 4.5  # … and at which it declares if the shortest stride would bring it too close
+_LEVEL = 0.14  # slopes below this are not flown: the controller ignores them under 0.15
+_KEEPS_HEIGHT_M = 7.0  # within this it keeps its height …
+_KEEPS_HEIGHT_BAND_M = 1.2  # … unless the target would leave the picture below or above first
+_TURN_MAX_DEG = 90.0
+_TOO_NEAR_M = 0.3  # nearer to the lens a point has no useful pixel
+
+
+@dataclass(frozen=True, slots=True)
+class TrueState:
+    """The true state of one drone and its target."""
+
+    position_ned: Vec3  # m, body origin
+    yaw_rad: float  # from north, + east
+    attitude: Quat  # of the body
+    target_ned: Vec3  # m, centre
+    target_velocity_ned: Vec3  # m/s
+    camera: CameraModel
+    drone: int = 0  # index of the drone
+    step: int = 0  # of the drone, from 0
+    visible: bool = True  # whether the picture shows the target; True if that was not measured
+
+    @property
+    def distance_m(self) -> float:
+        """The 3-D distance (m) from the body's origin to the target's centre, as the verifier measures it."""
+        return math.dist(self.position_ned, self.target_ned)
+
+    @property
+    def bearing_deg(self) -> float:
+        """The direction of the target, degrees from the nose, + right."""
+        north, east = (self.target_ned[k] - self.position_ned[k] for k in (0, 1))
+        return math.degrees(wrap_pi(math.atan2(east, north) - self.yaw_rad))
+
+
+TruthPilot = Callable[[Sequence[TrueState]], str]  # (the state of each drone of the question) → the reply
+
+
+def reply_nearest(states: Sequence[TrueState]) -> str:
+    """Return the oracle's reply for some drones. The nearest one flies, the others hover: one arrival is enough."""
+    nearest = min(states, key=lambda state: state.distance_m)
+    return actions.join([reply_for(state) if state is nearest else actions.think() for state in states])
+
+
+def reply_for(state: TrueState) -> str:
+    """Return the next action of one drone from its true state."""
+    return next_action(
+        state.position_ned, state.yaw_rad, state.attitude, state.camera, state.target_ned, state.target_velocity_ned
+    )
+
+
+def next_action(
+    position_ned: Vec3,
+    yaw_rad: float,
+    attitude: Quat | None,
+    camera: CameraModel,
+    target_ned: Vec3,
+    target_velocity_ned: Vec3 | None = None,
+) -> str:
+    """Return the next action of one drone as reply text.
+
+    position_ned, target_ned: m, body origin and target centre in the same NED frame; target_velocity_ned: m/s, None
+    for a target at rest. attitude: of the body, None for level flight at yaw_rad.
+
+    It rotates until the target is in the picture. Then it goes: the point is the target's true projection and the depth
+    its true planar depth, both one step ahead of a moving target. Smaller depths make the last strides shorter, so that
+    it stops before the target. Far away it lets the controller climb or descend along the ray; near, it keeps its
+    height. A target ahead but under or over the picture is approached along the picture's edge.
+    """
+    q = attitude if attitude is not None else quat_from_euler(0.0, 0.0, yaw_rad)
+    aim = target_ned if target_velocity_ned is None else _after_step(target_ned, target_velocity_ned)
+    x, y = pixel(in_camera(position_ned, q, camera, target_ned), camera)
+    if not 0.0 <= x <= camera.width:
+        return actions.rotate(_bearing_deg(position_ned, yaw_rad, target_ned))
+    in_picture = 0.0 <= y <= camera.height
+    distance = math.dist(position_ned, target_ned)
+    if in_picture and distance <= ARRIVED_M:
+        return actions.finished()
+
+    ahead = in_camera(position_ned, q, camera, aim)
+    x, y = pixel(ahead, camera)
+    if not 0.0 <= x <= camera.width:
+        return actions.rotate(_bearing_deg(position_ned, yaw_rad, aim))
+    horizontal = math.hypot(aim[0] - position_ned[0], aim[1] - position_ned[1])
+    vertical = aim[2] - position_ned[2]
+    if not in_picture and horizontal < STRIDE_MAX_M:  # over or under it: fly on, then turn round
+        return actions.go(500.0, 500.0, NEAR_M)
+    # stop safely inside the sphere of ARRIVED_M, at the kept height
+    reach = math.sqrt((ARRIVED_M - 0.3) ** 2 - min(abs(vertical), ARRIVED_M - 1.0) ** 2)
+    travel = horizontal - reach
+    if in_picture and distance <= _CLOSE_ENOUGH_M and travel < STRIDE_MIN_M:
+        return actions.finished()
+    depth = depth_for(travel, ahead[0])
+    if horizontal < _KEEPS_HEIGHT_M and abs(vertical) < _KEEPS_HEIGHT_BAND_M:
+        f, middle = camera.focal_px, camera.height / 2.0
+        span = _LEVEL * math.hypot(f, x - camera.width / 2.0)
+        y = min(max(y, middle - span), middle + span)
+    return actions.go(POINT_SPAN * x / camera.width, POINT_SPAN * y / camera.height, depth)
+
+
+def _after_step(point_ned: Vec3, velocity_ned: Vec3) -> Vec3:
+    """Return the place of a moving point at the end of the next step."""
+    return (
+        point_ned[0] + velocity_ned[0] * STEP_S,
+        point_ned[1] + velocity_ned[1] * STEP_S,
+        point_ned[2] + velocity_ned[2] * STEP_S,
+    )
+
+
+def depth_for(travel_m: float, depth_m: float) -> float:
+    """Return the depth of the next stride of a way of `travel_m`: the true depth for a full stride."""
+    if travel_m >= STRIDE_MAX_M + STRIDE_MIN_M:
+        return max(depth_m, NEAR_M)
+    return actions.short_stride_m(travel_m) / NEAR_SCALE
+
+
+def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
+    """Return a point in camera axes (forward, right, down), m from the optical centre."""
+    offset = rotate(q, camera.offset_frd)
+    return rotate_inverse(
+        q,
+        (
+            point_ned[0] - position_ned[0] - offset[0],
+            point_ned[1] - position_ned[1] - offset[1],
+            point_ned[2] - position_ned[2] - offset[2],
+        ),
+    )
+
+
+def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:
+    """Return the pixel of a point in camera axes; infinitely far to its side if it is behind the camera."""
+    if point[0] < _TOO_NEAR_M:
+        return (math.copysign(math.inf, point[1]), math.inf)
+    return (
+        camera.width / 2.0 + camera.focal_px * point[1] / point[0],
+        camera.height / 2.0 + camera.focal_px * point[2] / point[0],
+    )
+
+
+def _bearing_deg(position_ned: Vec3, yaw_rad: float, point_ned: Vec3) -> float:
+    """Return the turn (deg, + right, at most 90 to either side) that brings a point ahead."""
+    bearing = wrap_pi(math.atan2(point_ned[1] - position_ned[1], point_ned[0] - position_ned[0]) - yaw_rad)
+    return min(max(math.degrees(bearing), -_TURN_MAX_DEG), _TURN_MAX_DEG)

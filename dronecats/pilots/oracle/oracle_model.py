@@ -1,0 +1,115 @@
+"""A pilot that knows the truth, behind the interface of a model. It listens on the truth bus; the run builds it."""
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+from dronecats.agent.models.model import Reply, Request
+from dronecats.pilots import actions
+from dronecats.pilots.oracle import oracle
+from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
+from dronecats.pilots.scripted import commander
+from episodes.authoring.check.candidates import centre
+from episodes.maps.scene import Instance
+from episodes.records.record import StartPose
+from episodes.world.fleet import DronePose
+from episodes.world.world import World
+from foundation.camera import CameraModel
+from foundation.errors import ModelError
+from foundation.frames import quat_yaw, wrap_pi
+from foundation.truth import KEPT, NewestTruth, Origin, TruthSample
+
+AHEAD_S = 0.5  # s, over which the target's velocity is taken
+
+
+class OracleModel:
+    """Answers with the reply of a pilot that knows the truth, by default the oracle's."""
+
+    def __init__(
+        self,
+        world: World,
+        camera: CameraModel,
+        origin: Origin,
+        listen: Callable[[], None],
+        name: str = "oracle",
+        pilot: TruthPilot = oracle.reply_nearest,
+        *,
+        kept: int = KEPT,
+        obeys: bool = True,
+        looks: bool = False,
+    ) -> None:
+        """`listen` is called before each answer; it reads the waiting bytes of the bus into `feed`.
+
+        kept: samples of each drone's truth to keep, for late pictures. obeys: a drone in a question of its own goes to
+        the candidate of its goal. looks: the pilot needs the target's visibility, which is measured then.
+        """
+        self.name = name
+        self._world, self._camera, self._listen, self._pilot = world, camera, listen, pilot
+        self._truth = NewestTruth(origin, kept)
+        self._taken: dict[int, int] = {}  # drone → µs, time of its picture
+        self.feed = self._truth.feed  # takes bytes of the truth bus
+        self._obeys, self._looks = obeys, looks
+        self._t0_us: int | None = None
+
+    def begin(self, t0_us: int) -> None:
+        self._t0_us = t0_us
+
+    def ask(self, request: Request) -> Reply:
+        """Return the reply for the drone of every picture."""
+        self._listen()
+        drones = range(request.drone, request.drone + len(request.images_jpeg))
+        self._taken = dict(zip(drones, request.taken_us, strict=False))
+        if len(drones) == 1 and self._obeys:
+            return Reply(self._reply_alone(request.drone, request.step, actions.read_prompt(request.text).command), 0.0)
+        return Reply(self._pilot([self._state(drone, request.step) for drone in drones]), 0.0)
+
+    def check(self) -> None:
+        """Do nothing: the pilot needs no endpoint."""
+
+    def close(self) -> None:
+        pass
+
+    def _reply_alone(self, drone: int, step: int, command: str) -> str:
+        """Return the action of a drone in a question of its own: it goes to the candidate of its goal.
+
+        At a candidate that is not the target it stops and thinks, like a pilot that has read its inscription.
+        """
+        place, state = commander.place_in_goal(command), self._state(drone, step)
+        row = candidates_in_row(self._world, self._world.record.starts[drone])
+        if place is None or place > len(row) or row[place - 1] is self._world.target:
+            return self._pilot([state])
+        candidate = replace(state, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
+        reply = self._pilot([candidate])
+        return actions.think() if reply == actions.finished() else reply
+
+    def _state(self, drone: int, step: int) -> TrueState:
+        taken_us = self._taken.get(drone)
+        at_picture = None if taken_us is None else self._truth.at(drone, taken_us)
+        sample = at_picture[0] if at_picture else self._truth.of(drone)
+        if sample is None:
+            raise ModelError(f"the {self.name} has not heard where drone {drone + 1} is")
+        t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
+        here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
+        north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
+        return TrueState(
+            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera,
+            drone, step, self._visible(sample, t_s) if self._looks else True,
+        )  # fmt: skip
+
+    def _visible(self, sample: TruthSample, t_s: float) -> bool:
+        """Return whether the target is visible from a sample, by the logger's measure, with the other drones around."""
+        fleet = self._truth.at(sample.drone, sample.time_us)
+        others = [DronePose(other.position_ned, other.attitude) for other in fleet[1].values()] if fleet else []
+        return bool(self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, others).visible)
+
+
+def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
+    """Return the target and its look-alikes from left to right, seen from a start."""
+    things = world.target_and_lookalikes
+    yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
+
+    def bearing(thing: Instance) -> float:
+        middle = centre(thing)
+        return wrap_pi(math.atan2(middle[1] - east, middle[0] - north) - yaw)
+
+    return sorted(things, key=bearing)

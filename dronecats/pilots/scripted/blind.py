@@ -1,0 +1,211 @@
+"""Pilots that do not look: the floor of the benchmark.
+
+Each flies a pattern that is fixed before the first picture. It counts its own steps, reads from the prompt only a
+seed (for the random one), and from the pictures only their number. So its score is what chance and the layout of the
+episodes give. `blind` itself never declares, which shows what arrives without a declaration; the others declare as
+well as a pattern can.
+
+The patterns use what is published: a stride is 3 m, or 1.2 m for a depth of 2 m; 5 m count as arrival; a camera sees
+90°. Those marked `16 m` also use the start distance of the residential map, and declare only where a target can be. A
+pattern never ends; the episode's time ends it.
+"""
+
+import hashlib
+import math
+import random
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from dronecats.pilots import actions
+from dronecats.pilots.actions import Pilot
+from foundation.protocol import BRAKE_M, GO, STRIDE_MAX_M, STRIDE_MIN_M
+
+LONG_M, LONG_DEPTH_M = STRIDE_MAX_M, 6.0  # the longest stride, and its depth
+SHORT_M, SHORT_DEPTH_M = STRIDE_MIN_M, BRAKE_M  # the shortest stride, and its depth
+START_M = 16.0  # of every residential start from its target
+VIEW_DEG = 90.0  # of the camera
+_TURN_DEG = 60.0  # of `blind`
+
+
+@dataclass(frozen=True, slots=True)
+class Seat:
+    """The drone that a pattern flies."""
+
+    drone: int  # its place in the picture order
+    drones: int  # the number of drones
+    prompt: str  # of the first step: the seed of the random pattern
+
+    @property
+    def aside_deg(self) -> float:
+        """The turn to the right that fans a fleet out over the picture."""
+        return 0.0 if self.drones == 1 else VIEW_DEG * ((self.drone + 0.5) / self.drones - 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """One blind pilot."""
+
+    description: str  # one sentence
+    fly: Callable[[Seat], Iterator[str]]
+    sweeps: bool = False  # it covers an area; the others follow one line
+
+
+def long_strides(metres: float) -> Iterator[str]:
+    """Yield strides of 3 m and then of 1.2 m, as many as fit into a distance (m)."""
+    far = int(metres // LONG_M)
+    yield from [actions.go(500, 500, LONG_DEPTH_M)] * far
+    yield from [actions.go(500, 500, SHORT_DEPTH_M)] * int((metres - far * LONG_M) // SHORT_M)
+
+
+def turn(degrees: float) -> Iterator[str]:
+    """Yield turns of at most 90° that add up to an angle."""
+    while abs(degrees) > 1e-6:
+        part = max(-VIEW_DEG, min(VIEW_DEG, degrees))
+        yield actions.rotate(part)
+        degrees -= part
+
+
+def creeping() -> Iterator[str]:
+    """Yield short strides with a declaration after each, without end."""
+    while True:
+        yield actions.go(500, 500, SHORT_DEPTH_M)
+        yield actions.finished()
+
+
+def straight(after_deg: float = 0.0, from_m: float = 0.0) -> Callable[[Seat], Iterator[str]]:
+    """Return the pattern: turn, fly some metres without a declaration, then stride and declare without end."""
+
+    def fly(seat: Seat) -> Iterator[str]:
+        yield from turn(after_deg + seat.aside_deg)
+        yield from long_strides(from_m)
+        if from_m:
+            yield actions.finished()
+        yield from creeping()
+
+    return fly
+
+
+def declaring(seat: Seat) -> Iterator[str]:
+    """Declare in place, without end."""
+    while True:
+        yield actions.finished()
+
+
+def fan(seat: Seat) -> Iterator[str]:
+    """Fly out and back along rays, those in view first, and declare on the way out."""
+    yield from turn(seat.aside_deg)
+    spread = 30.0 if seat.drones == 1 else VIEW_DEG / seat.drones / 2.0
+    for far in (18.0, 36.0):
+        before = 0.0
+        for ray in (0.0, spread, -spread, *(sign * k * 30.0 for k in (2, 3, 4, 5) for sign in (1, -1)), 180.0):
+            yield from turn(math.remainder(ray - before, 360.0))
+            for _ in range(round(far / LONG_M)):
+                yield actions.go(500, 500, LONG_DEPTH_M)
+                yield actions.finished()
+            yield from turn(180.0)
+            yield from long_strides(far)
+            before = ray + 180.0
+    yield from creeping()
+
+
+def spiral(seat: Seat) -> Iterator[str]:
+    """Fly a square spiral outwards with arms 6 m apart, and declare after each long stride."""
+    yield from turn(seat.aside_deg)
+    legs = 2
+    while True:
+        for _ in range(2):
+            for _ in range(legs):
+                yield actions.go(500, 500, LONG_DEPTH_M)
+                yield actions.finished()
+            yield actions.rotate(90.0)
+        legs += 2
+
+
+def ring(seat: Seat) -> Iterator[str]:
+    """Fly out 15 m, then round the start, and declare at every other stride: a target 16 m away is on that circle."""
+    yield from turn(seat.aside_deg - 45.0)
+    yield from long_strides(15.0)
+    yield actions.finished()
+    yield from turn(90.0)
+    side = math.degrees(2.0 * math.asin(LONG_M / (2.0 * 15.0)))
+    for k in range(10_000):
+        yield actions.rotate(side / 2.0 if k == 0 else side)
+        yield actions.go(500, 500, LONG_DEPTH_M)
+        if k % 2 == 1:
+            yield actions.finished()
+
+
+def arc(seat: Seat) -> Iterator[str]:
+    """Declare once in each third of the first picture, 12 m out; then fly the ring."""
+    yield from turn(seat.aside_deg - 24.0)
+    yield from long_strides(12.0)
+    yield actions.finished()
+    chord = 2.0 * 12.0 * math.sin(math.radians(12.0))
+    for _ in range(2):
+        yield from turn(90.0 + 12.0)
+        yield from long_strides(chord + 0.1)
+        yield from turn(-(90.0 - 12.0))
+        yield actions.finished()
+    yield from ring(Seat(0, 1, ""))
+
+
+def wandering(seat: Seat) -> Iterator[str]:
+    """Stride, turn or declare at random, with the prompt's text as the seed."""
+    rng = random.Random(hashlib.sha256(f"{seat.drone} {seat.prompt}".encode()).digest())
+    while True:
+        yield rng.choices(
+            (
+                actions.go(500, 500, LONG_DEPTH_M),
+                actions.go(rng.uniform(100, 900), 500, LONG_DEPTH_M),
+                actions.rotate(rng.uniform(-VIEW_DEG, VIEW_DEG)),
+                actions.finished(),
+            ),
+            weights=(4, 2, 1, 3),
+        )[0]
+
+
+PATTERNS = {
+    "declare": Pattern("declares where it stands, again and again", declaring),
+    "straight": Pattern("flies straight on in strides of 1.2 m and declares after each", straight()),
+    "straight-16": Pattern("flies 12 m straight on, then declares after every 1.2 m (16 m)", straight(from_m=12.0)),
+    "right-60": Pattern("turns 60° to the right, then as `straight`", straight(60.0)),
+    "right-90": Pattern("turns 90° to the right, then as `straight`", straight(90.0)),
+    "left-90": Pattern("turns 90° to the left, then as `straight`", straight(-90.0)),
+    "back": Pattern("turns round, then as `straight`", straight(180.0)),
+    "right-90-16": Pattern("turns 90° to the right, then as `straight-16` (16 m)", straight(90.0, 12.0)),
+    "back-16": Pattern("turns round, then as `straight-16` (16 m)", straight(180.0, 12.0)),
+    "random": Pattern("strides, turns and declares by lot", wandering),
+    "fan": Pattern("flies out and back along rays 30° apart and declares on the way out", fan, sweeps=True),
+    "spiral": Pattern("flies a square spiral with arms 6 m apart and declares after every 3 m", spiral, sweeps=True),
+    "ring": Pattern("flies out 15 m and round the start, and declares after every 6 m (16 m)", ring, sweeps=True),
+    "arc": Pattern(
+        "declares once in each third of the first picture, 12 m out; then as `ring` (16 m)", arc, sweeps=True
+    ),
+}
+
+
+def answer(prompt: str, images: list[bytes]) -> str:
+    """Return the next action of the pattern think, go, rotate, go, rotate …; it depends on the last action only."""
+    briefing = actions.read_prompt(prompt)
+    return actions.join([_next_action(briefing.past(k)) for k in range(max(1, len(images)))])
+
+
+def _next_action(past: tuple[actions.PastAction, ...]) -> str:
+    if not past:
+        return actions.think()
+    if past[-1].kind == GO:
+        return actions.rotate(_TURN_DEG)
+    return actions.go(500, 500, LONG_DEPTH_M)
+
+
+def pattern_pilot(name: str) -> Pilot:
+    """Return the pilot of one flight of a pattern. Raises KeyError for an unknown name."""
+    pattern = PATTERNS[name]
+    drones: list[Iterator[str]] = []
+
+    def reply_to(prompt: str, images: list[bytes]) -> str:
+        while len(drones) < max(1, len(images)):
+            drones.append(pattern.fly(Seat(len(drones), max(1, len(images)), prompt)))
+        return actions.join([next(drone) for drone in drones])
+
+    return reply_to

@@ -1,0 +1,360 @@
+"""Finds the thing of a named colour and kind in a picture, and its distance.
+
+Patches of the colour are candidates. For a kind of the catalogue, a small network decides by the look of a patch and
+its surroundings, and corrects the distance from the rectangle. For other kinds, size and the share of paint decide.
+`python -m dronecats.pilots.fitting colors` fits the network (`patch_network.npz`).
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.pilots.vision import colors, ranging
+from dronecats.pilots.vision.colors import Mask, Picture
+from dronecats.pilots.vision.command import Referent, Size
+from dronecats.pilots.vision.ranging import BoundingBox, Range
+
+Floats = NDArray[np.float32]
+
+KINDS = ("suv", "sedan", "hatchback", "pickup", "van", "bus", "motorcycle", "cyclist", "quadrotor")
+COLORS = ("cyan", "red", "yellow", "orange", "blue", "green", "purple", "pink", "brown")
+SIDE = 16  # cells of a resampled patch, high and wide
+CHANNELS = 7  # CIE Luv, the colour's mask, the gradients across and down, inside the picture
+MARGIN = 0.35  # on each side of the rectangle, of its height and width
+MARGIN_PX = 3.0
+PLAIN = 17  # numbers that describe the rectangle
+LENGTH = SIDE * SIDE * CHANNELS + PLAIN + len(KINDS) + len(COLORS)
+_GRADIENT = 3.0  # factor that brings gradients to the magnitude of colours
+_PICTURE_EDGE = 0.005  # of the picture's width: a rectangle this near touches the edge
+_FACTOR_LIMIT_LOG = 0.7  # log of the largest change of the rectangle's distance
+
+_SMALLEST_PX = 20  # of 640 × 360; a vehicle has this size at about 60 m
+_FARTHEST_M = 42.0  # farther away, specks of any colour have the right size
+_MOST_PATCHES = 12
+_SAME_TINT = math.cos(math.radians(14.0))  # in the colour plane: one paint in sun and shade, not the grass beside it
+_LEAST_SCORE = 0.08  # a detection by size needs this score
+_LIKELY_SCORE = 0.35  # a detection by look needs this score …
+_EXPECTED_SCORE = 0.12  # … and this one at the expected place
+_EXPECTED_ASIDE, _EXPECTED_DEPTH_LOG = 0.12, 0.45  # the expected place: of the width, and log of the distance
+_EXPECTED_PREFERENCE = 3.0  # factor on the rank at the expected place
+_AREA_POWER = 0.3  # of the rank: larger patches are preferred
+_HORIZON_SLACK = 0.05  # of the width: a thing on the ground may end this far above the middle, since the drone pitches
+
+
+@dataclass(frozen=True, slots=True)
+class PatchNetwork:
+    """One hidden layer of rectifiers, two outputs: log odds, and log of the factor on the distance."""
+
+    hidden: Floats  # (LENGTH, H)
+    hidden_bias: Floats  # (H,)
+    out: Floats  # (H, 2)
+    out_bias: Floats  # (2,)
+
+    def classify(self, examples: Floats) -> tuple[Floats, Floats]:
+        """Return for examples (N, LENGTH) the probability of the vehicle and the factor on its distance, (N,) each."""
+        raw = np.maximum(examples @ self.hidden + self.hidden_bias, 0.0) @ self.out + self.out_bias
+        odds = np.clip(raw[:, 0], -30.0, 30.0)
+        factor = np.exp(np.clip(raw[:, 1], -_FACTOR_LIMIT_LOG, _FACTOR_LIMIT_LOG))
+        return np.asarray(1.0 / (1.0 + np.exp(-odds)), np.float32), np.asarray(factor, np.float32)
+
+
+def load_network(file: Path) -> PatchNetwork:
+    """Return the network in a file. Raises OSError."""
+    with np.load(file) as arrays:
+        return PatchNetwork(*(arrays[name].astype(np.float32) for name in ("hidden", "hidden_bias", "out", "out_bias")))
+
+
+@lru_cache(maxsize=1)
+def shipped_network() -> PatchNetwork:
+    """Return the fitted network that ships."""
+    return load_network(Path(__file__).with_name("patch_network.npz"))
+
+
+def picture_layers(picture: Picture, mask: Mask) -> Floats:
+    """Return the layers (H, W, CHANNELS) of a BGR picture and the mask of a colour."""
+    luv = cv2.cvtColor(picture.astype(np.float32) / np.float32(255.0), cv2.COLOR_BGR2LUV) / np.float32(100.0)
+    across, down = (np.abs(cv2.Sobel(luv[:, :, 0], cv2.CV_32F, *way, ksize=1)) * _GRADIENT for way in ((1, 0), (0, 1)))
+    rest = (mask.astype(np.float32), across, down, np.ones(mask.shape, np.float32))
+    return np.ascontiguousarray(np.dstack((luv, *rest)))
+
+
+def network_input(layers: Floats, box: BoundingBox, estimate: Range, kind: str, color: str) -> Floats:
+    """Return the network's input (LENGTH,) for one rectangle in `picture_layers`, as a kind in a colour."""
+    height, width = layers.shape[:2]
+    aspect = height / width
+    wide, high = box.right - box.left, box.bottom - box.top
+    patch = _resample(layers, box)
+    half = 0.5 * aspect
+    where = (
+        box.left, box.right, box.top, box.bottom, wide, high, 0.3 * math.log(max(wide, 1e-3)),
+        0.3 * math.log(max(high, 1e-3)), 0.3 * math.log(max(wide, 1e-3) / max(high, 1e-3)),
+        float(box.left < _PICTURE_EDGE - 0.5), float(box.right > 0.5 - _PICTURE_EDGE),
+        float(box.top < _PICTURE_EDGE - half), float(box.bottom > half - _PICTURE_EDGE),
+        estimate.fit, 0.3 * math.log(estimate.distance_m),
+        min(1.0, estimate.spread_m / estimate.distance_m), box.bottom * estimate.depth_m / 1.6 - 1.0,
+    )  # fmt: skip
+    classes = [float(kind == k) for k in KINDS] + [float(color == c) for c in COLORS]
+    return np.concatenate((patch.ravel(), np.clip(where, -3.0, 3.0), classes)).astype(np.float32)
+
+
+def _resample(layers: Floats, box: BoundingBox) -> Floats:
+    """Return the rectangle with its margin as (SIDE, SIDE, CHANNELS); 0 outside the picture."""
+    height, width = layers.shape[:2]
+    left, right = ((x + 0.5) * width for x in (box.left, box.right))
+    top, bottom = (y * width + 0.5 * height for y in (box.top, box.bottom))
+    beside, over = (max(MARGIN_PX, MARGIN * size) for size in (right - left, bottom - top))
+    x0, x1 = math.floor(left - beside), math.ceil(right + beside)
+    y0, y1 = math.floor(top - over), math.ceil(bottom + over)
+    part = layers[max(0, y0) : max(0, y1), max(0, x0) : max(0, x1)]
+    beyond = (max(0, -y0), max(0, y1 - height), max(0, -x0), max(0, x1 - width))
+    filled = np.pad(part, (beyond[:2], beyond[2:], (0, 0)))
+    # OpenCV resizes four channels at a time
+    small = [cv2.resize(filled[:, :, k : k + 4], (SIDE, SIDE), interpolation=cv2.INTER_AREA) for k in (0, 4)]
+    return np.asarray(np.concatenate(small, axis=2), np.float32)
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """The target in a picture, or what is taken for it."""
+
+    box: BoundingBox
+    range: Range
+    score: float  # 0 … 1
+    lean: float = 0.0  # of the picture's width: its top's fall from the left third to the right third
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedPlace:
+    """The place where the target of the last action must be."""
+
+    bearing: float  # fraction of the picture WIDTH from its centre, + right
+    depth_m: float
+
+    def matches(self, box: BoundingBox, estimate: Range) -> bool:
+        """Return whether a detection is about there."""
+        aside = abs(0.5 * (box.left + box.right) - self.bearing)
+        return aside < _EXPECTED_ASIDE and abs(math.log(estimate.depth_m / self.depth_m)) < _EXPECTED_DEPTH_LOG
+
+
+@dataclass(frozen=True, slots=True)
+class _Blob:
+    left: int
+    top: int
+    right: int
+    bottom: int
+    pixels: int
+    members: tuple[int, ...]  # labels
+
+
+def find(
+    picture: colors.Picture,
+    referent: Referent,
+    expected: ExpectedPlace | None = None,
+    network: PatchNetwork | None = None,
+) -> Detection | None:
+    """Return the best detection of a referent in a BGR picture about 640 px wide; None if there is none.
+
+    expected: detections at this place are preferred. network: another one than the shipped one.
+    """
+    if referent.size.outline in KINDS and referent.color in COLORS:
+        detections = _detect_by_look(picture, referent, expected, network or shipped_network())
+    else:
+        detections = _detect_by_size(picture, referent)
+    best: Detection | None = None
+    best_rank = 0.0
+    for detection, pixels in detections:
+        is_expected = expected is not None and expected.matches(detection.box, detection.range)
+        rank = detection.score * pixels**_AREA_POWER * (_EXPECTED_PREFERENCE if is_expected else 1.0)
+        if rank > best_rank:
+            best, best_rank = detection, rank
+    return best
+
+
+@dataclass(frozen=True, slots=True)
+class ColorPatch:
+    """A patch of the referent's colour."""
+
+    box: BoundingBox
+    range: Range  # if it were the referent
+    pixels: int
+    lean: float  # as a detection's
+
+
+def color_patches(picture: colors.Picture, referent: Referent) -> tuple[list[ColorPatch], Floats]:
+    """Return the patches of a referent's colour, and the network's input of each, (N, LENGTH)."""
+    height, width = picture.shape[:2]
+    color = referent.color or ""
+    mask = colors.mask(picture, color)
+    layers = picture_layers(picture, mask)
+    patches: list[ColorPatch] = []
+    for blob, where in _blobs(picture, mask, color):
+        core = _core(blob, where)
+        box = _bounding_box(core, width, height)
+        if box.bottom < -_HORIZON_SLACK:
+            continue
+        rng = ranging.measure(box, referent.size, height / width)
+        if rng.depth_m <= _FARTHEST_M:
+            patches.append(ColorPatch(box, rng, blob.pixels, _lean(core, where) / width))
+    examples = [network_input(layers, patch.box, patch.range, referent.size.outline, color) for patch in patches]
+    return patches, np.array(examples, np.float32).reshape(-1, LENGTH)
+
+
+def _detect_by_look(
+    picture: colors.Picture, referent: Referent, expected: ExpectedPlace | None, network: PatchNetwork
+) -> Iterator[tuple[Detection, int]]:
+    """Yield the detections of a catalogue's kind by its look, each with its number of pixels."""
+    patches, examples = color_patches(picture, referent)
+    if not patches:
+        return
+    for patch, share, factor in zip(patches, *network.classify(examples), strict=True):
+        estimate = patch.range.scaled(float(factor))
+        if share >= (_EXPECTED_SCORE if expected and expected.matches(patch.box, estimate) else _LIKELY_SCORE):
+            yield Detection(patch.box, estimate, float(share), patch.lean), patch.pixels
+
+
+def _lean(core: tuple[int, int, int, int], where: colors.Mask) -> float:
+    """Return the fall (px) of the upper edge from the left third to the right third."""
+    left, top, right, bottom = core
+    region = where[top:bottom, left:right]
+    third = max(1, (right - left) // 3)
+    tops = np.where(region.any(axis=0), region.argmax(axis=0), bottom - top)
+    return float(np.median(tops[-third:]) - np.median(tops[:third]))
+
+
+def find_all(picture: colors.Picture, referent: Referent) -> list[Detection]:
+    """Return all detections of a referent's colour and size, left to right, whatever their look."""
+    any_look = replace(referent, size=replace(referent.size, outline=""))
+    detections = (detection for detection, _ in _detect_by_size(picture, any_look))
+    return sorted(detections, key=lambda d: d.box.left + d.box.right)
+
+
+def _detect_by_size(picture: colors.Picture, referent: Referent) -> Iterator[tuple[Detection, int]]:
+    """Yield the detections of a referent by colour and size, each with its number of pixels."""
+    if referent.color is None:
+        return
+    height, width = picture.shape[:2]
+    mask = colors.mask(picture, referent.color)
+    saturation = colors.saturation(picture)
+    for blob, where in _blobs(picture, mask, referent.color):
+        detection = _score_blob(blob, where, saturation, referent, width, height)
+        if detection is not None:
+            yield detection, blob.pixels
+
+
+def _blobs(picture: colors.Picture, mask: colors.Mask, color: str) -> Iterator[tuple[_Blob, colors.Mask]]:
+    """Yield the largest patches of a masked colour, each with its mask."""
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)
+    tint = colors.tint(picture, labels, count) if colors.BANDS[color].vivid else None
+    for blob in _grouped(stats, count, tint):
+        yield blob, np.isin(labels, blob.members)
+
+
+def _grouped(stats: NDArray[np.int32], count: int, tint: NDArray[np.float64] | None) -> list[_Blob]:
+    """Return the largest patches of colour, each joined with its parts.
+
+    Glass, pillars and trim cut the paint of one vehicle into roof, doors and bonnet: near patches of the same tint join
+    the large one.
+    """
+    blobs: list[_Blob] = []
+    order = sorted(range(1, count), key=lambda i: (-int(stats[i, cv2.CC_STAT_AREA]), i))
+    taken: set[int] = set()
+    for seed in order:
+        if seed in taken or stats[seed, cv2.CC_STAT_AREA] < _SMALLEST_PX // 2 or len(blobs) == _MOST_PATCHES:
+            continue
+        x, y, w, h, area = (int(v) for v in stats[seed])
+        blob = _Blob(x, y, x + w, y + h, area, (seed,))
+        taken.add(seed)
+        same_tint = order if tint is None else [i for i in order if float(tint[i] @ tint[seed]) > _SAME_TINT]
+        for _ in range(3):  # an added patch extends the reach
+            grown = _absorb(blob, stats, same_tint, taken)
+            if grown == blob:
+                break
+            blob = grown
+        if blob.pixels >= _SMALLEST_PX:
+            blobs.append(blob)
+    return blobs
+
+
+def _absorb(blob: _Blob, stats: NDArray[np.int32], order: list[int], taken: set[int]) -> _Blob:
+    w, h = blob.right - blob.left, blob.bottom - blob.top
+    reach_x, reach_y = max(2, 0.06 * w), max(2, min(0.45 * h, 0.25 * w))
+    left, top, right, bottom = blob.left, blob.top, blob.right, blob.bottom
+    pixels, members = blob.pixels, list(blob.members)
+    for i in order:
+        if i in taken:
+            continue
+        x, y, iw, ih, area = (int(v) for v in stats[i])
+        near = (
+            x < blob.right + reach_x
+            and x + iw > blob.left - reach_x
+            and y < blob.bottom + reach_y
+            and y + ih > blob.top - reach_y
+        )
+        if near and area >= max(4, 0.01 * blob.pixels):
+            taken.add(i)
+            members.append(i)
+            left, top, right, bottom = min(left, x), min(top, y), max(right, x + iw), max(bottom, y + ih)
+            pixels += area
+    return _Blob(left, top, right, bottom, pixels, tuple(members))
+
+
+def _score_blob(
+    blob: _Blob, where: colors.Mask, saturation: NDArray[np.uint8], referent: Referent, width: int, height: int
+) -> Detection | None:
+    left, top, right, bottom = core = _core(blob, where)
+    box = _bounding_box(core, width, height)
+    if box.bottom < -_HORIZON_SLACK:
+        return None
+    rng = ranging.measure(box, referent.size, height / width)
+    if rng.depth_m > _FARTHEST_M:
+        return None
+    color = _vividness(saturation[where], referent.color or "")
+    solid = _solidity(where[top:bottom, left:right], referent.size)
+    score = rng.fit * color * solid
+    return Detection(box, rng, score) if score >= _LEAST_SCORE else None
+
+
+def _bounding_box(core: tuple[int, int, int, int], width: int, height: int) -> BoundingBox:
+    """Return a rectangle of pixels (left, top, right, bottom) in fractions of the width."""
+    left, top, right, bottom = core
+    return BoundingBox(
+        (left - 0.5 * width) / width,
+        (top - 0.5 * height) / width,
+        (right - 0.5 * width) / width,
+        (bottom - 0.5 * height) / width,
+    )
+
+
+def _core(blob: _Blob, where: colors.Mask) -> tuple[int, int, int, int]:
+    """Return the rectangle of a blob without thin outliers: the rows and columns with 1 … 99 % of its pixels."""
+    region = where[blob.top : blob.bottom, blob.left : blob.right]
+    columns, rows = np.cumsum(region.sum(axis=0)), np.cumsum(region.sum(axis=1))
+    total = columns[-1]
+    x0, x1 = (int(v) for v in np.searchsorted(columns, (0.006 * total, 0.994 * total)))
+    y0, y1 = (int(v) for v in np.searchsorted(rows, (0.006 * total, 0.994 * total)))
+    return blob.left + x0, blob.top + y0, blob.left + x1 + 1, blob.top + y1 + 1
+
+
+def _vividness(saturation: NDArray[np.uint8], color: str) -> float:
+    """Return 0 … 1: the most colourful part is paint, not a tint of grass, shade or brick."""
+    vivid = colors.BANDS[color].vivid
+    if vivid == 0:
+        return 0.8  # colours without hue: size and shape decide
+    strong = float(np.percentile(saturation, 75))
+    return float(np.clip(0.2 + 0.8 * (strong - 0.6 * vivid) / (0.4 * vivid), 0.05, 1.0))
+
+
+def _solidity(region: colors.Mask, size: Size) -> float:
+    """Return 0 … 1: paint is a few large pieces, leaves and grass are many holes."""
+    filled = float(region.mean())
+    edges = float((region[:, 1:] != region[:, :-1]).sum() + (region[1:] != region[:-1]).sum())
+    # edge length over that of a plain rectangle; windows double it, foliage multiplies it
+    rough = edges / (2.0 * sum(region.shape))
+    least = 0.3 if size.height_m < 4.0 else 0.2
+    return float(np.clip(filled / least, 0.0, 1.0) ** 1.5 * np.clip(4.0 / max(rough, 1e-3), 0.0, 1.0))

@@ -1,0 +1,119 @@
+"""Divides the things that several pictures show among the drones: each drone gets one of them.
+
+The drones stand a stride apart and look the same way, so their pictures differ by a shift of a few metres at most.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+_APART_M = 4.2  # the largest distance between two drones, with the error of the estimates
+_WRONG_M, _WRONG_SHARE = 0.8, 0.09  # allowed between two drones' points of one thing: fixed, and per metre of distance
+
+
+@dataclass(frozen=True, slots=True)
+class GroundPoint:
+    """A point on the ground, in the frame of one drone's camera."""
+
+    right_m: float  # m, right of the optical axis
+    ahead_m: float  # m, along the optical axis
+
+    @property
+    def bearing_rad(self) -> float:
+        """The angle from the optical axis, positive to the right."""
+        return math.atan2(self.right_m, self.ahead_m)
+
+    @property
+    def distance_m(self) -> float:
+        """The distance in the ground plane."""
+        return math.hypot(self.right_m, self.ahead_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A thing in one drone's picture that may carry the inscription."""
+
+    left: int  # px, as right, top and bottom
+    top: int
+    right: int
+    bottom: int
+    spot: GroundPoint
+    score: float = 1.0  # 0 … 1: how well it looks like the kind
+
+    @property
+    def size_px(self) -> float:
+        """px, the side of a square with the rectangle's area."""
+        return math.sqrt((self.right - self.left) * (self.bottom - self.top))
+
+
+@dataclass(frozen=True, slots=True)
+class _SharedThing:
+    """A thing in the first drone's frame, and the number of pictures that show it."""
+
+    spot: GroundPoint
+    views: int
+
+
+def divide(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | None]:
+    """Return each drone's own thing, in that drone's frame; all None if no picture shows a thing.
+
+    Drone k gets the k-th thing from the left. With fewer things than drones the count starts again.
+    views: the things of each drone's picture, in picture order.
+    """
+    order = sorted(range(len(views)), key=lambda k: (-len(views[k]), k))
+    shared: list[_SharedThing] = []
+    shifts = [GroundPoint(0.0, 0.0)] * len(views)
+    for k in order:
+        shifts[k] = _shift(shared, views[k])
+        shared = _joined(shared, [_moved(s, shifts[k]) for s in views[k]])
+    if not shared:
+        return [None] * len(views)
+    chosen = sorted(shared, key=lambda thing: (-thing.views, thing.spot.distance_m))[: len(views)]
+    chosen.sort(key=lambda thing: thing.spot.bearing_rad)
+    return [_moved(chosen[k % len(chosen)].spot, _back(shifts[k])) for k in range(len(views))]
+
+
+def _moved(spot: GroundPoint, by: GroundPoint) -> GroundPoint:
+    return GroundPoint(spot.right_m + by.right_m, spot.ahead_m + by.ahead_m)
+
+
+def _back(shift: GroundPoint) -> GroundPoint:
+    return GroundPoint(-shift.right_m, -shift.ahead_m)
+
+
+def _gap(point: GroundPoint, other: GroundPoint) -> float:
+    """Return the distance of two points over the allowed difference: below 1 they are the same thing."""
+    allowed = _WRONG_M + _WRONG_SHARE * min(point.distance_m, other.distance_m)
+    return math.hypot(point.right_m - other.right_m, point.ahead_m - other.ahead_m) / allowed
+
+
+def _pairs(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> list[tuple[int, int]]:
+    """Return the pairs (index in shared, index in points) of the same thing, nearest pairs first, each index once."""
+    gaps = sorted((_gap(thing.spot, s), i, j) for i, thing in enumerate(shared) for j, s in enumerate(points))
+    pairs: list[tuple[int, int]] = []
+    for gap, i, j in gaps:
+        if gap < 1.0 and all(i != a and j != b for a, b in pairs):
+            pairs.append((i, j))
+    return pairs
+
+
+def _shift(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> GroundPoint:
+    """Return the shift that moves a drone's points best onto the shared things."""
+    best, most = GroundPoint(0.0, 0.0), (0, 0.0)
+    for thing in shared:
+        for spot in points:
+            shift = GroundPoint(thing.spot.right_m - spot.right_m, thing.spot.ahead_m - spot.ahead_m)
+            if math.hypot(shift.right_m, shift.ahead_m) > _APART_M:
+                continue
+            moved = [_moved(s, shift) for s in points]
+            pairs = _pairs(shared, moved)
+            score = (len(pairs), -sum(_gap(shared[i].spot, moved[j]) for i, j in pairs))
+            if score > most:
+                best, most = shift, score
+    return best
+
+
+def _joined(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> list[_SharedThing]:
+    pairs = dict(_pairs(shared, points))
+    joined = [replace(thing, views=thing.views + 1) if i in pairs else thing for i, thing in enumerate(shared)]
+    return joined + [_SharedThing(s, 1) for j, s in enumerate(points) if j not in pairs.values()]

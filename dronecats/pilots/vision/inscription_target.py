@@ -1,0 +1,199 @@
+"""Decides for a target that the command names by an inscription: several things look alike, one of them carries it.
+
+One request has the pictures of all drones. Each drone flies to a thing of its own, reads it, and declares if it is
+the wanted one; otherwise it stays there and thinks. Nothing is remembered: a drone's own thing follows from its last
+action, which turned its nose to the thing and whose depth is the distance.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dronecats.pilots import actions
+from dronecats.pilots.actions import LEVEL_PX, PastAction
+from dronecats.pilots.vision import boards, color_detector, colors, ocr, plates
+from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.command import Inscription, Referent, Size, read_place_in_row, read_referent
+from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
+from foundation.protocol import GO, HISTORY_LENGTH, NEAR_M, ROTATE, STRIDE_MAX_M, THINK
+
+Past = tuple[PastAction, ...]
+OwnCandidate = Callable[[int, Sequence[Candidate]], Candidate | None]  # (drone, candidates in its picture) → its own
+
+# How far a drone's own thing may move between two pictures: bearing, far and near, and log of the distance
+_ASIDE_RAD, _NEAR_ASIDE_RAD, _DISTANCE_LOG = math.radians(4.0), math.radians(8.0), 0.3
+_ROUND = 3.0  # factor on the bearing if the way leads round a vehicle
+_OWN = 3.0  # of these steps: within them a thing is the drone's own
+_NEAR_THING_M = 16.0  # within this, the way may lead past the thing
+_BACK_DEG = 50.0  # a turn of this size looks for a lost thing
+_RESTS = 2  # thinks after which a drone that has read a plate moves on: some vehicles are hidden at the start
+_OTHER_M = 7.0  # a nearer thing is the one that was read
+_LOST_M = 16.0  # a lost thing that was near is no farther away
+_SHORT_OF_M = 6.0  # after a short stride to a thing, its distance is no larger, but for the error of the estimate
+_WANDER_M = 8.0  # depth of a stride to another place
+_ON_DEG = 60.0  # a turn of this size means: that thing was read, look for another
+_SAME_LOOKS = 26.0  # boards.color_difference of one paint in sun and shade
+DULL = ("brown",)  # bricks and tree trunks have it, too: tried only if no other paint fits
+VIVID = tuple(color for color, band in colors.BANDS.items() if band.vivid and color not in DULL)
+_LOOK_ALIKES = 4  # the usual number of candidates; more in a picture do not count
+_ENOUGH_SCORE = 0.75  # score per picture from which a paint fits
+
+
+def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past: Sequence[Past]) -> list[str]:
+    """Return the next action of every drone, in picture order. Raises UsageError if no OCR package is installed."""
+    ocr.load_engine()
+    kind = read_referent(command.replace(" drone ", " "))
+    under_way = any(past)
+    own: OwnCandidate | None = (lambda k, view: own_candidate(view, past[k])) if under_way else None
+    views = find_candidates(pictures, wanted, kind, own)
+    if not under_way and len(pictures) == 1:
+        return [_depart(first_destination(views[0], read_place_in_row(command)))]
+    if not under_way:
+        return [_depart(spot) for spot in divide([[thing.spot for thing in view] for view in views])]
+    all_settled = all(map(is_settled, past))
+    return [
+        actions.rotate(_ON_DEG) if all_settled else _decide_one(picture, view, wanted, history, kind.size)
+        for picture, view, history in zip(pictures, views, past, strict=True)
+    ]
+
+
+def first_destination(view: Sequence[Candidate], which: int | None) -> GroundPoint | None:
+    """Return the first goal of a drone that flies alone: the thing with this index from the left, else the nearest."""
+    if not view:
+        return None
+    if which is not None and -len(view) <= which < len(view):
+        return view[which].spot
+    return min((thing.spot for thing in view), key=lambda spot: spot.distance_m)
+
+
+def is_settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
+    """Return whether the last actions of a drone are all thinks (its thing was read) or all turns (it found none)."""
+    kinds = {action.kind for action in past[-rests:]}
+    return len(past) >= rests and kinds in ({THINK}, {ROTATE})
+
+
+def is_moving_on(past: Past) -> bool:
+    """Return whether a drone looks for another thing than the one it has read."""
+    return bool(past) and past[-1].kind == ROTATE and abs(past[-1].angle_deg - _ON_DEG) < 0.5
+
+
+def _depart(spot: GroundPoint | None) -> str:
+    if spot is None or spot.ahead_m <= 0.0:
+        return actions.rotate(_ON_DEG)
+    return actions.go(500.0 + 500.0 * spot.right_m / spot.ahead_m, 500.0, max(spot.ahead_m, NEAR_M))
+
+
+def _decide_one(picture: Picture, view: Sequence[Candidate], wanted: Inscription, past: Past, size: Size) -> str:
+    if past and past[-1].kind == THINK:
+        return actions.rotate(_ON_DEG) if wanted.on_plate and is_settled(past, _RESTS) else actions.think()
+    mine = own_candidate(view, past)
+    if mine is None and is_moving_on(past):
+        has_circled = len(past) >= HISTORY_LENGTH and all(is_moving_on((action,)) for action in past)
+        return actions.go(500.0, 500.0, _WANDER_M) if has_circled else actions.rotate(_ON_DEG)
+    if mine is None:
+        if past and past[-1].kind == GO and past[-1].depth_m >= NEAR_M + STRIDE_MAX_M and past[-1].y_px == LEVEL_PX:
+            return actions.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # the thing is hidden, or too far away
+        return plates.decide_unseen(past) if wanted.on_plate and past else actions.rotate(_BACK_DEG)
+    if wanted.on_plate:
+        return plates.decide(picture, mine, wanted, past, size)
+    return boards.decide(picture, mine, wanted)
+
+
+def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
+    """Return the thing that a drone was sent to, by its last action; None if its picture does not show it."""
+    if not view:
+        return None
+    if not past or past[-1].kind != GO:
+        least, most = (_OTHER_M, math.inf) if is_moving_on(past) else (0.0, _LOST_M)
+        if is_settled(past):
+            most = math.inf
+        others = [thing for thing in view if least < thing.spot.distance_m < most]
+        return min(others, key=lambda thing: thing.spot.distance_m) if others else None
+    near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _ROUND * _NEAR_ASIDE_RAD
+    left = past[-1].depth_m - STRIDE_MAX_M
+    was_short = left <= NEAR_M  # then the depth is chosen for the stride
+
+    def mismatch(thing: Candidate) -> float:
+        aside = abs(thing.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
+        if was_short:
+            return math.hypot(aside, max(0.0, math.log(max(thing.spot.ahead_m, 0.1) / _SHORT_OF_M)) / _DISTANCE_LOG)
+        off = math.log(max(thing.spot.ahead_m, 0.1) / left) / _DISTANCE_LOG
+        return math.hypot(aside, off)
+
+    best = min(view, key=mismatch)
+    return best if mismatch(best) <= _OWN else None
+
+
+def find_candidates(
+    pictures: Sequence[Picture], wanted: Inscription, kind: Referent, own: OwnCandidate | None = None
+) -> list[list[Candidate]]:
+    """Return for each picture the things that may carry the inscription, left to right. They all look alike.
+
+    kind: the vehicle that the command names; without a plate the things are boards. own: a drone's own thing; once the
+    drones are under way it decides the paint of the vehicles.
+    """
+    return _find_vehicles(pictures, kind, own) if wanted.on_plate else _find_boards(pictures)
+
+
+def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidate | None) -> list[list[Candidate]]:
+    """Return the vehicles of the paint that the pictures show most, or of most drones' own vehicles."""
+    best: list[list[Candidate]] = [[] for _ in pictures]
+    most = (0.0, 0.0)
+    for color in (*VIVID, *DULL):
+        if color in DULL and most[1] >= len(pictures) * _ENOUGH_SCORE:
+            continue
+        referent = replace(kind, color=color)
+        views = [[_vehicle_candidate(d, p) for d in color_detector.find_all(p, referent)] for p in pictures]
+        own_things = [own(k, view) for k, view in enumerate(views)] if own else []
+        rank = (
+            sum(thing.score * thing.size_px for thing in own_things if thing),  # a near vehicle is larger than a brick
+            sum(sum(sorted((thing.score for thing in view), reverse=True)[:_LOOK_ALIKES]) for view in views),
+        )
+        if rank > most:
+            most, best = rank, views
+    return best
+
+
+def _vehicle_candidate(detection: color_detector.Detection, picture: Picture) -> Candidate:
+    height, width = picture.shape[:2]
+    left, right = (round((x + 0.5) * width) for x in (detection.box.left, detection.box.right))
+    top, bottom = (round(y * width + 0.5 * height) for y in (detection.box.top, detection.box.bottom))
+    # half the sum of the edges, over a focal length of one half
+    aside = (detection.box.left + detection.box.right) * detection.range.depth_m
+    return Candidate(left, top, right, bottom, GroundPoint(aside, detection.range.depth_m), detection.score)
+
+
+def _find_boards(pictures: Sequence[Picture]) -> list[list[Candidate]]:
+    views = [boards.find(picture) for picture in pictures]
+    all_boards = [board for view in views for board in view]
+    if not all_boards:
+        return [[] for _ in pictures]
+    # the candidates look alike: take the colour of which most pictures show most boards
+    board_colors = np.array([b.color for b in all_boards], np.float32)
+    view_of_board = np.repeat(np.arange(len(views)), [len(view) for view in views])
+    same = [boards.color_difference(board_colors, b.color) < _SAME_LOOKS for b in all_boards]
+    counts = [np.minimum(np.bincount(view_of_board[s], minlength=len(views)), _LOOK_ALIKES).sum() for s in same]
+    median = np.median(board_colors[same[int(np.argmax(counts))]], axis=0)
+    color = (float(median[0]), float(median[1]), float(median[2]))
+    merged = [_merged(view, boards.find_of_color(p, color)) for view, p in zip(views, pictures, strict=True)]
+    return [
+        [
+            _board_candidate(b, p.shape[1])
+            for b in view
+            if boards.color_difference(np.array(b.color, np.float32), color) < _SAME_LOOKS
+        ]
+        for view, p in zip(merged, pictures, strict=True)
+    ]
+
+
+def _merged(first: list[boards.NoticeBoard], second: list[boards.NoticeBoard]) -> list[boards.NoticeBoard]:
+    """Return the boards of both lists, each once."""
+    new = [b for b in second if all(b.right <= a.left or b.left >= a.right for a in first)]
+    return sorted(first + new, key=lambda b: (b.middle, b.top))
+
+
+def _board_candidate(board: boards.NoticeBoard, width: int) -> Candidate:
+    aside = (board.middle - 0.5 * width) / (0.5 * width) * board.depth_m
+    return Candidate(board.left, board.top, board.right, board.bottom, GroundPoint(aside, board.depth_m))

@@ -1,0 +1,97 @@
+"""Reads text in a part of a picture, and compares it with the inscription of a command.
+
+RapidOCR (Apache-2.0) on ONNX Runtime, both on the CPU and in one thread, so that equal pictures give equal texts. Its
+models come within its wheel. `python -m benchmarks.reading` measures it against distance and angle.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import cv2
+import numpy as np
+
+from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.command import Inscription, plain_text
+from foundation import extras
+
+SURE_CONFIDENCE = 0.90  # of a reading that is believed; in benchmarks/reading.py every wrong near one has less
+_ENLARGED = 4.0  # enlargement: letters of 8 px get the size that the models expect
+_LARGEST_PX = 960  # of an enlarged part, the longer side
+_LEAST_PX = 6
+
+
+@dataclass(frozen=True, slots=True)
+class ReadText:
+    """One text that was read."""
+
+    text: str
+    confidence: float  # 0 … 1
+
+
+def matches(wanted: Inscription, readings: list[ReadText]) -> bool | None:
+    """Return whether the readings are the wanted inscription: True, False, or None if no reading is sure.
+
+    An unsure reading never counts as another inscription: to leave the target is worse than to look again.
+    """
+    texts = [plain_text(r.text) for r in readings if r.confidence >= SURE_CONFIDENCE]
+    if wanted.text in texts:
+        return True
+    for text in texts:
+        if len(text) == len(wanted.text) and text.isdigit() == wanted.text.isdigit():
+            return False
+        if not wanted.on_plate and len(text) >= 3:
+            return False
+    return None
+
+
+def check_installed() -> None:
+    """Raise UsageError if a package that reads text is not installed."""
+    extras.require("rapidocr", "onnxruntime")
+
+
+@cache
+def _engine() -> Any:
+    """Return the OCR engine, one per process. Raises UsageError as `check_installed` does."""
+    check_installed()
+    from rapidocr import RapidOCR
+
+    threads = {f"EngineConfig.onnxruntime.{which}_op_num_threads": 1 for which in ("intra", "inter")}
+    return RapidOCR(params={"Global.log_level": "error", "Global.text_score": 0.0, **threads})
+
+
+def load_engine() -> None:
+    """Load the OCR engine. Raises UsageError as `check_installed` does."""
+    _engine()
+
+
+def read_line(part: Picture, stretch: float = 1.0) -> list[ReadText]:
+    """Return the one line of text that fills `part` (H, W, 3) BGR, widened by `stretch` if it is seen at an angle."""
+    if min(part.shape[:2]) < _LEAST_PX:
+        return []
+    result = _engine()(_enlarged(part, stretch), use_det=False, use_cls=False, use_rec=True)
+    return _readings(result)
+
+
+def read_lines(part: Picture, stretch: float = 1.0) -> list[ReadText]:
+    """Return the lines of text in `part` (H, W, 3) BGR, top to bottom, and all of them as one text."""
+    if min(part.shape[:2]) < 2 * _LEAST_PX:
+        return []
+    result = _engine()(_enlarged(part, stretch), use_det=True, use_cls=False, use_rec=True)
+    readings = _readings(result)
+    if len(readings) > 1:
+        readings.append(ReadText(" ".join(r.text for r in readings), min(r.confidence for r in readings)))
+    return readings
+
+
+def _enlarged(part: Picture, stretch: float) -> Picture:
+    height, width = part.shape[:2]
+    scale = min(_ENLARGED, _LARGEST_PX / max(height, stretch * width))
+    size = (max(8, round(width * scale * stretch)), max(8, round(height * scale)))
+    return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+
+
+def _readings(result: Any) -> list[ReadText]:
+    if not result.txts:
+        return []
+    return [ReadText(str(t), float(s)) for t, s in zip(result.txts, result.scores, strict=True) if t]

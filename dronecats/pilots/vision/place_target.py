@@ -1,0 +1,249 @@
+"""Decides for a target that the command names by its place: "the bench left of the fountain".
+
+Each picture is searched anew. The history says what the drone did before: after a `go` the target lies straight ahead,
+nearer by the stride. A landmark without a known shape, as a hall, is not detected. Then every thing of the target's
+kind may be the target: the drone visits one after another and declares at each.
+"""
+
+import itertools
+import math
+import zlib
+from collections.abc import Iterable, Sequence
+
+from dronecats.pilots import actions
+from dronecats.pilots.actions import PastAction
+from dronecats.pilots.vision import ranging, search, shape_detector
+from dronecats.pilots.vision.colors import Picture
+from dronecats.pilots.vision.command import BEHIND, BETWEEN, LEFT, NEAREST, RIGHT, PlaceExpression
+from dronecats.pilots.vision.shape_detector import PlacedThing
+from foundation.protocol import FINISHED, GO, NEAR_M, NEAR_SCALE, ROTATE, STRIDE_MAX_M
+
+FloorPoint = tuple[float, float]  # m, right of the camera's axis and ahead
+
+BESIDE_M = 12.0  # the largest distance for left of, right of, in front of and behind
+NEAREST_M = 25.0  # … and for nearest to
+_CIRCLE = 5  # turns of a sweep that show everything around
+_ARRIVED_M = 4.6  # from the body, in plan; the verifier's radius is 5 m in space
+_STOP_M = 4.1  # the distance from the target at which the last stride shall end
+_CLOSER_M = 3.4  # to the thing's edge: from farther off, the second declaration is made from nearer
+_CAREFUL_M = 9.0  # within this, only short strides
+_SURE, _LIKELY = 0.3, -0.9  # log odds from which a thing is chosen, and from which a chosen thing is kept
+_FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # off the nose: where the chosen thing must be
+_FOLLOWS_LOG = 0.45  # log of the ratio of the distances, likewise
+_MARK_BONUS = 0.7  # log odds added to a landmark's: it need not be as sure as the target
+_WEIGHT = 7.0  # log odds that a relation adds where it holds
+_VISITED_M = 6.5  # a thing nearer than this is not chosen anew
+_LEAVE_DEG = 75.0  # of the turn away from a wrong target
+_ASIDE_DEG = 44.0  # off the direct way, to pass an obstacle
+_BLOCKED_AFTER = 3  # strides without progress
+_KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # kinds of a word that has several
+
+
+def decide(picture: Picture, expression: PlaceExpression, past: tuple[PastAction, ...]) -> str:
+    """Return the action for one picture, for the target's expression and the drone's history."""
+    kinds = _kinds_for(expression.kind)
+    landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
+    things = shape_detector.find(picture, sorted({*kinds, *landmark_kinds}), shape_detector.shipped_network())
+    wanted = [t for t in things if t.kind in kinds]
+    if past and past[-1].kind == FINISHED:
+        return _after_declaration(picture, wanted, past)
+    if past and past[-1].kind == GO and not search.count_wander_strides(past):
+        return _follow(picture, wanted, past, expression, things)
+    return _choose(picture, wanted, past, expression, things)
+
+
+def _kinds_for(kind: str) -> tuple[str, ...]:
+    return _KINDS_FOR.get(kind, (kind,))
+
+
+def _away_m(thing: PlacedThing) -> float:
+    """Return how far (m) a thing is from the body, in plan."""
+    return math.hypot(thing.depth_m + ranging.CAMERA_AHEAD_M, thing.right_m)
+
+
+def _after_declaration(picture: Picture, wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str:
+    """Come closer once and declare again; after that, turn away."""
+    again = len(past) > 1 and past[-2].kind == GO and past[-2].depth_m <= actions.SHORTEST_DEPTH_M + 0.1
+    here = [t for t in wanted if _away_m(t) < _VISITED_M and abs(t.right_m) < _FOLLOWS_M]
+    if not again and here:
+        nearest = min(here, key=_away_m)
+        if _away_m(nearest) - shape_detector.half_width_m(nearest.kind) > _CLOSER_M - 0.6:
+            return _go(nearest, actions.SHORTEST_DEPTH_M)
+    return actions.rotate(math.copysign(_LEAVE_DEG, _picture_number(picture) % 2 - 0.5))
+
+
+def _picture_number(picture: Picture) -> int:
+    """Return a number that depends on the picture only, so that choices by it do not repeat in a circle."""
+    return zlib.crc32(picture[::4, ::4].tobytes())
+
+
+def _follow(
+    picture: Picture,
+    wanted: list[PlacedThing],
+    past: tuple[PastAction, ...],
+    expression: PlaceExpression,
+    things: list[PlacedThing],
+) -> str:
+    """Go on to the thing of the last stride, if it is detected or must be near."""
+    last = past[-1]
+    stride = STRIDE_MAX_M if last.depth_m >= NEAR_M else NEAR_SCALE * last.depth_m
+    expected = max(last.depth_m - stride, 3.0) if last.depth_m >= NEAR_M else _ARRIVED_M
+    if len(past) > 1 and past[-2].kind == FINISHED and last.depth_m <= actions.SHORTEST_DEPTH_M + 0.1:
+        return actions.finished()
+    reach = max(math.radians(_FOLLOWS_DEG), math.atan(_FOLLOWS_M / expected))
+    near = [
+        t
+        for t in wanted
+        if t.odds >= _LIKELY
+        and abs(math.atan2(t.right_m, t.depth_m)) < reach
+        and abs(math.log(t.depth_m / expected)) < _FOLLOWS_LOG
+    ]
+    if near:
+        best = max(near, key=lambda t: t.odds - 3.0 * abs(math.log(t.depth_m / expected)))
+        away = 0.6 * _away_m(best) + 0.4 * (expected + ranging.CAMERA_AHEAD_M)
+        return _stride_round(picture) if _blocked(past, away) else _approach(best, away)
+    if expected <= _ARRIVED_M:
+        return actions.finished()
+    if expected <= _CAREFUL_M:
+        return _go(PlacedThing(expression.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
+    return _choose(picture, wanted, past, expression, things)
+
+
+def _blocked(past: tuple[PastAction, ...], away_m: float) -> bool:
+    """Return whether the last strides made no progress to a thing that is now `away_m` away."""
+    strides = past[-_BLOCKED_AFTER:]
+    if len(strides) < _BLOCKED_AFTER or any(p.kind != GO or p.depth_m < NEAR_M for p in strides):
+        return False
+    return away_m > strides[0].depth_m - 0.5 * _BLOCKED_AFTER * STRIDE_MAX_M
+
+
+def _stride_round(picture: Picture) -> str:
+    """Return a stride past an obstacle, on the side where the view is more open."""
+    u, _ = search.open_direction(picture)
+    side = math.copysign(math.tan(math.radians(_ASIDE_DEG)), u - 500.0)
+    return actions.go(500.0 + 500.0 * max(-0.99, min(0.99, side)), 500.0, search.WANDER_M)
+
+
+def _choose(
+    picture: Picture,
+    wanted: list[PlacedThing],
+    past: tuple[PastAction, ...],
+    expression: PlaceExpression,
+    things: list[PlacedThing],
+) -> str:
+    """Go to the most likely target; without one, search."""
+    # no episode starts so near to its target: the drone came here, and declared or passed
+    open_to = [t for t in wanted if not (past and _away_m(t) < _VISITED_M)]
+    turns = search.count_trailing(past, ROTATE)
+    ranked = sorted(((_log_odds(t, expression, things), t) for t in open_to), key=lambda pair: -pair[0])
+    # a target to search for is not in the first picture; until its landmark is detected, the drone closes the first
+    # circle before it accepts another thing of the kind
+    knows_landmarks = all(mark.kind for mark in expression.landmarks)
+    first_circle = expression.needs_search and turns == len(past) and turns < _CIRCLE
+    least = _SURE + 0.3 * _WEIGHT if first_circle and knows_landmarks else _SURE
+    if not past and not expression.needs_search:  # the target is in the first picture, however unsure the detection
+        least = shape_detector.LEAST_ODDS
+    if ranked and ranked[0][0] >= least and not (expression.needs_search and not past):
+        likely = [t for odds, t in ranked if odds >= least]
+        tours = expression.needs_search and not knows_landmarks
+        best = likely[_picture_number(picture) % len(likely)] if tours else ranked[0][1]
+        return _approach(best, _away_m(best))
+    landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
+    far = [t for t in things if t.kind in landmark_kinds and t.odds >= _SURE and _away_m(t) > 2.0 * _VISITED_M]
+    if turns and far and not wanted:
+        best = max(far, key=lambda t: t.odds)
+        return _go(best, search.WANDER_M)
+    return search.next_action(picture, past)
+
+
+def _log_odds(thing: PlacedThing, expression: PlaceExpression, things: Iterable[PlacedThing]) -> float:
+    """Return the log odds that a thing is the target."""
+    landmarks = [
+        [t for t in things if mark.kind and t.kind in _kinds_for(mark.kind) and t is not thing]
+        for mark in expression.landmarks
+    ]
+    if not all(landmarks):
+        return thing.odds
+    others = [
+        _floor_point(t) for t in things if t.kind in _kinds_for(expression.kind) and t is not thing and t.odds >= _SURE
+    ]
+    best = 0.0
+    for pair in itertools.product(*landmarks):  # one landmark, or two with BETWEEN
+        sure = min(1.0 / (1.0 + math.exp(-t.odds - _MARK_BONUS)) for t in pair)
+        holds = relation_fit(expression.relation, _floor_point(thing), [_floor_point(t) for t in pair], others)
+        best = max(best, sure * holds)
+    return min(thing.odds, 6.0) + _WEIGHT * best
+
+
+def _floor_point(thing: PlacedThing) -> FloorPoint:
+    return thing.right_m, thing.depth_m
+
+
+def _approach(thing: PlacedThing, away_m: float) -> str:
+    """Declare at a thing that is near enough; else go to it with strides that end short of it."""
+    if away_m <= _ARRIVED_M:
+        return actions.finished()
+    return _go(thing, _depth_for(away_m))
+
+
+def _depth_for(away_m: float) -> float:
+    """Return the distance; near the thing, a depth whose stride ends about _STOP_M before it."""
+    if away_m >= _CAREFUL_M:
+        return search.avoid_wander_depth(away_m)
+    return actions.depth_of_stride(actions.short_stride_m(away_m - _STOP_M))
+
+
+def _go(thing: PlacedThing, depth_m: float) -> str:
+    """Return a level `go` in a thing's direction."""
+    side = thing.right_m / max(thing.depth_m, 0.5)
+    return actions.go(500.0 + 500.0 * max(-0.99, min(0.99, side)), 500.0, depth_m)
+
+
+def relation_fit(
+    relation: str, spot: FloorPoint, landmarks: Sequence[FloorPoint], others: Sequence[FloorPoint] = ()
+) -> float:
+    """Return how well a relation holds between `spot` and the landmarks, seen from (0, 0): 0 … 1.
+
+    others: the other things of the target's kind. NEAREST compares `spot` with them.
+    """
+    if relation == NEAREST:
+        return _nearest_fit(spot, landmarks[0], others)
+    if relation == BETWEEN:
+        return _between_fit(spot, landmarks[0], landmarks[1])
+    beyond, right = _offset_from(spot, landmarks[0])
+    away = math.hypot(beyond, right)
+    near = _ramp(away, BESIDE_M + 8.0, BESIDE_M)
+    if relation in (LEFT, RIGHT):
+        side = right if relation == RIGHT else -right
+        return near * _ramp(side, 0.0, 1.0) * _ramp(abs(beyond), 2.4 * max(side, 0.4), 1.1 * max(side, 0.4))
+    way = beyond if relation == BEHIND else -beyond
+    return near * _ramp(way, 0.0, 1.2) * _ramp(abs(right), 1.5 * max(way, 0.5), 0.5 * max(way, 0.5))
+
+
+def _nearest_fit(spot: FloorPoint, landmark: FloorPoint, others: Sequence[FloorPoint]) -> float:
+    away = math.dist(spot, landmark)
+    least = min((math.dist(other, landmark) for other in others), default=math.inf)
+    return _ramp(away, 1.4 * NEAREST_M, NEAREST_M) * _ramp(away, 1.6 * least + 1.0, least)
+
+
+def _between_fit(spot: FloorPoint, a: FloorPoint, b: FloorPoint) -> float:
+    span = max(math.dist(a, b), 1e-6)
+    along = ((spot[0] - a[0]) * (b[0] - a[0]) + (spot[1] - a[1]) * (b[1] - a[1])) / span**2
+    aside = abs((spot[0] - a[0]) * (b[1] - a[1]) - (spot[1] - a[1]) * (b[0] - a[0])) / span
+    wide = max(1.5, 0.2 * span)
+    return _ramp(abs(along - 0.5), 0.6, 0.4) * _ramp(aside, 2.0 * wide, wide)
+
+
+def _offset_from(spot: FloorPoint, landmark: FloorPoint) -> tuple[float, float]:
+    """Return how far (m) a spot is beyond a landmark and to the right of it, seen from (0, 0)."""
+    way = math.hypot(*landmark) or 1.0
+    ahead = (landmark[0] / way, landmark[1] / way)
+    off = (spot[0] - landmark[0], spot[1] - landmark[1])
+    return off[0] * ahead[0] + off[1] * ahead[1], off[0] * ahead[1] - off[1] * ahead[0]
+
+
+def _ramp(value: float, none: float, full: float) -> float:
+    """Return 0 at `none` and beyond, 1 at `full` and beyond, and a linear value between."""
+    if none == full:
+        return float(value >= full)
+    return min(max((value - none) / (full - none), 0.0), 1.0)

@@ -1,0 +1,148 @@
+"""Estimates the distance of a thing of known size from its rectangle in the picture.
+
+Each distance, heading and camera height predicts a rectangle. The estimate is the mean over all of them, weighted by
+how well they predict the detected one. Predictions are cut off at the picture's edge too, so a near thing is not
+taken for a small one.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.pilots.vision.command import Size
+
+# Assumed knowledge (paper, appendix "Execution"): a level pinhole camera, 90° across, 0.5 m ahead of the body's origin.
+FOCAL_PER_WIDTH = 0.5 / math.tan(math.radians(90.0) / 2.0)
+CAMERA_AHEAD_M = 0.5
+
+_DEPTHS_M = np.geomspace(1.3, 70.0, 72)
+_HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
+_CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
+_HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
+_EDGE = 0.005  # fraction of the picture width that counts as touching the edge
+_BELOW = 1.1  # points this little below the picture's edge still widen the rectangle
+_SPREAD_LOG = 0.10  # how far apart things of one kind are in size, as a fraction
+_SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and paint that ends before the body does
+_SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
+
+
+@dataclass(frozen=True, slots=True)
+class BoundingBox:
+    """A rectangle in the picture, all in fractions of the picture WIDTH from its centre, x right, y down."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """The place of a thing's centre, from the camera."""
+
+    depth_m: float  # planar: along the optical axis
+    distance_m: float  # 3-D, from the body's origin
+    spread_m: float  # standard deviation of distance_m
+    fit: float  # 0 … 1: how well the best prediction fits; small: not this kind of thing
+
+    def scaled(self, factor: float) -> "Range":
+        """Return the range with all distances multiplied."""
+        return Range(self.depth_m * factor, self.distance_m * factor, self.spread_m * factor, self.fit)
+
+
+def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
+    """Return the distance of a thing of `size` that fills `box`; `aspect` is picture height / width."""
+    half = 0.5 * aspect
+    grid = _grid(size, round(half, 4))
+    # move the predictions to the direction of the rectangle's middle
+    middle = 0.5 * (box.left + box.right)
+    shift = _shift(box, grid)
+    # only a rectangle that touches an edge can be cut off there
+    left = np.maximum(grid.left + shift, -0.5 if box.left < _EDGE - 0.5 else -np.inf)
+    right = np.minimum(grid.right + shift, 0.5 if box.right > 0.5 - _EDGE else np.inf)
+    top = np.maximum(grid.top, -half if box.top < _EDGE - half else -np.inf)
+    bottom = np.minimum(grid.bottom, half if box.bottom > half - _EDGE else np.inf)
+    cost = _mismatch(box.right - box.left, right - left) ** 2
+    cost = cost + _mismatch(box.bottom - box.top, bottom - top) ** 2
+    cost += 0.5 * ((box.top - top) / (_SPREAD_HORIZON + 0.02 * (bottom - top))) ** 2
+    cost += 0.5 * ((box.bottom - bottom) / (_SPREAD_HORIZON + 0.06 * (bottom - top))) ** 2
+    best = float(cost.min())
+    weight = np.exp(-0.5 * (cost - best)) * _HEIGHT_PRIOR[None, None, :]
+    weight /= weight.sum()
+    depth = _DEPTHS_M[:, None, None]
+    drop = _CAMERA_HEIGHTS_M[None, None, :] - 0.5 * size.height_m
+    distance = np.sqrt((depth + CAMERA_AHEAD_M) ** 2 + (depth * middle / FOCAL_PER_WIDTH) ** 2 + drop**2)
+    mean = float((weight * distance).sum())
+    spread = math.sqrt(float((weight * (distance - mean) ** 2).sum()))
+    return Range(float((weight * depth).sum()), mean, spread, math.exp(-0.5 * max(0.0, best) / 4.0))
+
+
+def half_depth_m(box: BoundingBox, estimate: Range, size: Size) -> float:
+    """Return the distance (m) from a thing's middle to its near end: half its width if it shows its side."""
+    width_m = (box.right - box.left) * estimate.depth_m / FOCAL_PER_WIDTH
+    span = size.length_m - size.width_m
+    sideways = min(1.0, max(0.0, (width_m - size.width_m) / span)) if span > 0.0 else 1.0
+    return 0.5 * (size.length_m - sideways * span)
+
+
+def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
+    """Return the shift of the predictions onto the detected rectangle, by the sides that are not cut off."""
+    cut_left, cut_right = box.left < _EDGE - 0.5, box.right > 0.5 - _EDGE
+    if cut_left and not cut_right:
+        return box.right - grid.right
+    if cut_right and not cut_left:
+        return box.left - grid.left
+    return 0.5 * (box.left + box.right) - 0.5 * (grid.left + grid.right)
+
+
+def _mismatch(length: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the difference of two lengths in standard deviations of blur and usual sizes."""
+    return (length - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
+
+
+def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return points (P,) m forward, right and up on the outside of the paint: the catalogue's if it has the kind."""
+    if size.outline:
+        with np.load(Path(__file__).with_name("outlines.npz")) as arrays:
+            x, y, z = arrays[size.outline].astype(np.float64).T
+        return x, y, z
+    along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
+    across = np.tile((0.5, -0.5), 6) * size.width_m
+    waist = size.paint_from_m + 0.5 * size.paint_height_m
+    # sill and waist over the full footprint, the roof over a smaller one: the outline of a vehicle from any side;
+    # points along the sides, so that a prediction that is cut off below keeps the part behind
+    return (
+        np.concatenate((along, along, 0.7 * along)),
+        np.concatenate((across, across, 0.85 * across)),
+        np.repeat((size.paint_from_m, waist, size.paint_to_m), len(along)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Grid:
+    """Predicted rectangles (depth, heading, camera height), fractions of the picture width, thing straight ahead."""
+
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    top: NDArray[np.float64]
+    bottom: NDArray[np.float64]
+
+
+@lru_cache(maxsize=16)
+def _grid(size: Size, half: float) -> _Grid:
+    x, y, z = outline(size)
+    c, s = np.cos(_HEADINGS_RAD)[:, None], np.sin(_HEADINGS_RAD)[:, None]
+    ahead, right = c * x - s * y, s * x + c * y  # (headings, points)
+    depth = np.maximum(_DEPTHS_M[:, None, None] + ahead[None], 0.25)
+    u = FOCAL_PER_WIDTH * right[None] / depth
+    v = FOCAL_PER_WIDTH * (_CAMERA_HEIGHTS_M[:, None] - z)[None, None] / depth[:, :, None, :]
+    # only points inside the picture decide the width: near the camera the wide lower body is cut off
+    inside = (v < _BELOW * half) | (v <= v.min(axis=-1, keepdims=True))
+    u = np.broadcast_to(u[:, :, None, :], v.shape)
+    left = np.where(inside, u, np.inf).min(axis=-1)
+    rightmost = np.where(inside, u, -np.inf).max(axis=-1)
+    return _Grid(left, rightmost, v.min(axis=-1), v.max(axis=-1))

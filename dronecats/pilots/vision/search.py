@@ -1,0 +1,126 @@
+"""Searches for a target that is not in the picture, and leaves a wrong one.
+
+A search is a full circle, a walk to where the view is open, and another circle. A declaration that did not end the
+flight was wrong: after some of them the drone turns away by LEAVE_TURN_DEG and ignores what it left. The history in the
+prompt, five actions long, says how far the search has come.
+"""
+
+import math
+
+import cv2
+import numpy as np
+
+from dronecats.pilots import actions
+from dronecats.pilots.actions import PastAction
+from dronecats.pilots.vision import colors
+from dronecats.pilots.vision.color_detector import Detection
+from foundation.protocol import FINISHED, GO, ROTATE
+
+SWEEP_DEG = 60.0  # five turns and the first view are the full circle
+_SECOND_SWEEP_DEG = 45.0  # a turn of this size means: the circle is closed, find a way out
+WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point: avoid_wander_depth
+_WANDERS = 3  # strides to a new vantage point, each up to 3 m
+_OPEN = 0.62  # share of sky above the horizon from which a direction is open
+LEAVE_TURN_DEG = 88.0  # of the turn away from a wrong target: then it is out of the picture, or at its edge
+CLEARANCE_M = 0.9  # between the drone and the nearest end of the thing
+CLOSER_STRIDE_M = 2.4  # longest stride after a wrong declaration: a target may move away at 0.3 m/s
+_MOST_DECLARATIONS = 3  # at one thing, each from nearer
+_REJECTED_WITHIN_M = 10.0  # after the turn, a wrong target is no farther away
+
+
+def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
+    """Turn until the circle is closed, then walk to where the view is open, then turn again."""
+    turns = count_trailing(past, ROTATE)
+    if turns:
+        side = math.copysign(1.0, past[-1].angle_deg)
+        if turns < 5:
+            return actions.rotate(side * SWEEP_DEG)
+        leaving = sum(abs(abs(p.angle_deg) - _SECOND_SWEEP_DEG) < 1.0 for p in past)
+        u, openness = open_direction(picture)
+        if openness >= _OPEN * (1.0 - 0.2 * leaving):
+            return actions.go(u, 500.0, WANDER_M)
+        return actions.rotate(side * _SECOND_SWEEP_DEG)
+    wander_strides = count_wander_strides(past)
+    if 0 < wander_strides < _WANDERS:
+        u, openness = open_direction(picture)
+        if openness >= 0.5 * _OPEN:
+            return actions.go(u, 500.0, WANDER_M)
+    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was here a moment ago: turn to its side
+        return actions.rotate(math.copysign(SWEEP_DEG, past[-1].x_px - 640.0))
+    return actions.rotate(SWEEP_DEG)
+
+
+def open_direction(picture: colors.Picture) -> tuple[float, float]:
+    """Return the direction (u, 0–1000) with the most open view, and the share of sky there, 0 … 1.
+
+    Sky low over the horizon means that nothing tall stands there. Upright edges at the horizon mean posts, trunks and
+    hedges at the drone's own height.
+    """
+    height, width = picture.shape[:2]
+    middle = cv2.cvtColor(picture[int(0.38 * height) : int(0.75 * height)], cv2.COLOR_BGR2GRAY)
+    upright = (np.abs(cv2.Sobel(middle, cv2.CV_32F, 1, 0)) > 90.0).mean(axis=0)
+    upper = colors.sky(picture)[: height // 2]
+    share = upper.mean(axis=0)
+    window = max(3, width // 8)
+    smooth, obstructed = (
+        np.convolve(np.pad(row, window // 2, mode="edge"), np.ones(window) / window, mode="valid")[:width]
+        for row in (share, upright)
+    )
+    # at equal openness prefer straight ahead: it needs no turn
+    preference = smooth - 2.0 * obstructed - 0.05 * np.abs(np.linspace(-1.0, 1.0, width))
+    column = int(np.argmax(preference))
+    return 1000.0 * (column + 0.5) / width, float(smooth[column])
+
+
+def count_trailing(past: tuple[PastAction, ...], kind: str) -> int:
+    """Return the number of actions of one kind at the end of the history."""
+    count = 0
+    for action in reversed(past):
+        if action.kind != kind:
+            break
+        count += 1
+    return count
+
+
+def count_wander_strides(past: tuple[PastAction, ...]) -> int:
+    """Return the number of strides to a new vantage point at the end of the history."""
+    count = 0
+    for action in reversed(past):
+        if action.kind != GO or abs(action.depth_m - WANDER_M) > 0.3:
+            break
+        count += 1
+    return count
+
+
+def avoid_wander_depth(depth_m: float) -> float:
+    """Return a depth that no later step takes for a stride to a new vantage point."""
+    return depth_m if abs(depth_m - WANDER_M) > 0.5 else WANDER_M - 1.0
+
+
+def has_declared_enough(past: tuple[PastAction, ...]) -> bool:
+    """Return whether the history has enough declarations."""
+    return sum(p.kind == FINISHED for p in past) >= _MOST_DECLARATIONS
+
+
+def turn_away(past: tuple[PastAction, ...]) -> str:
+    """Return a turn away from a wrong target, to the other side than the last turn."""
+    before = [p.angle_deg for p in past if p.kind == ROTATE]
+    return actions.rotate(-math.copysign(LEAVE_TURN_DEG, before[-1]) if before else LEAVE_TURN_DEG)
+
+
+def has_turned_away(past: tuple[PastAction, ...]) -> bool:
+    """Return whether the last action was a turn away from a wrong target."""
+    return bool(past) and past[-1].kind == ROTATE and abs(abs(past[-1].angle_deg) - LEAVE_TURN_DEG) < 0.05
+
+
+def is_rejected(detection: Detection, past: tuple[PastAction, ...]) -> bool:
+    """Return whether a detection just after such a turn is the wrong target: near, and on its side."""
+    if not has_turned_away(past) or detection.range.distance_m > _REJECTED_WITHIN_M:
+        return False
+    return (detection.box.left if past[-1].angle_deg > 0.0 else -detection.box.right) < -0.5 + 0.01
+
+
+def stride_away(picture: colors.Picture) -> str:
+    """Return a stride to where the view is most open."""
+    u, _ = open_direction(picture)
+    return actions.go(u, 500.0, WANDER_M)

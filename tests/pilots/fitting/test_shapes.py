@@ -1,0 +1,88 @@
+"""The fit of the network of shapes, and its pictures."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from dronecats.pilots.fitting import campuses, shapes, training
+from dronecats.pilots.fitting.campuses import VisibleThing
+from dronecats.pilots.vision import shape_detector
+from episodes import maps
+
+SIZE = shape_detector.WINDOW[0] * shape_detector.WINDOW[1] * shape_detector.CHANNELS
+
+
+def patterns(count=600):
+    """Return windows of three kinds that noise covers."""
+    rng = np.random.default_rng(3)
+    kinds = rng.integers(0, 3, count).astype(np.int8)
+    each = rng.normal(0.0, 0.3, (3, SIZE))
+    return shapes.WindowExamples((each[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
+
+
+def test_the_fit_learns_what_can_be_learnt_and_learns_it_again():
+    examples = patterns()
+    once, again = shapes.fit(examples, 12, 1), shapes.fit(examples, 12, 1)
+    kinds = once.probabilities(examples.windows.astype(np.float32)).argmax(axis=1)
+    assert (kinds == examples.kinds).mean() > 0.95
+    assert all(np.array_equal(getattr(once, name), getattr(again, name)) for name in ("hidden", "out"))
+
+
+def test_the_gradients_are_those_of_the_cross_entropy():
+    rng = np.random.default_rng(5)
+    examples = patterns(8)
+    x = examples.windows.astype(np.float64)
+    kinds = len(shape_detector.KINDS)
+    weights = [rng.normal(0.0, 0.05, s) for s in ((SIZE, 6), (6,), (6, kinds), (kinds,))]
+
+    def cost():
+        raw = np.maximum(x @ weights[0] + weights[1], 0.0) @ weights[2] + weights[3]
+        return float(np.mean(np.log(np.exp(raw).sum(axis=1)) - raw[np.arange(len(x)), examples.kinds]))
+
+    output_gradient = shapes.cross_entropy_gradient(examples.kinds)
+    gradients = training.gradients(weights, x, np.ones((len(x), 6)), output_gradient)
+    for which, at in ((0, (7, 2)), (1, (3,)), (3, (1,))):
+        before, step = cost(), 1e-6
+        weights[which][at] += step
+        assert gradients[which][at] == pytest.approx((cost() - before) / step, rel=1e-3, abs=1e-7)
+        weights[which][at] -= step
+
+
+def test_a_mirror_turned_twice_shows_what_is_there():
+    windows = patterns(5).windows.astype(np.float32)
+    assert np.array_equal(shapes.mirrored(shapes.mirrored(windows)), windows)
+    assert not np.array_equal(shapes.mirrored(windows), windows)
+
+
+def test_nothing_stands_where_the_records_campus_has_it():
+    """What is learnt is how things look: no fixture of the map that is flown is where it is there."""
+    there = {(i.kind, i.position_ned[:2]) for i in maps.build("campus", 1).instances if i.kind in shape_detector.KINDS}
+    for seed in (200, 201):
+        ours = {(i.kind, i.position_ned[:2]) for i in campuses.build(seed).instances}
+        assert there
+        assert not there & ours
+
+
+def test_a_window_holds_what_stands_in_its_middle_at_its_distance():
+    for depth, right, below, holds in ((1.0, 0.0, 0.0, True), (1.5, 0.0, 0.0, False), (1.0, 2.0, 0.0, False)):
+        strip = shape_detector.strips(np.zeros((360, 640, 3), np.uint8))[8]
+        foot_m = shape_detector.HEIGHTS_M[1] + below
+        thing = VisibleThing("planter", strip.depth_m * depth, right, foot_m, (0, 0, 1, 1), 100, 100.0)
+        kinds = shapes.labels(strip, 1, [thing], {"planter": 1.0})
+        middle = np.abs(strip.rights_m()).argmin()
+        assert (kinds[middle] == shape_detector.KINDS.index("planter")) == holds, (depth, right)
+
+
+@pytest.mark.slow
+def test_the_command_runs_and_writes_only_to_out(tmp_path):
+    shipped = Path(shape_detector.__file__).with_name(shapes.FILE)
+    before, file = shipped.read_bytes(), tmp_path / shapes.FILE
+    command = [sys.executable, "-m", "dronecats.pilots.fitting", "shapes", "--short", "--out", str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    assert done.returncode == 0, done.stderr
+    assert "picnic-table" in done.stdout
+    assert shape_detector.load_network(file).hidden.shape == (SIZE, shapes.HIDDEN)
+    assert shipped.read_bytes() == before

@@ -1,0 +1,147 @@
+"""The blind pilots: what they say depends on no pixel, and is the pattern that each says it flies."""
+
+import itertools
+import json
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from dronecats.agent.action import ActionError, Finished, Go, Rotate
+from dronecats.agent.controller import plan
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.prompt import Prompt
+from dronecats.agent.reply.strict import parse, parse_fleet
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.pilots import roster
+from dronecats.pilots.scripted import blind
+from foundation.camera import CameraModel
+from foundation.errors import UsageError
+from foundation.protocol import RADIUS_M
+from foundation.setpoints import Turn, Velocity
+
+UNDRAWN = Simulated(speed=None, rendered=False)
+NAMES = sorted(blind.PATTERNS)
+PROMPT = Prompt.load().render("go to the cyan SUV", "", 5)
+
+
+def first(name: str, steps: int, prompt: str = PROMPT, pictures: tuple[bytes, ...] = (b"",)) -> list[str]:
+    fly = roster.answer(f"blind:{name}")
+    return [fly(prompt, list(pictures)) for _ in range(steps)]
+
+
+def walked(name: str, steps: int) -> list[tuple[float, float, float, bool]]:
+    """Return (north, east, heading in rad, whether it declares) at each step of a flight that starts northwards."""
+    north = east = heading = 0.0
+    found = []
+    for text in first(name, steps):
+        action = parse(text)
+        found.append((north, east, heading, isinstance(action, Finished)))
+        for segment in plan(action, CameraModel()):
+            match segment.setpoint:
+                case Turn():
+                    heading += segment.setpoint.yaw_rate * segment.duration_s
+                case Velocity():
+                    ahead = segment.setpoint.forward * segment.duration_s
+                    north, east = north + ahead * math.cos(heading), east + ahead * math.sin(heading)
+    return found
+
+
+@pytest.mark.parametrize("name", NAMES)
+@given(pictures=st.lists(st.lists(st.binary(max_size=40), min_size=2, max_size=2), min_size=2, max_size=2))
+@settings(max_examples=10, deadline=None)
+def test_no_reply_changes_with_the_picture(name: str, pictures: list[list[bytes]]) -> None:
+    flown = []
+    for frames in pictures:
+        fly = roster.answer(f"blind:{name}")
+        flown.append([fly(PROMPT, [frame]) for frame in itertools.islice(itertools.cycle(frames), 60)])
+    assert flown[0] == flown[1] == first(name, 60)
+
+
+def test_no_reply_changes_with_the_history_or_the_words_of_a_later_step() -> None:
+    for name in NAMES:
+        fly = roster.answer(f"blind:{name}")
+        texts = [fly(PROMPT if k == 0 else f"Command: go {k}", [b""]) for k in range(40)]
+        assert texts == first(name, 40), name
+
+
+def test_every_reply_is_an_action_for_one_drone_and_for_a_fleet() -> None:
+    for name in NAMES:
+        for text in first(name, 200):
+            action = parse(text)
+            assert not isinstance(action, Rotate) or abs(action.angle_deg) <= 90.0, name
+            assert not isinstance(action, Go) or action.depth_m >= 2.0, name  # below it a drone brakes
+        for text in first(name, 30, pictures=(b"",) * 4):
+            assert not any(isinstance(one, ActionError) for one in parse_fleet(text, 4)), name
+
+
+def test_each_says_what_it_is() -> None:
+    for name in NAMES:
+        assert blind.PATTERNS[name].description in roster.owner(f"blind:{name}"), name
+        assert roster.check(f"blind:{name}") == f"blind:{name}", name
+
+
+def test_an_unknown_one_is_refused_with_all_that_there_are() -> None:
+    with pytest.raises(UsageError) as refused:
+        roster.check("blind:spirall")
+    assert all(name in str(refused.value) for name in NAMES)
+    with pytest.raises(UsageError):
+        roster.check("spiral")
+
+
+def test_only_those_that_do_not_look_fly_without_pictures() -> None:
+    for pilot in ("oracle", "blind", "blind:straight"):
+        assert look_up(FlightSpec(pilot=pilot, simulated=UNDRAWN)).camera is None
+    model = ModelSpec(provider="local", name="blind:straight", base_url="http://127.0.0.1:9/v1")
+    for spec in (FlightSpec(pilot="vision", simulated=UNDRAWN), FlightSpec(model=model, simulated=UNDRAWN)):
+        with pytest.raises(UsageError, match="rendering"):
+            look_up(spec)
+
+
+def test_random_is_the_same_for_the_same_words_and_another_for_others() -> None:
+    assert first("random", 50) == first("random", 50)
+    assert first("random", 50) != first("random", 50, prompt=PROMPT.replace("cyan", "red"))
+
+
+def test_straight_goes_straight_and_declares_after_every_stride() -> None:
+    flown = walked("straight", 40)
+    assert all(east == pytest.approx(0.0) for _, east, _, _ in flown)
+    assert [declares for *_, declares in flown] == [k % 2 == 1 for k in range(40)]
+    assert flown[-1][0] == pytest.approx(20 * 1.2)
+
+
+def test_what_knows_the_distance_declares_only_where_a_target_can_be() -> None:
+    for name in ("straight-16", "right-90-16", "back-16", "arc", "ring"):
+        claims = [math.hypot(n, e) for n, e, _, declares in walked(name, 20) if declares]
+        assert claims
+        assert all(blind.START_M - RADIUS_M <= far <= blind.START_M + RADIUS_M for far in claims)
+
+
+def test_three_claims_of_the_arc_see_the_picture_of_the_first_frame() -> None:
+    """What stands 16 m off within 35° of the nose is within 5 m and in view at one of them, but for a gap or two."""
+    claims = [one for one in walked("arc", 40) if one[3]][:3]
+    assert len(claims) == 3
+    missed = []
+    for bearing in range(-35, 36):
+        goal = (16.0 * math.cos(math.radians(bearing)), 16.0 * math.sin(math.radians(bearing)))
+        met = any(
+            math.dist((n, e), goal) <= 5.0
+            and abs(math.remainder(math.atan2(goal[1] - e, goal[0] - n) - heading, 2 * math.pi)) < math.radians(45.0)
+            for n, e, heading, _ in claims
+        )
+        missed += [] if met else [bearing]
+    assert len(missed) <= 12
+
+
+def test_a_ring_comes_round() -> None:
+    flown = walked("ring", 100)
+    around = [math.degrees(math.atan2(e, n)) % 360.0 for n, e, _, _ in flown if math.hypot(n, e) > 10.0]
+    assert len({int(a // 30) for a in around}) == 12
+    assert all(13.0 < math.hypot(n, e) < 17.0 for n, e, _, declares in flown if declares)
+
+
+def test_a_fleet_fans_out() -> None:
+    headings = [json.loads(text)[k] for text in first("straight", 1, pictures=(b"",) * 4) for k in range(4)]
+    assert [one["angle_deg"] for one in headings] == [-33.8, -11.2, 11.2, 33.8]

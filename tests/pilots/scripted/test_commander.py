@@ -1,0 +1,74 @@
+"""The scripted commander, before the questions that the agent really asks."""
+
+import json
+import re
+
+from dronecats.agent.action import Finished, Go
+from dronecats.agent.commanding.command_prompt import STALL_STEPS, CommandPrompt, Post, roster
+from dronecats.agent.drone import Drone
+from dronecats.pilots.scripted import commander
+from foundation.camera import CameraModel
+from foundation.run_folder.rows import Cause
+from tests.agent.flown_wire import Clock
+
+COMMAND = "Find the red car with the plate 4017: hurry"
+START = (Cause(why="start"),)
+
+
+def posts(count):
+    return [Post(Drone(k, Clock(), CameraModel()), COMMAND) for k in range(count)]
+
+
+def ask(fleet, causes, now_s=20.0):
+    prompt = CommandPrompt.load().render(COMMAND, roster(fleet, now_s), causes, len(fleet))
+    reply = json.loads(commander.divide(prompt, []))
+    for order in reply["orders"]:
+        fleet[order["drone"] - 1].order(order["goal"], now_s)
+        fleet[order["drone"] - 1].begun = True
+    return {order["drone"]: commander.place_in_goal(order["goal"]) for order in reply["orders"]}, reply["confirm"]
+
+
+def test_every_drone_has_a_place_of_its_own_from_the_left():
+    for count, given in ((1, [1]), (2, [1, 2]), (4, [1, 2, 3, 4]), (6, [1, 2, 3, 4, 1, 2])):
+        fleet = posts(count)
+        assert ask(fleet, START) == (dict(enumerate(given, 1)), [])
+        assert [post.goal for post in fleet] == [commander.goal_text(COMMAND, place) for place in given]
+        assert ask(fleet, (Cause(why="time"),)) == ({}, [])  # and keeps it
+
+
+def test_who_stalls_looks_at_the_next_that_nobody_has():
+    fleet = posts(2)
+    ask(fleet, START)
+    assert ask(fleet, (Cause(why="stall", drone=0),)) == ({1: 3}, [])
+    assert ask(fleet, (Cause(why="stall", drone=1), Cause(why="stall", drone=0))) == ({1: 4, 2: 1}, [])
+
+
+def test_every_report_is_believed_and_nothing_else():
+    fleet = posts(4)
+    ask(fleet, START)
+    for drone in (1, 3):
+        fleet[drone].drone.history.append(Finished())
+        fleet[drone].note(False, True, 18.0)
+    assert ask(fleet, (Cause(why="report", drone=1),)) == ({}, [2, 4])
+
+
+def test_the_roster_tells_of_each_drone_what_it_was_told_and_did():
+    fleet = posts(2)
+    fleet[0].begun, fleet[1].begun = True, True
+    fleet[0].order("look at the left one", 5.0)
+    fleet[0].drone.history.append(Go(100, 500, 12.5))
+    fleet[0].note(True, False, 8.0)
+    text = roster(fleet, 20.0)
+    first, second = text.split("\n\n")
+    assert re.search(r"\b15 s .*\b1 .*look at the left one", first)
+    assert re.search(r"\bleft\b.*12\.5 m", first)
+    assert "GO x=128 y=360 depth=12.5m" in first
+    assert COMMAND in second
+    assert "12.5 m" not in second
+
+
+def test_places_are_read_as_they_are_said():
+    assert [commander.place_in_goal(commander.goal_text(COMMAND, place)) for place in range(1, 9)] == list(range(1, 9))
+    for command in ("", "look at the car", "look at the ninth one from the left", "the first one from the left"):
+        assert commander.place_in_goal(command) is None
+    assert STALL_STEPS > 6

@@ -1,0 +1,78 @@
+"""What the pilots read out of the prompt's words."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dronecats.agent.action import NONE_YET, Finished, Go, History, Rotate, Think
+from dronecats.agent.prompt import Prompt, labels
+from dronecats.pilots import actions
+from dronecats.pilots.scripted import blind
+from dronecats.pilots.vision.command import read_referent
+from foundation.camera import CameraModel
+
+
+def prompt(history, command="go to the cyan SUV"):
+    return Prompt.load().render(command, history, 5)
+
+
+def test_command_and_history_come_back_as_the_agent_wrote_them():
+    history = History(CameraModel())
+    for action in (Go(500, 600, 9.5), Rotate(-45), Think(), Finished()):
+        history.append(action)
+    told = actions.read_prompt(prompt(history.render()))
+    assert told.command == "go to the cyan SUV"
+    assert [p.kind for p in told.past(0)] == ["go", "rotate", "think", "finished"]
+    assert told.past(0)[0].depth_m == 9.5
+    assert told.past(0)[1].angle_deg == -45
+
+
+def test_the_first_step_has_no_history():
+    assert actions.read_prompt(prompt(NONE_YET)).past(0) == ()
+
+
+def test_histories_of_several_drones_follow_the_lines_that_name_them():
+    text = "Command: x\nDrone 1:\n1. THINK\n2. FINISHED\nDrone 2:\n(none yet)\nDrone 3:\n1. ROTATE angle=60deg"
+    told = actions.read_prompt(text)
+    assert [[p.kind for p in told.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
+
+
+def test_the_labels_of_pictures_add_no_history_and_take_none():
+    """The server joins all texts of a message: a fleet's labels come after its prompt."""
+    told = [f"Drone {k}:\n1. {past}  <- latest" for k, past in enumerate(("THINK", "FINISHED", "ROTATE angle=9deg"), 1)]
+    text = Prompt.load().render("go to the cyan SUV", "\n".join(told), 5, drones=3)
+    labelled = actions.read_prompt("\n".join((text, *labels(3))))
+    assert labelled == actions.read_prompt(text)
+    assert [[p.kind for p in labelled.past(k)] for k in range(4)] == [["think"], ["finished"], ["rotate"], []]
+
+
+@given(st.text(max_size=300))
+def test_no_text_breaks_the_reader(text):
+    told = actions.read_prompt(text)
+    read_referent(told.command)
+    assert len(told.history) >= 0
+
+
+def test_colour_and_noun_of_a_command():
+    for command, color, noun in (
+        ("go to the cyan SUV", "cyan", "suv"),
+        ("Fly to the red pickup truck next to the white house", "red", "pickup truck"),
+        ("find the house with the green car in front", "green", "car"),
+        ("go to the person in the orange jacket", "orange", "person"),
+        ("Find the blue car with license plate 4017", "blue", "car"),
+        ("go to the school bus", None, "school bus"),
+        ("the turquoise thing", "cyan", "thing"),
+        ("", None, "thing"),
+    ):
+        named = read_referent(command)
+        assert (named.color, named.noun) == (color, noun), command
+
+
+def test_blind_never_declares_and_answers_once_per_picture():
+    history = History(CameraModel())
+    from dronecats.agent.reply.strict import parse, parse_fleet
+
+    for _ in range(12):
+        action = parse(blind.answer(prompt(history.render()), [b""]))
+        assert not isinstance(action, Finished)
+        history.append(action)
+    assert len(parse_fleet(blind.answer("", [b""] * 3), 3)) == 3
