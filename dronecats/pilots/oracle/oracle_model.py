@@ -78,14 +78,14 @@ class OracleModel:
         row = candidates_in_row(self._world, self._world.record.starts[drone])
         if place is None or place > len(row) or row[place - 1] is self._world.target:
             return self._pilot([state])
-        there = replace(state, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
-        reply = self._pilot([there])
+        candidate = replace(state, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
+        reply = self._pilot([candidate])
         return actions.think() if reply == actions.finished() else reply
 
     def _state(self, drone: int, step: int) -> TrueState:
         taken_us = self._taken.get(drone)
-        known = None if taken_us is None else self._truth.at(drone, taken_us)
-        sample = known[0] if known else self._truth.of(drone)
+        at_picture = None if taken_us is None else self._truth.at(drone, taken_us)
+        sample = at_picture[0] if at_picture else self._truth.of(drone)
         if sample is None:
             raise ModelError(f"the {self.name} has not heard where drone {drone + 1} is")
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
@@ -98,10 +98,9 @@ class OracleModel:
 
     def _visible(self, sample: TruthSample, t_s: float) -> bool:
         """Return whether the target is visible from a sample, by the logger's measure, with the other drones around."""
-        known = self._truth.at(sample.drone, sample.time_us)
-        others = known[1].values() if known else ()
-        around = [DronePose(one.position_ned, one.attitude) for one in others]
-        return self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, around).visible
+        fleet = self._truth.at(sample.drone, sample.time_us)
+        others = [DronePose(other.position_ned, other.attitude) for other in fleet[1].values()] if fleet else []
+        return self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, others).visible
 
 
 def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
@@ -109,8 +108,8 @@ def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
     things = world.target_and_lookalikes
     yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
 
-    def off(one: Instance) -> float:
-        there = centre(one)
-        return wrap_pi(math.atan2(there[1] - east, there[0] - north) - yaw)
+    def bearing(thing: Instance) -> float:
+        middle = centre(thing)
+        return wrap_pi(math.atan2(middle[1] - east, middle[0] - north) - yaw)
 
-    return sorted(things, key=off)
+    return sorted(things, key=bearing)

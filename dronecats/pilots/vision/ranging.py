@@ -81,11 +81,11 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     return Range(float((weight * depth).sum()), mean, spread, math.exp(-0.5 * max(0.0, best) / 4.0))
 
 
-def half_depth_m(box: BoundingBox, there: Range, size: Size) -> float:
+def half_depth_m(box: BoundingBox, estimate: Range, size: Size) -> float:
     """Return the distance (m) from a thing's middle to its near end: half its width if it shows its side."""
-    seen = (box.right - box.left) * there.depth_m / FOCAL_PER_WIDTH
+    width_m = (box.right - box.left) * estimate.depth_m / FOCAL_PER_WIDTH
     span = size.length_m - size.width_m
-    sideways = min(1.0, max(0.0, (seen - size.width_m) / span)) if span > 0.0 else 1.0
+    sideways = min(1.0, max(0.0, (width_m - size.width_m) / span)) if span > 0.0 else 1.0
     return 0.5 * (size.length_m - sideways * span)
 
 
@@ -99,9 +99,9 @@ def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
     return 0.5 * (box.left + box.right) - 0.5 * (grid.left + grid.right)
 
 
-def _mismatch(seen: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+def _mismatch(length: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the difference of two lengths in standard deviations of blur and usual sizes."""
-    return (seen - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
+    return (length - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
 def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -96,9 +96,10 @@ class Strip:
         foot = _ABOVE + round(HEIGHTS_M[height] / CELL_M)
         part = self.cells[foot + BELOW - WINDOW[0] : foot + BELOW]
         padded = np.pad(part, ((0, 0), (WINDOW[1] // 2, WINDOW[1] // 2), (0, 0)), mode="edge")
-        seen = np.lib.stride_tricks.sliding_window_view(padded, WINDOW[1], axis=1)  # (rows, columns + 1, C, wide)
+        views = np.lib.stride_tricks.sliding_window_view(padded, WINDOW[1], axis=1)  # (rows, columns, C, wide)
         step = self.step
-        return np.ascontiguousarray(seen[:, ::step].transpose(1, 0, 3, 2)).reshape(-1, WINDOW[0] * WINDOW[1] * CHANNELS)
+        length = WINDOW[0] * WINDOW[1] * CHANNELS
+        return np.ascontiguousarray(views[:, ::step].transpose(1, 0, 3, 2)).reshape(-1, length)
 
     @property
     def step(self) -> int:
@@ -124,10 +125,10 @@ def _strip(luv: Floats, depth_m: float) -> Strip:
     scale = columns * _PER_CELL / width
     reach = max(_ABOVE, _UNDER) + 1
     rows = min(height // 2, math.ceil(reach * _PER_CELL / scale))
-    seen = luv[height // 2 - rows : height // 2 + rows]
+    band = luv[height // 2 - rows : height // 2 + rows]
     half = max(1, round(rows * scale))
     small = cv2.resize(
-        seen, (columns * _PER_CELL, 2 * half), interpolation=cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
+        band, (columns * _PER_CELL, 2 * half), interpolation=cv2.INTER_AREA if scale < 1.0 else cv2.INTER_LINEAR
     )
     missing = reach * _PER_CELL - half
     if missing > 0:
