@@ -81,7 +81,7 @@ def _tables(reports: "list[Report]", about_suite: "list[RuleFinding]", rules: bo
     if not rules:
         return [table_of((words(""), words("")), verdicts)]
     found = [(f"{name}: {verdict}", each.findings) for (name, verdict), each in zip(verdicts, reports, strict=True)]
-    found += [("the suite", about_suite)] if about_suite else []
+    found += [("the suite", tuple(about_suite))] if about_suite else []
     blocks = (
         TableBlock(title=title, rows=rows_of(("ok" if f.passed else "RED", f.rule, f.measured, f.wanted) for f in of))
         for title, of in found

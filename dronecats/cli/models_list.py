@@ -34,9 +34,13 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"models": known}))
         return 0
-    columns = (words("name"), words("model"), words("points"), words("schema"), numbers("$ in"), numbers("$ out"),
-               words("key"), words("from"))  # fmt: skip
-    show(table_of(columns, map(_line, known)))
+    files = list(dict.fromkeys(row["file"] for row in known))
+    columns = [*map(words, ("name", "model", "points", "schema")), numbers("$ in"), numbers("$ out"), words("key")]
+    lines = [(*_line(row), row["file"]) if len(files) > 1 else _line(row) for row in known]
+    if len(files) > 1:
+        show(table_of([*columns, words("from")], lines))
+    else:
+        show(table_of(columns, lines, *(f"from: {file}" for file in files)))
     return 0
 
 
@@ -88,4 +92,4 @@ def _line(row: dict[str, Any]) -> tuple[str, ...]:
     prices = ("-" if row[price] is None else f"{row[price]:g}" for price in ("input_usd", "output_usd"))
     point = "[x, y]" if row["axis"] == "xy" else "[y, x]"
     key = f"{row['key_variable'] or '-'}{'' if row['key_set'] or not row['key_needed'] else ' (not set)'}"
-    return (row["name"], f"{row['provider']}/{row['identifier']}", point, row["schema"], *prices, key, row["file"])
+    return (row["name"], f"{row['provider']}/{row['identifier']}", point, row["schema"], *prices, key)

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.bench.audit import flights, floor, groups, row, table, text
+from dronecats.bench.audit import as_table, flights, floor, groups, row, table
 from dronecats.cli.main import main
 from dronecats.pilots.patterns import PATTERNS
+from dronecats.report.writers import as_terminal
 from episodes.records import blind, catalogue, suites
 from episodes.records.blind import BlindFlight
 from foundation.run_folder.results import Result
@@ -83,13 +84,13 @@ def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, objec
         assert line.false_declarations == (None if each is None else pytest.approx(each, abs=1e-4))
         half = sorted(steps)
         assert line.steps == ((half[(len(half) - 1) // 2] + half[len(half) // 2]) / 2 if half else None)
-    assert len(text(lines.values(), {}).splitlines()) == len(lines) + 3
+    assert len(as_terminal(as_table(lines.values(), {})).splitlines()) == len(lines) + 4
 
 
 def test_what_was_not_measured_is_a_dash_and_no_nought() -> None:
     bare = row("all", made([{"episode": IDS[0], "outcome": "success", "steps": 4}]))
     assert (bare.at_first, bare.within_three, bare.precision, bare.false_declarations) == (None, None, None, None)
-    assert text([bare], {}).splitlines()[1].split() == ["all", "1/1", "–", "–", "–", "–", "4"]
+    assert as_terminal(as_table([bare], {})).splitlines()[2].split() == ["all", "1/1", "–", "–", "–", "–", "4"]
 
 
 def a_flight(**values: Any) -> BlindFlight:
@@ -113,8 +114,9 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
     one = floor(flown, "all", both[:1])
     assert one is not None
     assert one.within_three[0] == "blind:lucky"
-    shown = text([row("all", made([{"episode": e, "outcome": "failure", "steps": 9} for e in two]))], {"all": under})
-    assert [line.split()[0] for line in shown.splitlines()[1:4]] == ["all", "blind:slow", "blind:quick"]
+    lost = row("all", made([{"episode": e, "outcome": "failure", "steps": 9} for e in two]))
+    shown = as_terminal(as_table([lost], {"all": under}))
+    assert [line.split()[0] for line in shown.splitlines()[2:5]] == ["all", "blind:slow", "blind:quick"]
 
 
 @settings(deadline=None, max_examples=60)

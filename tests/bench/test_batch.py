@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
-from dronecats.bench.audit import pars, table, text
+from dronecats.bench.audit import as_table, pars, table
 from dronecats.bench.batch import Batch
+from dronecats.report.writers import as_terminal
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.run_folder import layout
@@ -114,7 +115,7 @@ def test_errors_are_nobodys_score():
 def test_cells_stand_in_the_order_of_the_paper_and_keep_apart():
     names = [each.name for each in table(results())]
     assert names[:3] == ["campus-approaching", "residential-tracking", "residential-search-and-track"]
-    assert re.search(r"\b1 error\b", text(table(results()), {}))
+    assert re.search(r"\b1 error\b", as_terminal(as_table(table(results()), {})))
 
 
 def test_pars_are_of_solved_episodes_only():

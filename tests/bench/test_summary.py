@@ -13,9 +13,10 @@ from dronecats.agent.latency import Circumstance, Question, latency
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.model import Reply
 from dronecats.bench.progress import Progress
-from dronecats.bench.summary import EpisodeScore, broken_pins, score, table, text
+from dronecats.bench.summary import EpisodeScore, as_table, broken_pins, score, table
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.statistics.shares import known_share, wilson
+from dronecats.report.writers import as_terminal
 from foundation.errors import UsageError
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import Decision
@@ -66,9 +67,9 @@ def test_the_table_counts_what_a_second_count_counts(flown, drop):
             assert line.rate_hz[1] == pytest.approx(float(np.median(rates)), abs=1e-3)
             assert list(line.rate_hz) == sorted(line.rate_hz)
         json.dumps(line.as_json())
-    told = text(lines)
+    told = as_terminal(as_table(lines))
     explained = any(line.unreadable for line in lines)
-    assert len(told.splitlines()) == len(lines) + 2 * len(settings_flown) + 1 + explained
+    assert len(told.splitlines()) == len(lines) + len(settings_flown) + 4 + explained  # three lines are heads
     assert ("cut off" in told) == explained
 
 
@@ -104,7 +105,7 @@ def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
     (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
     found = score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="failure"), retried=False)
     assert (found.unreadable, found.refused, found.cut_off) == (4, 2, 1)
-    assert re.search(r"\b4 +2 +1\b", text(table([found])))
+    assert re.search(r"\b4 +2 +1\b", as_terminal(as_table(table([found]))))
 
 
 def test_the_interval_on_the_way_is_that_of_the_table():

@@ -55,7 +55,7 @@ def test_json_is_the_tables(place, capsys):
 
 
 def test_the_page_is_written_beside(place, capsys, monkeypatch):
-    monkeypatch.setattr("dronecats.report.page.ground.SIDE_PX", 100)
+    monkeypatch.setattr("dronecats.report.page.pictures.GROUND_PX", 100)
     assert main(["report", "runs/oracle", "--out", "report"]) == 0
     assert re.search(r"report/report\.md\b.* report/index\.html\n$", capsys.readouterr().out)
     assert (place / "report" / "index.html").exists()

@@ -132,7 +132,6 @@ def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
     assert [p.row.number for p in prompts if p.row.role == "commander"] == [each.number for each in exchanges]
 
 
-
 def test_a_flight_is_a_file_of_its_own_and_the_page_holds_none(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go to the cyan car"})
     page = page_of(tmp_path / "report", run)
@@ -222,7 +221,7 @@ def test_where_nothing_can_be_written_is_said(tmp_path):
 
 
 def test_the_program_fetches_nothing_and_makes_no_markup_of_texts():
-    text = program()
+    text = program("main", "dronecats.report.page")
     assert "import" not in re.findall(r"^\w+", text, re.MULTILINE)
     assert "export" not in re.findall(r"^\w+", text, re.MULTILINE)
     for word in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "fetch(", "XMLHttpRequest",

@@ -1,7 +1,9 @@
 """The study of the loops as a page of Markdown, with its figures beside it and the command that makes them."""
 
 import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from dronecats.report.writers import as_markdown
@@ -25,30 +27,35 @@ TRACE = (
 )
 
 
+STEP = {"rise": ("rise_s", "g", " s"), "overshoot": ("overshoot_percent", "g", " %"), "delay": ("delay_s", "g", " s")}
+DELAYS = {"as designed": ("designed_ms", "g", " ms"), "predicted": ("predicted_ms", "g", " ms"),
+          "injected": ("injected_ms", "g", " ms"), "off": ("off_percent", "+.1f", " %")}  # fmt: skip
+SETTLED = {"settled": ("settled_s", "g", " s")}
+
+
 def tables(found: LoopResults) -> list[ReportTable]:
     """Return the margins, what streams of setpoints bear, and the steps, those that were studied."""
-    margins = ("airframe", "loop"), ("rise", "overshoot", "delay", "as designed", "predicted", "injected", "off")
-    streams = ("airframe", "stream"), ("error on a perfect wire", "twice that at", "offboard left from")
-    steps = ("autopilot", "step"), ("rise", "overshoot", "delay", "settled")
-    made: list[tuple[tuple[tuple[str, ...], tuple[str, ...]], list[tuple[CellValue, ...]]]] = []
+    made = []
     if found.studies:
-        lines = [
-            (r["airframe"], r["loop"], _told(r["rise_s"], "s"), _told(r["overshoot_percent"], "%"),
-             _told(r["delay_s"], "s"), _told(r["designed_ms"], "ms"), _told(r["predicted_ms"], "ms"),
-             _told(r["injected_ms"], "ms"), f"{r['off_percent']:+.1f} %")
-            for r in margin_rows(found.studies)
-        ]  # fmt: skip
-        made.append((margins, lines))
+        made.append(_table(("airframe", "loop"), {**STEP, **DELAYS}, margin_rows(found.studies)))
     if found.tolerances:
-        made.append((streams, [_borne(each) for each in found.tolerances]))
+        heads = ("error on a perfect wire", "twice that at", "offboard left from")
+        made.append(table_of([words("airframe"), words("stream"), *map(numbers, heads)], map(_borne, found.tolerances)))
     if found.traces:
-        lines = [
-            (r["autopilot"], r["step"], _told(r["rise_s"], "s"), _told(r["overshoot_percent"], "%"),
-             _told(r["delay_s"], "s"), _told(r["settled_s"], "s"))
-            for r in trace_rows(found.traces)
-        ]  # fmt: skip
-        made.append((steps, lines))
-    return [table_of([*map(words, left), *map(numbers, right)], lines) for (left, right), lines in made]
+        made.append(_table(("autopilot", "step"), {**STEP, **SETTLED}, trace_rows(found.traces)))
+    return made
+
+
+def _table(
+    names: Sequence[str], measures: Mapping[str, tuple[str, str, str]], rows: Iterable[Mapping[str, Any]]
+) -> ReportTable:
+    """Return a table of rows; `measures` are (field, format, unit) by their heads."""
+    lines = (
+        (*(row[name] for name in names),
+         *("–" if row[field] is None else f"{row[field]:{form}}{unit}" for field, form, unit in measures.values()))
+        for row in rows
+    )  # fmt: skip
+    return table_of([*map(words, names), *map(numbers, measures)], lines)
 
 
 def write(found: LoopResults, out: Path, command: str) -> list[Path]:
@@ -86,7 +93,3 @@ def _borne(each: Tolerance) -> tuple[CellValue, ...]:
         return "never" if value is None else f"{value:.2f} s" if each.impairment == "jitter" else f"{value:.0%}"
 
     return each.airframe, each.impairment, f"{each.perfect:.2f} m/s", level(each.doubled), level(each.left)
-
-
-def _told(value: float | None, unit: str) -> str:
-    return f"– {unit}" if value is None else f"{value:g} {unit}"
