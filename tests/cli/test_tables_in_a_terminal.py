@@ -1,6 +1,7 @@
 """Tables of the verbs in a terminal of 100 columns, and in a pipe."""
 
 import subprocess
+from collections import Counter
 
 import pytest
 
@@ -18,9 +19,9 @@ def test_no_line_is_wider_than_the_terminal_and_a_pipe_gets_a_line_per_row(verb)
     assert max(map(len, shown)) <= 100
     piped = subprocess.run([*DRONECATS, *verb], capture_output=True, text=True, check=True).stdout.splitlines()
     assert max(map(len, piped)) > 100
-    assert letters(shown) == letters(piped)
+    assert letters(shown) >= letters(piped)  # the names of rows are repeated where columns continue below
 
 
 def letters(lines):
-    """Return every letter of a table, sorted, without its rule, whose length is the table's width."""
-    return sorted("".join("".join(lines).split()).replace("─", ""))
+    """Count the letters of a table without its rule, whose length is the table's width."""
+    return Counter("".join("".join(lines).split()).replace("─", ""))
