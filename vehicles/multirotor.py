@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from foundation.airframe import Airframe
 from foundation.compiled import Grid, Record, njit
@@ -107,6 +109,15 @@ def run(steps: int, plant: Record, down: Grid, peak: Grid, triangles: SolidTrian
         step(plant, down, peak, triangles)
 
 
+class PlantArguments(NamedTuple):
+    """The arguments of `step`, of one vehicle."""
+
+    plant: np.void  # PLANT
+    down: NDArray[np.float64]  # m, heights of the terrain
+    peak: NDArray[np.float64]  # m, highest terrain within reach
+    triangles: SolidTriangles
+
+
 class Multirotor:
     """One vehicle: its records, and the time it has lived.
 
@@ -157,7 +168,7 @@ class Multirotor:
         self.obstacles = obstacles
         plant["solids"] = solids_record(self.params, obstacles, camera_frd)
         plant["near"] = fresh_near()
-        self.kernel_args = (
+        self.kernel_args = PlantArguments(
             plant,
             np.ascontiguousarray(terrain.down, dtype=np.float64),
             peaks(terrain, float(self.params["reach"])),

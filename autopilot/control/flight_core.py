@@ -1,8 +1,9 @@
 """The compiled inner loop of one flight controller: sensors in, actuators and estimate out, once per millisecond."""
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from autopilot.control import cascade, gains
 from autopilot.control.mixer import allocation
@@ -49,6 +50,21 @@ def empty_setpoint() -> np.void:
     return setpoint
 
 
+class CoreArguments(NamedTuple):
+    """The arguments of `update`, of one flight controller."""
+
+    params: np.void  # CONTROL_PARAMS
+    state: np.void  # CONTROL_STATE
+    filter_params: np.void  # ESTIMATOR_PARAMS
+    filter_state: np.void  # ESTIMATOR_STATE
+    covariance: NDArray[np.float64]
+    history: NDArray[np.float64]
+    setpoint: np.void  # SETPOINT
+    estimate: np.void  # ESTIMATE
+    sensors: np.void  # SENSORS
+    actuators: np.void  # ACTUATORS
+
+
 class FlightCore:
     """Estimator and cascade of one vehicle with the records through which the commander talks to them.
 
@@ -83,11 +99,11 @@ class FlightCore:
         for name, value in (overrides or {}).items():
             self.set_parameter(name, value)
 
-    def kernel_args(self, sensors: np.void, actuators: np.void) -> tuple[Any, ...]:
+    def kernel_args(self, sensors: np.void, actuators: np.void) -> CoreArguments:
         """Return the arguments of `update` for these SENSORS and ACTUATORS records."""
         if sensors.dtype.names is None or "imu_time_us" not in sensors.dtype.names:
             raise UsageError("the flight core reads a border.sensors.SENSORS record: pass vehicle.sensors")
-        return (
+        return CoreArguments(
             self.params, self.state, self.filter_params, self.filter_state, self.covariance, self.history,
             self.setpoint, self.estimate, sensors, actuators,
         )  # fmt: skip

@@ -29,7 +29,8 @@ def test_list_has_a_row_for_every_episode_and_can_be_narrowed_to_a_suite(capsys:
     assert set(rows[0]) == {"id", "map", "cell", "suites", "drones", "par", "instruction"}
     quick = json.loads(said(capsys, "list", "--json", "--suite", "quick"))["episodes"]
     assert {row["id"] for row in quick} == {row["id"] for row in rows if "quick" in row["suites"]}
-    assert len(said(capsys, "list").splitlines()) == len(rows)
+    names = {line.split()[0] for line in said(capsys, "list").splitlines()}
+    assert names >= set(catalogue.ids())
 
 
 def test_an_unknown_suite_is_refused(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,18 +1,18 @@
 """One airframe in a hover, from which every trial begins anew: the whole stack, and sensors that do not err."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.control.flight_core import FlightCore
+from autopilot.control.flight_core import CoreArguments, FlightCore
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_RATES, KIND_TRAJECTORY, SETPOINT
 from dronecats.study.loop.cascade_loops import CascadeLoop
 from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RATE, fly_late
 from foundation.airframe import Airframe
 from foundation.frames import quat_from_euler
-from vehicles.multirotor import Multirotor
+from vehicles.multirotor import Multirotor, PlantArguments
 from vehicles.sensors import PERFECT, Suite
 
 Array = NDArray[np.float64]
@@ -34,6 +34,21 @@ class StepAnswer:
     step: float  # what was asked for
 
 
+class Stack(NamedTuple):
+    """The records of one vehicle and of its flight controller."""
+
+    plant: PlantArguments
+    core: CoreArguments
+
+    def copied(self) -> "Stack":
+        """Return the same state in records of its own."""
+        plant, core = self.plant, self.core
+        return Stack(
+            plant._replace(plant=plant.plant.copy()),
+            core._replace(**{name: value.copy() for name, value in core._asdict().items()}),
+        )
+
+
 class Hover:
     """A vehicle that hovers, kept as records that each trial copies."""
 
@@ -46,43 +61,43 @@ class Hover:
         vehicle = Multirotor(airframe, seed=seed, origin=ORIGIN, suite=suite)
         core = FlightCore(airframe)
         self.gains = core.gains
-        self._args: tuple[Any, ...] = (*vehicle.kernel_args, *core.kernel_args(vehicle.sensors, vehicle.actuators)[:8])
-        self._fly(self._args, BOOT_S)
-        self._ask(self._args, KIND_TRAJECTORY, velocity_ned=(0.0, 0.0, -CLIMB), yaw=0.0)
-        self._fly(self._args, HEIGHT_M / CLIMB)
-        self._ask(self._args, KIND_TRAJECTORY, position_ned=(0.0, 0.0, -HEIGHT_M), yaw=0.0)
-        self._fly(self._args, SETTLE_S)
+        self._stack = Stack(vehicle.kernel_args, core.kernel_args(vehicle.sensors, vehicle.actuators))
+        self._fly(self._stack, BOOT_S)
+        self._ask(self._stack, KIND_TRAJECTORY, velocity_ned=(0.0, 0.0, -CLIMB), yaw=0.0)
+        self._fly(self._stack, HEIGHT_M / CLIMB)
+        self._ask(self._stack, KIND_TRAJECTORY, position_ned=(0.0, 0.0, -HEIGHT_M), yaw=0.0)
+        self._fly(self._stack, SETTLE_S)
 
     @property
     def plant(self) -> Any:
         """The PLANT record of the hover: look, do not touch."""
-        return self._args[0]
+        return self._stack.plant.plant
 
     def answer(self, loop: CascadeLoop, delay_s: float, seconds: float, step: float | None = None) -> StepAnswer:
         """Return what the vehicle does with a small step of a loop's setpoint while its feedback is `delay_s` late."""
-        args = tuple(each.copy() if isinstance(each, np.ndarray | np.void) else each for each in self._args)
+        stack = self._stack.copied()
         size = loop.step if step is None else step
-        self._enter(args, loop, 0.0)
-        before = self._fly(args, STEADY_S[loop.group])
-        self._enter(args, loop, size)
-        after = self._fly(args, seconds, loop, delay_s)
+        self._enter(stack, loop, 0.0)
+        before = self._fly(stack, STEADY_S[loop.group])
+        self._enter(stack, loop, size)
+        after = self._fly(stack, seconds, loop, delay_s)
         value = measured(loop, after) - measured(loop, before)[-1]
         return StepAnswer(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
 
-    def _enter(self, args: tuple[Any, ...], loop: CascadeLoop, size: float) -> None:
+    def _enter(self, stack: "Stack", loop: CascadeLoop, size: float) -> None:
         """Enter the cascade at a loop, whatever is outside it open, and ask for `size` about its axis."""
         asked = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
-        thrust = float(args[5]["hover_thrust"])
+        thrust = float(stack.core.state["hover_thrust"])
         if loop.level == RATE:
-            self._ask(args, KIND_RATES, rates_frd=asked, thrust=thrust)
+            self._ask(stack, KIND_RATES, rates_frd=asked, thrust=thrust)
         elif loop.level == ATTITUDE:
-            self._ask(args, KIND_ATTITUDE, attitude=quat_from_euler(*asked), yaw_rate=0.0, thrust=thrust)
+            self._ask(stack, KIND_ATTITUDE, attitude=quat_from_euler(*asked), yaw_rate=0.0, thrust=thrust)
         else:
-            self._ask(args, KIND_TRAJECTORY, velocity_ned=asked, yaw=0.0)
+            self._ask(stack, KIND_TRAJECTORY, velocity_ned=asked, yaw=0.0)
 
     @staticmethod
-    def _ask(args: tuple[Any, ...], kind: int, **fields: Any) -> None:
-        setpoint = args[10]
+    def _ask(stack: "Stack", kind: int, **fields: Any) -> None:
+        setpoint = stack.core.setpoint
         for name in SETPOINT.names or ():
             if SETPOINT[name].base.kind == "f":
                 setpoint[name] = np.nan
@@ -91,12 +106,17 @@ class Hover:
             setpoint[name] = value
 
     @staticmethod
-    def _fly(args: tuple[Any, ...], seconds: float, loop: CascadeLoop | None = None, delay_s: float = 0.0) -> Array:
+    def _fly(stack: "Stack", seconds: float, loop: CascadeLoop | None = None, delay_s: float = 0.0) -> Array:
         """Return the truth of every millisecond, (n, COLUMNS)."""
         out = np.empty((round(seconds / SAMPLE_S), COLUMNS))
         level, axis = (loop.level, loop.axis) if loop else (RATE, 0)
         line, heard = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
-        fly_late(level, axis, min(delay_s / SAMPLE_S, LINE - 2.0), out, line, heard, *args)
+        core = stack.core
+        fly_late(
+            level, axis, min(delay_s / SAMPLE_S, LINE - 2.0), out, line, heard, *stack.plant,
+            core.params, core.state, core.filter_params, core.filter_state, core.covariance, core.history,
+            core.setpoint, core.estimate,
+        )  # fmt: skip
         return out
 
 
