@@ -1,5 +1,6 @@
 """Fits the network of `color_detector` to pictures of neighbourhoods that no record has, and makes the outlines of
-`ranging`."""
+`ranging`.
+"""
 
 import math
 from collections import defaultdict

@@ -2,7 +2,8 @@
 
 A `go` within 5° of the target, or within the sides of its box, takes the target. Another `go` takes something else,
 except at the depths of a search. A declaration takes what is before the drone. Of a fleet only the drone that was
-most often on the target counts."""
+most often on the target counts.
+"""
 
 import math
 import statistics

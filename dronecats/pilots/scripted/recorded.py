@@ -15,7 +15,7 @@ from foundation.run_folder.rows import Whole
 
 
 @dataclass(frozen=True, slots=True)
-class RecordedReply:
+class ScriptedReply:
     """The required fields of a decision, so that a script can be written by hand."""
 
     step: Whole
@@ -25,7 +25,7 @@ class RecordedReply:
 def replies(path: Path) -> list[str]:
     """Return the replies of a decisions.jsonl, one per step. Raises UsageError."""
     by_step: dict[int, str] = {}
-    for row in rows(path, RecordedReply):
+    for row in rows(path, ScriptedReply):
         by_step.setdefault(row.step, row.reply)
     if not by_step:
         raise UsageError(f"{path} holds no decision; give the {DECISIONS} of a flight that took steps")

@@ -147,7 +147,7 @@ class NamedLandmark:
 
 @dataclass(frozen=True, slots=True)
 class PlaceExpression:
-    """ "The NOUN RELATION LANDMARK [and LANDMARK]": one landmark, or two with BETWEEN."""
+    """A target by its place: the NOUN RELATION LANDMARK [and LANDMARK]; two landmarks with BETWEEN."""
 
     kind: str  # of `shape_detector.KINDS`
     relation: str
