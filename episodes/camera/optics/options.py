@@ -13,7 +13,7 @@ def _within(low: float, high: float) -> Meta:
     return Meta(ge=low, le=high)
 
 
-Light = Annotated[float, _within(0.0, 2.0)]
+LinearLight = Annotated[float, _within(0.0, 2.0)]
 Speed = Annotated[float, _within(-40.0, 40.0)]
 
 
@@ -66,7 +66,9 @@ class Haze:
 
     density_per_m: Annotated[float, _within(0.0, 0.5)] = 0.005  # 1/m, extinction; the eye sees some 3.9 / density far
     height_m: Annotated[float, _within(10.0, 5000.0)] = 300.0  # m that the layer reaches above the camera
-    color: tuple[Light, Light, Light] | None = None  # linear RGB 0 … 2; None: the sky's at the horizon
+    color: tuple[LinearLight, LinearLight, LinearLight] | None = (
+        None  # linear RGB 0 … 2; None: the sky's at the horizon
+    )
 
 
 @dataclass(frozen=True, slots=True)
