@@ -14,7 +14,7 @@ LARGE = 1e12  # no constant of an aircraft is larger
 
 Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
 NotNegative = Annotated[float, Meta(ge=0.0, lt=LARGE)]
-Count = Annotated[int, Meta(gt=0, lt=1000)]
+PartCount = Annotated[int, Meta(gt=0, lt=1000)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class RotorCurve:
 class Battery:
     """A LiPo pack."""
 
-    cells: Count
+    cells: PartCount
     capacity_ah: Positive
     resistance_ohm: NotNegative  # whole pack
     avionics_w: NotNegative  # constant draw beside the rotors
@@ -68,7 +68,7 @@ class Airframe:
     # m, feet and other points that touch the ground
     contact_points_frd: Annotated[tuple[Vec3, ...], Meta(min_length=3, max_length=MAX_CONTACTS)]
     battery: Battery
-    mav_type: Count = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
+    mav_type: PartCount = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
 
     @property
     def thrust_max(self) -> float:

@@ -34,7 +34,7 @@ WRONG = {
 }  # fmt: skip
 
 T = TypeVar("T")
-Fault = tuple[str, str]  # place of a value, what is wrong with it
+PlacedFault = tuple[str, str]  # place of a value, what is wrong with it
 
 
 def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
@@ -156,7 +156,7 @@ def no_choice(value: Any, known: Iterable[str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class FieldRule:
     """An annotation taken apart."""
 
     kind: Any  # without Annotated and None; a union where several kinds are possible
@@ -232,7 +232,7 @@ def _type_hints(kind: Hashable) -> dict[str, Any]:
     return get_type_hints(kind, include_extras=True)
 
 
-def rule_of(annotation: Any) -> Rule:
+def rule_of(annotation: Any) -> FieldRule:
     """Return an annotation taken apart."""
     meta: list[msgspec.Meta] = []
     optional = False
@@ -245,11 +245,11 @@ def rule_of(annotation: Any) -> Rule:
         left = [kind for kind in kinds if kind not in (NoneType, msgspec.UnsetType)]
         optional = optional or NoneType in kinds
         if len(left) != 1:
-            return Rule(annotation, tuple(meta), optional)
+            return FieldRule(annotation, tuple(meta), optional)
         annotation = left[0]
 
 
-def _passed(value: Any, annotation: Any, at: str) -> Fault | None:
+def _passed(value: Any, annotation: Any, at: str) -> PlacedFault | None:
     """Return what msgspec would let pass, None where there is nothing."""
     if isinstance(value, float):
         return None if math.isfinite(value) else (at, f"is {value}, which is not a finite number")
@@ -274,7 +274,7 @@ def _passed(value: Any, annotation: Any, at: str) -> Fault | None:
     return None
 
 
-def _refused(error: str, value: Any, annotation: Any, at: str) -> Fault:
+def _refused(error: str, value: Any, annotation: Any, at: str) -> PlacedFault:
     """Return what is wrong with a value that msgspec refused with this message."""
     for key, index in STEP.findall(error.partition(" - at `$")[2]):
         rule = rule_of(annotation)

@@ -16,11 +16,11 @@ LONGEST_S = 1e9  # thirty years; keeps the times within what the record's intege
 LARGE = 1e12
 WITH_VALUE = ("bias", "delay", "weaken")
 
-Seconds = Annotated[float, Meta(ge=0.0, le=LONGEST_S, description="s since boot")]
+BootSeconds = Annotated[float, Meta(ge=0.0, le=LONGEST_S, description="s since boot")]
 Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
 # not `tuple[Number, Number, Number]`: beside a bounded number msgspec 0.22 loses its length, and crashes
 Triple = Annotated[tuple[Number, ...], Meta(min_length=3, max_length=3)]
-Value = Annotated[Number | Triple | None, Meta(extra={"wrong": "is not a finite number or a list of three"})]
+FaultValue = Annotated[Number | Triple | None, Meta(extra={"wrong": "is not a finite number or a list of three"})]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,9 +36,9 @@ class FaultEntry:
 
     part: str  # as in `vehicles.faults`
     kind: str
-    from_s: Seconds = 0.0
-    until_s: Seconds | None = None  # None: for ever
-    value: Value = None  # as the kind asks for
+    from_s: BootSeconds = 0.0
+    until_s: BootSeconds | None = None  # None: for ever
+    value: FaultValue = None  # as the kind asks for
 
     @property
     def fault(self) -> Fault:

@@ -11,7 +11,7 @@ from foundation.typed_file import file_bytes, json_of, typed
 PAR = Path(__file__).parent / "par.json"
 BLIND = Path(__file__).parent / "blind.json"
 
-Count = Annotated[int, Meta(ge=0)]
+FlightCount = Annotated[int, Meta(ge=0)]
 Pars = dict[str, Annotated[int, Meta(gt=0)]]  # episode → steps that the oracle takes
 T = TypeVar("T")
 
@@ -23,9 +23,9 @@ class BlindFlight:
     success: bool
     first: bool  # its first declaration was true
     within_three: bool  # one of its first three was
-    declarations: Count
-    false_declarations: Count
-    steps: Count
+    declarations: FlightCount
+    false_declarations: FlightCount
+    steps: FlightCount
 
     def __post_init__(self) -> None:
         """Raise ValueError for what cannot be."""

@@ -32,11 +32,11 @@ MAX_DISTANCE_M = 300.0
 MAX_SEED = 2**31 - 1
 MAX_WAYPOINTS, MAX_STARTS, MAX_CANDIDATES = 200, 8, 16
 
-Seed = Annotated[int, Meta(ge=0, le=MAX_SEED)]
+RecordSeed = Annotated[int, Meta(ge=0, le=MAX_SEED)]
 Yaw = Annotated[float, Meta(ge=-360.0, le=360.0, description="0 = north, clockwise.")]
 Metres = Annotated[float, Meta(ge=-MAX_POSITION_M, le=MAX_POSITION_M)]
-Vector = Annotated[tuple[Metres, Metres, Metres], Meta(extra={"wrong": "is not a list of three numbers"})]  # NED
-Name = Annotated[
+MapPlace = Annotated[tuple[Metres, Metres, Metres], Meta(extra={"wrong": "is not a list of three numbers"})]  # NED
+MapName = Annotated[
     str,
     Meta(
         pattern="^[a-z0-9]([a-z0-9_-]{0,62}[a-z0-9])?$",
@@ -58,7 +58,7 @@ def _choice(known: Iterable[str]) -> Meta:
 class StartPose:
     """Where one drone hovers when the episode begins."""
 
-    position_ned: Vector  # m, body origin
+    position_ned: MapPlace  # m, body origin
     yaw_deg: Yaw
 
 
@@ -66,7 +66,7 @@ class StartPose:
 class Path3D:
     """A one-way route on the ground, interpolated in three dimensions."""
 
-    waypoints_ned: Annotated[tuple[Vector, ...], Meta(min_length=2, max_length=MAX_WAYPOINTS)]  # m
+    waypoints_ned: Annotated[tuple[MapPlace, ...], Meta(min_length=2, max_length=MAX_WAYPOINTS)]  # m
     speed_mps: Annotated[float, Meta(ge=0.01, le=MAX_SPEED_MPS)]
 
 
@@ -74,7 +74,7 @@ class Path3D:
 class TargetRecord:
     """Placed on the map, standing or on a path; or native: an instance that the map brings."""
 
-    asset: Annotated[Name, _of("Of a native target, the kind of the instance.")]  # else one of `assets.names()`
+    asset: Annotated[MapName, _of("Of a native target, the kind of the instance.")]  # else one of `assets.names()`
     paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None of a native target
     # on its plates or its board
     inscription: (
@@ -87,10 +87,10 @@ class TargetRecord:
         ]
         | None
     ) = None
-    position_ned: Vector | None = None  # m, origin of the asset: on the ground under its middle
+    position_ned: MapPlace | None = None  # m, origin of the asset: on the ground under its middle
     yaw_deg: Yaw | None = None
     path: Path3D | None = None
-    native: Annotated[Name, _of("The name of the instance.")] | None = None  # the pose repeats where it stands
+    native: Annotated[MapName, _of("The name of the instance.")] | None = None  # the pose repeats where it stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +105,8 @@ class EpisodeRecord:
             extra={"wrong": "may hold small letters, digits and hyphens only"},
         ),
     ]
-    map: Annotated[Name, _of("One that ships (blocks, campus, residential) or one of the user's own, by its name.")]
-    map_seed: Seed
+    map: Annotated[MapName, _of("One that ships (blocks, campus, residential) or one of the user's own, by its name.")]
+    map_seed: RecordSeed
     cell: Annotated[str, _choice(CELLS)]
     instruction: Annotated[str, Meta(min_length=1, max_length=500, description="What the agent is told.")]
     target: TargetRecord
@@ -126,7 +126,7 @@ class EpisodeRecord:
         float, Meta(ge=0.0, le=360.0, description="Compass bearing of that centre from the first drone.")
     ]
     visible_at_start: bool
-    seed: Seed  # of everything random in the flight
+    seed: RecordSeed  # of everything random in the flight
     candidates: Annotated[
         tuple[TargetRecord, ...],
         Meta(max_length=MAX_CANDIDATES, description="Look-alikes of the target; commanding episodes only."),

@@ -7,12 +7,22 @@ from typing import Any
 import msgspec
 
 from episodes.maps import assets
-from episodes.records.record import VERSION, EpisodeRecord, Name, Path3D, Seed, StartPose, TargetRecord, Vector, Yaw
+from episodes.records.record import (
+    VERSION,
+    EpisodeRecord,
+    MapName,
+    MapPlace,
+    Path3D,
+    RecordSeed,
+    StartPose,
+    TargetRecord,
+    Yaw,
+)
 
 FILE = Path(__file__).with_name("record.schema.json")
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 TABLES = {"start": StartPose, "path": Path3D, "target": TargetRecord}  # by their names in the schema
-SHARED = {"seed": Seed, "yaw": Yaw, "vector": Vector, "name": Name}
+SHARED = {"seed": RecordSeed, "yaw": Yaw, "vector": MapPlace, "name": MapName}
 PLACED = {"asset": {"$ref": "#/$defs/asset"}}
 SHAPES: list[dict[str, Any]] = [  # of a target: what it has, what it has not
     {"title": "placed, standing", "has": ("paint", "position_ned", "yaw_deg"), "not": ("path", "native")},

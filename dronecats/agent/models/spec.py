@@ -23,7 +23,7 @@ Temperature = Annotated[
         extra={"wrong": f'is not a number from 0 to {TEMPERATURE_MAX:g}, or "none" where none may be sent'},
     ),
 ]
-Count = Annotated[int, Meta(ge=1, le=COUNT_MAX, extra={"wrong": f"is not a whole number from 1 to {COUNT_MAX:,}"})]
+TokenCount = Annotated[int, Meta(ge=1, le=COUNT_MAX, extra={"wrong": f"is not a whole number from 1 to {COUNT_MAX:,}"})]
 Dollars = Annotated[  # per million tokens
     float, Meta(ge=0.0, le=PRICE_MAX, extra={"wrong": f"is not a number from 0 to {PRICE_MAX:,g}"})
 ]
@@ -40,8 +40,8 @@ class ModelSpec:
     axis_order: AxisOrder = "xy"
     temperature: Temperature | None = PAPERS_TEMPERATURE  # None: none is sent, for models that refuse one
     top_p: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None  # None: the provider's, if it has one
-    top_k: Count | None = None  # … likewise
-    max_tokens: Count = 8192  # of a reply
+    top_k: TokenCount | None = None  # … likewise
+    max_tokens: TokenCount = 8192  # of a reply
     schema: Root | None = None  # the root that the server holds replies to; None: none is sent
     thinking: dict[str, Any] | None = None  # fields while reasoning is lifted; None: the provider's
     quick: dict[str, Any] | None = None  # … and while it is not
@@ -49,7 +49,7 @@ class ModelSpec:
     output_usd: Dollars | None = None  # … of a reply, reasoning included
     # what the OpenAI chat format calls max_tokens; None: as the provider calls it
     tokens_field: Literal["max_tokens", "max_completion_tokens"] | None = None
-    context_tokens: Count | None = None  # that a question and its reply may have together; None: not known
+    context_tokens: TokenCount | None = None  # that a question and its reply may have together; None: not known
 
     @property
     def title(self) -> str:

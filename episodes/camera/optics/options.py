@@ -1,26 +1,32 @@
 """What can be asked of the camera and of the weather."""
 
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Annotated, Any
 
-from foundation.frames import Vec3
+from msgspec import Meta
+
+SEED_MAX = 2**31 - 1
 
 
-def _within(low: float, high: float, default: float | None = 0.0) -> Any:
-    """Return a dataclass field whose number must lie in [low, high]; `file.optics_of` holds it to that."""
-    return field(default=default, metadata={"range": (low, high)})
+def _within(low: float, high: float) -> Meta:
+    """Return the bounds of a number; the file's reader holds it to them."""
+    return Meta(ge=low, le=high)
+
+
+LinearLight = Annotated[float, _within(0.0, 2.0)]
+Speed = Annotated[float, _within(-40.0, 40.0)]
 
 
 @dataclass(frozen=True, slots=True)
 class LensModel:
     """Brown's lens model with OpenCV's names and order of terms, on coordinates divided by the focal length."""
 
-    k1: float = _within(-1.0, 1.0)  # radial, of r²; negative bends lines outwards (barrel)
-    k2: float = _within(-1.0, 1.0)  # radial, of r⁴
-    p1: float = _within(-0.1, 0.1)  # tangential
-    p2: float = _within(-0.1, 0.1)  # tangential
-    k3: float = _within(-1.0, 1.0)  # radial, of r⁶
-    vignetting: float = _within(0.0, 1.0)  # share of the natural fall-off cos⁴ of the angle to the axis
+    k1: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, of r²; negative bends lines outwards (barrel)
+    k2: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, of r⁴
+    p1: Annotated[float, _within(-0.1, 0.1)] = 0.0  # tangential
+    p2: Annotated[float, _within(-0.1, 0.1)] = 0.0  # tangential
+    k3: Annotated[float, _within(-1.0, 1.0)] = 0.0  # radial, of r⁶
+    vignetting: Annotated[float, _within(0.0, 1.0)] = 0.0  # share of the natural fall-off cos⁴ of the angle to the axis
 
     @property
     def bends(self) -> bool:
@@ -31,44 +37,46 @@ class LensModel:
 class Sensor:
     """Noise of a sensor without colour filter: each channel counts its own electrons."""
 
-    full_well_e: float = _within(50.0, 1e6, 8000.0)  # electrons at the light that shows white
-    read_noise_e: float = _within(0.0, 1e4, 6.0)  # electrons, standard deviation
+    full_well_e: Annotated[float, _within(50.0, 1e6)] = 8000.0  # electrons at the light that shows white
+    read_noise_e: Annotated[float, _within(0.0, 1e4)] = 6.0  # electrons, standard deviation
 
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
     """The shutter. The frame's own instant is the middle of the exposure."""
 
-    time_s: float = _within(0.0, 0.2, 0.01)  # s that the shutter is open
-    poses: int = _within(2, 64, 8)  # instants whose mean is the blurred picture; each costs a rendering
+    time_s: Annotated[float, _within(0.0, 0.2)] = 0.01  # s that the shutter is open
+    poses: Annotated[int, _within(2, 64)] = 8  # instants whose mean is the blurred picture; each costs a rendering
 
 
 @dataclass(frozen=True, slots=True)
 class SunPlace:
     """Where the sun stands: by its angles, or by the true solar hour of a day at a latitude."""
 
-    azimuth_deg: float | None = _within(-360.0, 360.0, None)  # clockwise from north
-    elevation_deg: float | None = _within(3.0, 90.0, None)  # above the horizon
-    hour: float | None = _within(0.0, 24.0, None)  # true solar time, 12 = highest
-    day: int = _within(1, 366, 172)  # of the year; 172 is midsummer in the north
-    latitude_deg: float = _within(-89.0, 89.0, 47.0)
+    azimuth_deg: Annotated[float, _within(-360.0, 360.0)] | None = None  # clockwise from north
+    elevation_deg: Annotated[float, _within(3.0, 90.0)] | None = None  # above the horizon
+    hour: Annotated[float, _within(0.0, 24.0)] | None = None  # true solar time, 12 = highest
+    day: Annotated[int, _within(1, 366)] = 172  # of the year; 172 is midsummer in the north
+    latitude_deg: Annotated[float, _within(-89.0, 89.0)] = 47.0
 
 
 @dataclass(frozen=True, slots=True)
 class Haze:
     """A level layer of haze that begins at the ground, beyond what every frame has in 2.2 km of clear air."""
 
-    density_per_m: float = _within(0.0, 0.5, 0.005)  # 1/m, extinction; the eye sees some 3.9 / density far
-    height_m: float = _within(10.0, 5000.0, 300.0)  # m that the layer reaches above the camera
-    color: Vec3 | None = None  # linear RGB 0 … 2; None: the sky's at the horizon
+    density_per_m: Annotated[float, _within(0.0, 0.5)] = 0.005  # 1/m, extinction; the eye sees some 3.9 / density far
+    height_m: Annotated[float, _within(10.0, 5000.0)] = 300.0  # m that the layer reaches above the camera
+    color: tuple[LinearLight, LinearLight, LinearLight] | None = (
+        None  # linear RGB 0 … 2; None: the sky's at the horizon
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Rain:
     """Falling drops: near ones are streaks, far ones a veil, and the sky is overcast."""
 
-    rate_mm_h: float = _within(0.1, 150.0, 10.0)  # mm/h: 2 light, 10 steady, 50 a cloudburst
-    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, carries the drops along
+    rate_mm_h: Annotated[float, _within(0.1, 150.0)] = 10.0  # mm/h: 2 light, 10 steady, 50 a cloudburst
+    wind_ned: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)  # m/s, carries the drops along
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +89,8 @@ class Optics:
     sun: SunPlace | None = None
     haze: Haze | None = None
     rain: Rain | None = None
-    seed: int = 0  # of noise and drops, with that of the flight, the drone and the frame's id
+    # of noise and drops, with that of the flight, the drone and the frame's id
+    seed: Annotated[int, _within(0, SEED_MAX)] = 0
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options that are on, as JSON holds them; `file.optics_of` reads it back."""
