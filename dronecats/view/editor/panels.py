@@ -56,9 +56,6 @@ class Panels:
         self._drone = 0
         self._inscribed = 0
         server.gui.set_panel_label(title)
-        server.gui.configure_theme(
-            control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51)
-        )
         view = server.gui.add_panel()
         with view.add_tab("Camera and checks", viser.Icon.CAMERA):
             blank = np.full((PREVIEW.height, PREVIEW.width, 3), 40, np.uint8)

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from html import escape
 
+from dronecats.report.kit.palette import LIGHT
 from episodes.authoring.check.finding import RuleFinding
 
-GREEN, RED, GREY = "#2b8a3e", "#c92a2a", "#868e96"
+GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:

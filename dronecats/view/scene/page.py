@@ -16,6 +16,7 @@ import websockets.asyncio.server as websocket_server
 from websockets import Headers, Request, Response
 from websockets.asyncio.server import ServerConnection
 
+from dronecats.report.kit import palette
 from dronecats.view.scene.page_hosts import LOOPBACK_NAMES
 
 HOST = "127.0.0.1"  # whoever can open a page can do what it offers: this machine only
@@ -107,6 +108,8 @@ class LoopbackServer(viser.ViserServer):
         self._gate = Gate(hosts)
         with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
             super().__init__(host=HOST, port=port, label=label, verbose=False)
+        accent = palette.rgb(palette.LIGHT["accent"])
+        self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=accent)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
     @property
