@@ -6,6 +6,7 @@ import json
 import math
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -34,9 +35,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Print what the query says; status 0, damaged episodes named on standard error."""
     if args.tables:
-        from dronecats.report.results.tables import markdown
-
-        print(markdown(), end="")
+        show(*_run_tables())
         return 0
     if args.sql is None:
         raise UsageError('say what to ask, such as "SELECT * FROM runs"; --tables prints what there is')
@@ -53,6 +52,18 @@ def run(args: argparse.Namespace) -> int:
     elif args.csv is None and args.parquet is None:
         show(_table(answer))
     return 0
+
+
+def _run_tables() -> "list[ReportTable]":
+    """Return the tables that can be asked, their columns as rows."""
+    from dronecats.report.results.tables import TABLES
+    from dronecats.report.table import table_of, words
+
+    columns = (words("column"), words("type"), words("what"))
+    return [
+        replace(table_of(columns, ((c.name, c.type, c.description) for c in of.columns)), title=name, caption=of.about)
+        for name, of in TABLES.items()
+    ]
 
 
 def _answer(args: argparse.Namespace) -> "Selected":

@@ -185,8 +185,9 @@ def as_shell(commands: Iterable[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return the text so that Markdown shows it as it is."""
-    return MARKUP.sub(r"\\\1", " ".join(text.split()))
+    """Return the text so that Markdown shows it as it is: no link, table, heading or HTML comes out of it."""
+    plain = "".join(letter if letter.isprintable() else "�" for letter in " ".join(text.split()))
+    return MARKUP.sub(r"\\\1", plain).replace("://", ":\\//")
 
 
 def _markdown_block(block: TableBlock, columns: tuple[TableColumn, ...]) -> list[str]:
@@ -276,10 +277,10 @@ def _html_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
             for group, count in (*first, *groups(columns[len(first) :]))
         ]  # fmt: skip
         yield f"<tr>{''.join(heads)}</tr>"
-    arrow = {"more": " ↑", "less": " ↓", None: ""}
+    arrow = {"more": "\u00a0↑", "less": "\u00a0↓", None: ""}  # behind a space that no line is broken at
     heads = []
     for column in columns:
-        unit = f" <small>{html.escape(column.head_unit)}</small>" if column.head_unit else ""
+        unit = f"\u00a0<small>{html.escape(column.head_unit)}</small>" if column.head_unit else ""
         side = ' class="number"' if column.align == "right" else ""
         heads.append(f'<th scope="col"{side}>{html.escape(column.title)}{arrow[column.better]}{unit}</th>')
     yield f"<tr>{''.join(heads)}</tr>"

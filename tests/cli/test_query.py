@@ -62,7 +62,7 @@ def test_damage_is_told_on_standard_error(place, capsys):
 def test_the_tables_are_told_without_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["query", "--tables"]) == 0
-    assert "`ne_m` | DOUBLE" in capsys.readouterr().out
+    assert re.search(r"\bne_m +DOUBLE ", capsys.readouterr().out)
 
 
 def test_wrong_usage_is_one_sentence(place, capsys):

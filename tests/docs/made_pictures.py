@@ -16,11 +16,12 @@ from PIL import Image, ImageColor
 
 from dronecats.flight.picture.flight_picture import FLIGHT_COLORS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.report.kit import palette
 from dronecats.view.live.moment import Moment
 from dronecats.view.live.page import LiveFlight
 from dronecats.view.live.scene import CHOSEN
 from dronecats.view.replay.moments import FlightMoments, flight_moments
-from dronecats.view.replay.page import RUN_COLORS, ReplayPage, shade
+from dronecats.view.replay.page import RUN_COLORS, ReplayPage
 from dronecats.view.replay.views import AgainView
 from dronecats.view.scene.page import LoopbackServer
 from foundation.run_folder import layout
@@ -52,7 +53,7 @@ def rgb_of(color: str) -> tuple[int, int, int]:
 
 
 FLIGHT_PICTURE = MadePicture("flight.png", (1000, 1000), tuple(map(rgb_of, FLIGHT_COLORS)))
-REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(shade(color) for color in RUN_COLORS[:2]), CHOSEN))
+REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(palette.shade(color) for color in RUN_COLORS[:2]), CHOSEN))
 
 LIVE_PICTURE = MadePicture("watching.jpg", (1400, 757), (CHOSEN,))
 MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE)

@@ -129,7 +129,7 @@ def test_html_says_what_the_cells_say_and_takes_no_text_for_markup():
     text = as_html(table)
     assert '<td class="number best" title="5 of 8"><a href="#of/a&amp;b">63</a> <small>20–90</small></td>' in text
     assert '<th scope="row">&lt;script&gt;</th>' in text
-    assert '<th scope="col" class="number">SR &lt;b&gt; ↑ <small>%</small></th>' in text
+    assert '<th scope="col" class="number">SR &lt;b&gt;\u00a0↑\u00a0<small>%</small></th>' in text
     assert "<i>" not in text
 
 

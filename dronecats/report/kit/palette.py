@@ -1,6 +1,6 @@
 """The colours of all pages: those of a light and a dark page, and those that stand on pictures and maps."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 LIGHT = {
     "paper": "#f6f6f3", "panel": "#ffffff", "ink": "#1b1d21", "quiet": "#5a606a", "mute": "#7b818b", "line": "#dcdcd6",
@@ -27,6 +27,8 @@ MARKS = {  # on pictures, on maps and in the 3-D scene, whatever the theme is
     "declared-good": "#3fe07a",
     "declared-bad": "#ff5a4f",
     "setpoint": "#12b886",
+    "goal": "#ff46dc",  # the target, and the radius around it
+    "path": "#f2b53a",  # of a target that moves
 }
 PRINTED = {"paper": "#ffffff", "ink": "#000000", "quiet": "#333333", "mute": "#666666", "line": "#bbbbbb",
            "soft": "#eeeeee", "link": "#000000"}  # fmt: skip
@@ -37,7 +39,7 @@ Rgb = tuple[int, int, int]  # sRGB, 0 … 255
 def css() -> str:
     """Return the palette as CSS: light or dark as the system has it, or as `data-theme` says; light on paper."""
     return "".join((
-        f":root {{ color-scheme: light; {_variables(LIGHT | MARKS)} }}\n",
+        f":root {{ color-scheme: light; {_variables(MARKS | LIGHT)} }}\n",
         f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ color-scheme: dark;'
         f" {_variables(DARK)} }} }}\n",
         f':root[data-theme="dark"] {{ color-scheme: dark; {_variables(DARK)} }}\n',
@@ -57,9 +59,13 @@ def linear(color: str) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def drone(number: int) -> str:
-    """Return the colour by which a drone is told from the others on pictures and maps."""
-    return DARK[f"d{number % 8}"]
+DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # by which drones and runs are told apart on a map
+
+
+def shade(color: Sequence[float]) -> Rgb:
+    """Return a linear colour, 0 … 1, as sRGB, 0 … 255: the inverse of `linear`."""
+    red, green, blue = (round(255 * (12.92 * c if c <= 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055)) for c in color)
+    return red, green, blue
 
 
 def _shares(color: str) -> tuple[float, ...]:

@@ -1,5 +1,7 @@
 """The words of all pages for an outcome and for an action."""
 
+import textwrap
+
 from foundation.protocol import FINISHED, GO, ROTATE
 from foundation.run_folder.rows import Decision
 
@@ -25,3 +27,10 @@ def action_words(decision: Decision) -> str:
     if kind == ROTATE and isinstance(angle_deg, int | float):
         return f"rotate {abs(angle_deg):.0f}° {'left' if angle_deg < 0 else 'right'}"
     return f"{FINISHED} (report)" if kind == FINISHED and decision.report is True else str(kind)
+
+
+def action_or_reason(decision: Decision) -> str:
+    """Return the action of a decision in a few words, or why it has none."""
+    if decision.action is not None:
+        return action_words(decision)
+    return f"no action: {textwrap.shorten(decision.error or 'the reply holds none', 60, placeholder='…')}"

@@ -340,9 +340,10 @@ def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) ->
             replace(block, rows=tuple(_linked(row, table.columns, keys) for row in block.rows))
             for block in table.blocks
         )
-        command = f'<p class="quiet"><code>{html.escape(table.command)}</code></p>' if table.command else ""
         heading = f"<h2>{html.escape(table.title)}</h2>"
-        parts.append(f"<section>{heading}{as_html(replace(table, blocks=blocks))}{command}</section>")
+        parts.append(f"<section>{heading}{as_html(replace(table, blocks=blocks))}</section>")
+    commands = dict.fromkeys(table.command for table in tables if table.command)
+    parts += [f"<pre>{html.escape(command)}</pre>" for command in commands]
     return "\n".join(parts)
 
 

@@ -1,6 +1,6 @@
 """docs/leaderboard.md, from verified entries: models, and built-in pilots apart from them, each named as what it is."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,11 @@ from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.roster import BLIND, FAILING, NOISY, ORACLE, RECORDED, SERVED
 from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.archive.verification import CellScore, Verification
+from dronecats.report.table import ReportTable, TableBlock, TableCell, TableRow, numbers, words
+from dronecats.report.writers import as_markdown, escaped
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 
-MARKUP = frozenset("\\`*_{}[]<>#|!~&")
 ENTRY_MAX = 1 << 20  # bytes
 SUITE_TITLES = {
     "all": "All hundred episodes",
@@ -93,7 +94,7 @@ def _tables(entries: Sequence[Verification]) -> str:
     """Return a table a suite, those of another agent behind the paper's: no table holds two agents."""
     found = []
     for agent in sorted({_agent(one) for one in entries}, key=lambda agent: (agent != PAPER, agent)):
-        by = "" if agent == PAPER else f", by the agent {_text(agent)}"
+        by = "" if agent == PAPER else f", by the agent {escaped(agent)}"
         found += _by_one_agent([one for one in entries if _agent(one) == agent], by)
     return "\n".join(found)
 
@@ -114,14 +115,21 @@ def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
 
 def _table(title: str, entries: Sequence[Verification]) -> str:
     cells = [cell for cell in CELLS if any(cell in one.cells for one in entries)]
-    heads = ["Entry", "Flights", *(HEADS[cell] for cell in cells), "SR", "of", "95 %"]
-    lines = [f"### {title}\n", _row(heads), _row(["---", *["---:"] * (len(heads) - 1)])]
-    for one in sorted(entries, key=lambda one: (-_rate(_all(one)), one.name)):
-        of = _all(one)
-        link = f"[{_text(one.name)}](#{_anchor(one)})"
-        rates = [_percent(one.cells[cell]) if cell in one.cells else "–" for cell in cells]
-        lines.append(_row([link, str(one.flights), *rates, f"**{_percent(of)}**", str(of.scored), _interval(one)]))
-    return "\n".join(lines) + "\n"
+    columns = (words("Entry"), *map(numbers, ("Flights", *(HEADS[cell] for cell in cells), "SR", "of", "95 %")))
+    ordered = sorted(entries, key=lambda one: (-_rate(_all(one)), one.name))
+    rows = tuple(TableRow(cells=tuple(_cells(one, cells))) for one in ordered)
+    return as_markdown(ReportTable(title=title, columns=columns, blocks=(TableBlock(title="", rows=rows),)), level=3)
+
+
+def _cells(one: Verification, cells: Sequence[str]) -> Iterator[TableCell]:
+    of = _all(one)
+    yield TableCell(value=one.name, link=f"#{_anchor(one)}")
+    yield TableCell(value=str(one.flights))
+    for cell in cells:
+        yield TableCell(value=_percent(one.cells[cell]) if cell in one.cells else None)
+    yield TableCell(value=_percent(of), best=True)
+    yield TableCell(value=str(of.scored))
+    yield TableCell(value=_interval(one))
 
 
 def _all(one: Verification) -> CellScore:
@@ -152,13 +160,13 @@ def _interval(one: Verification) -> str:
 def _about(one: Verification) -> str:
     pilot = f"`{_code(one.pilot)}`"
     kind = f"The model {pilot}" if one.is_model else f"The built-in pilot {pilot}, no model: it {what(one.pilot)}"
-    lines = [f"### {_heading(one)}\n", f"{kind}. {_text(one.note)}".rstrip() + "\n"]
+    lines = [f"### {_heading(one)}\n", f"{kind}. {escaped(one.note)}".rstrip() + "\n"]
     if one.partial:
-        lines.append(f"**Partial**: {_text(one.partial)}.\n")
+        lines.append(f"**Partial**: {escaped(one.partial)}.\n")
     settings = ", ".join(f"{name} `{_code(_plain(value))}`" for name, value in one.settings.items())
-    lines.append(f"- {settings}; dronecats {_text(one.dronecats)}")
+    lines.append(f"- {settings}; dronecats {escaped(one.dronecats)}")
     lines.append(f"- archive of {one.archive_bytes} bytes, SHA-256 `{one.archive_sha256}`")
-    lines += [f"- not checked: {_text(said)}" for said in one.unchecked]
+    lines += [f"- not checked: {escaped(said)}" for said in one.unchecked]
     return "\n".join(lines) + "\n"
 
 
@@ -169,23 +177,13 @@ def _plain(value: Any) -> str:
 
 
 def _heading(one: Verification) -> str:
-    return f"{_text(one.name)} {one.archive_sha256[:8]}"
+    return f"{escaped(one.name)} {one.archive_sha256[:8]}"
 
 
 def _anchor(one: Verification) -> str:
     """Return the place of an entry, as GitHub spells its heading."""
     heading = f"{one.name} {one.archive_sha256[:8]}".lower()
     return "".join(letter for letter in heading if letter.isalnum() or letter in " -_").replace(" ", "-")
-
-
-def _row(cells: Iterable[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _text(text: str) -> str:
-    """Return words of somebody's own as Markdown that says them and nothing else."""
-    plain = "".join(letter if letter.isprintable() else "�" for letter in text)
-    return "".join(f"\\{letter}" if letter in MARKUP else letter for letter in plain).replace("://", ":\\//")
 
 
 def _code(text: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 
+from dronecats.report.kit.palette import LIGHT
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
 from episodes.authoring.check.finding import RuleFinding
@@ -14,7 +15,7 @@ from episodes.authoring.check.limits import ALTITUDE_M
 from episodes.maps import assets
 from episodes.records.record import CELLS, MAX_SEED
 
-GREEN, RED, GREY = "#2b8a3e", "#c92a2a", "#868e96"
+GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
@@ -104,9 +105,6 @@ class Panels:
         self._drone = 0
         self._inscribed = 0
         server.gui.set_panel_label(title)
-        server.gui.configure_theme(
-            control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51)
-        )
         view = server.gui.add_panel()
         with view.add_tab("Camera and checks", viser.Icon.CAMERA):
             blank = np.full((PREVIEW.height, PREVIEW.width, 3), 40, np.uint8)

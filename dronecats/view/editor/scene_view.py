@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import numpy as np
 import viser
 
+from dronecats.report.kit import palette
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
 from dronecats.view.scene import display
@@ -18,8 +19,8 @@ from episodes.world.target import motion
 from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M
 
-DRONE_COLORS: tuple[Vec3, ...] = ((0.95, 0.25, 0.05), (0.05, 0.35, 0.95), (0.05, 0.6, 0.2), (0.75, 0.1, 0.7))
-LINE, PATH, RULER = (255, 107, 53), (255, 196, 0), (255, 255, 255)
+LINE, PATH = (palette.rgb(palette.MARKS[name]) for name in ("goal", "path"))
+RULER = (255, 255, 255)
 
 
 class Hands(Protocol):
@@ -123,16 +124,15 @@ class SceneView:
         return self._server.scene.add_icosphere(f"{node}/bead", 0.22, PATH)
 
     def _drone(self, node: str, which: int) -> Any:
-        color = DRONE_COLORS[which % len(DRONE_COLORS)]
-        mesh = display.thing_glb(display.drone_mesh(color))
+        color = palette.DRONES[which % len(palette.DRONES)]
+        mesh = display.thing_glb(display.drone_mesh(palette.linear(color)))
         body = self._server.scene.add_glb(f"{node}/body", mesh, scale=1.8, cast_shadow=False, receive_shadow=False)
-        shade = tuple(round(255 * c**0.45) for c in color)
         self._frustums[which] = self._server.scene.add_camera_frustum(
             f"{node}/camera",
             fov=2.0 * math.atan(PREVIEW.height / 2.0 / PREVIEW.focal_px),
             aspect=PREVIEW.width / PREVIEW.height,
             scale=1.1,
-            color=shade,
+            color=palette.rgb(color),
             wxyz=(0.0, 1.0, 0.0, 0.0),  # its axes are right, down, ahead
             position=(PREVIEW.offset_frd[1], -PREVIEW.offset_frd[2], -PREVIEW.offset_frd[0]),
         )

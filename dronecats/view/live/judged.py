@@ -4,6 +4,7 @@ from typing import Any
 
 import viser
 
+from dronecats.report.kit import palette
 from dronecats.view.live.moment import JudgeMoment
 from dronecats.view.scene import display
 from episodes.maps.scene import Scene
@@ -11,7 +12,7 @@ from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M
 from foundation.terrain import FLAT
 
-JUDGE = (255, 107, 53)
+JUDGE = palette.rgb(palette.MARKS["goal"])
 
 
 class JudgedMarks:

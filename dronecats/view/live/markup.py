@@ -9,12 +9,14 @@ from typing import Any
 
 from msgspec import UNSET
 
+from dronecats.report.kit.palette import LIGHT, MARKS
+from dronecats.report.kit.words import action_or_reason
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.view.live.sight import chosen_go
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Decision, drone_label
 
-YELLOW, ORANGE, GREY = "#ffd60a", "#d64933", "#868e96"
+YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]
 MESSAGES, FLEETS_MESSAGES = 6, 3  # the newest that are shown of each drone
 HEADS = ("speed", "height", "battery", "mode")
 WIDE, HIGH = 1280, 720  # of a drawing over a picture, whatever that measures
@@ -64,9 +66,9 @@ def decisions_html(drones: Sequence[DroneMoment]) -> str:
     shown, told = "", set[tuple[int, str]]()
     for one in drones:
         said = one.decision
-        words = "no decision yet" if said is None else action_words(said)
+        words = "no decision yet" if said is None else action_or_reason(said)
         shown += (
-            f'<div class="action" data-drone="{one.drone}" style="font-size:13px;font-weight:600;color:{ORANGE};'
+            f'<div class="action" data-drone="{one.drone}" style="font-size:13px;font-weight:600;color:{ACCENT};'
             f'padding:3px 10px 0"><span style="opacity:0.65">{drone_label(one.drone)}</span> {escape(words)}</div>'
         )
         alone = said is not None and not any(_together(said, other.decision) for other in drones if other is not one)
@@ -92,8 +94,8 @@ def decision_html(drone: DroneMoment) -> str:
     if said is None:
         return _box(_small("no decision yet"))
     return _box(
-        f'<div class="action" data-step="{said.step}" style="font-size:14px;font-weight:600;color:{ORANGE};'
-        f'margin:2px 0 4px">{escape(action_words(said))}</div>' + _answered(drone, said)
+        f'<div class="action" data-step="{said.step}" style="font-size:14px;font-weight:600;color:{ACCENT};'
+        f'margin:2px 0 4px">{escape(action_or_reason(said))}</div>' + _answered(drone, said)
     )
 
 
@@ -114,18 +116,6 @@ def _answered(drone: DroneMoment, said: Decision) -> str:
         + _pairs([row for row in rows if row[1]])
         + asked
     )
-
-
-def action_words(decision: Decision) -> str:
-    """Return an action in a few words."""
-    if (go := chosen_go(decision)) is not None:
-        return f"go to ({go.x:g}, {go.y:g}), {go.depth_m:g} m deep"
-    action = decision.action
-    if action is None:
-        return f"no action: {decision.error or 'the reply holds none'}"
-    if "angle_deg" in action:
-        return f"rotate {action['angle_deg']:+g}°"
-    return str(action["action"])
 
 
 def numbers_html(drones: Sequence[DroneMoment]) -> str:
@@ -193,7 +183,7 @@ def judge_html(judge: JudgeMoment) -> str:
     rows = [(f"{who}to the target", f"{d:.2f} m") for who, d in far if d is not None]
     lines = "".join(f"<div>{escape(line)}</div>" for line in judge.said[-MESSAGES:][::-1])
     return (
-        f'<div class="judge" style="border-left:3px solid {ORANGE};margin:2px 10px">'
+        f'<div class="judge" style="border-left:3px solid {JUDGE};margin:2px 10px">'
         + _box(_small("only the judge knows this") + _pairs(rows) + lines)
         + "</div>"
     )

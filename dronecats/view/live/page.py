@@ -112,7 +112,6 @@ class LivePage:
         self._folder: Path | None = None  # of the flight that is shown
         self._world: object = None  # of what map the ground is
         self._told: object = None
-        server.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False)
         server.gui.main_panel.dock_right()
         self._waiting = server.gui.add_html(WAITING)
         self._choice: Any = server.gui.add_dropdown("Flight", (NEWEST,), initial_value=NEWEST, visible=False)

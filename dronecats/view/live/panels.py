@@ -35,7 +35,6 @@ class FlightPanels:
         self._on_judge = on_judge
         self.judge_shown = False
         gui = server.gui
-        gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51))
         self._pictures = gui.add_panel() if piloted else None
         self._frames = self._beside(self._pictures) if self._pictures is not None else None
         self._folder = gui.add_folder("Flight")

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import viser
 
+from dronecats.report.kit import palette
 from dronecats.view.live.added_things import AddedThings
 from dronecats.view.live.judged import JudgedMarks
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
@@ -18,8 +19,10 @@ from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_yaw
 from foundation.run_folder.rows import drone_label
 
-COLORS: tuple[Vec3, ...] = ((0.95, 0.25, 0.05), (0.05, 0.35, 0.95), (0.05, 0.6, 0.2), (0.75, 0.1, 0.7))
-CHOSEN, MET, TOLD = (255, 214, 10), (224, 49, 49), (18, 184, 134)  # the place of a go, what is in its way, a setpoint
+COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
+CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the place of a go
+MET = palette.rgb(palette.MARKS["declared-bad"])  # what is in its way
+TOLD = palette.rgb(palette.MARKS["setpoint"])
 WORLD = "/world"  # the node under which everything is: it is moved, not the view, where somebody is followed
 NOON = Sun((0.3, 0.2, -0.93))
 DRONE_SCALE = 1.8  # a drone is drawn larger than it is, to be seen from where the map is seen
@@ -68,7 +71,7 @@ class FlightScene:
             self._ground(base)
         server.scene.add_frame(self._root, show_axes=False)
         shades = [colors[k % len(colors)] for k in range(drones)]
-        self._shades = [_shade(color) for color in shades]
+        self._shades = [palette.shade(color) for color in shades]
         self._trails = [Trail(server, f"{self._root}/trail-{k}", shade) for k, shade in enumerate(self._shades)]
         self._meshes = [display.drone_mesh(color) for color in shades]
 
@@ -290,9 +293,3 @@ class FlightScene:
         place = (anchor[0] - x, anchor[1] - y, anchor[2] - z)
         if place != self.offset:
             self._world.position = place
-
-
-def _shade(color: Vec3) -> tuple[int, int, int]:
-    """Return a linear colour as the browser has it."""
-    r, g, b = (round(255 * c**0.45) for c in color)
-    return (r, g, b)

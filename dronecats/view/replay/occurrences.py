@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 
-from dronecats.flight.picture.flight_picture import describe
+from dronecats.report.kit.words import action_or_reason
 from dronecats.report.recorded.telemetry import DroneTelemetry
 from foundation.run_folder.reading import Logs, rows
 from foundation.run_folder.rows import DroneNumber
@@ -78,7 +78,7 @@ def preceding(found: Sequence[Occurrence], t_s: float) -> Occurrence | None:
 
 def _decided(logs: Logs) -> Iterator[Occurrence]:
     for one in logs.decisions:
-        words = f"step {one.step}: {describe(one)}"
+        words = f"step {one.step}: {action_or_reason(one)}"
         yield Occurrence(one.t_decided, OccurrenceKind.DECISION, one.drone, words)
         if one.declares:
             yield Occurrence(one.t_decided, OccurrenceKind.DECLARATION, one.drone, f"step {one.step}: declared")

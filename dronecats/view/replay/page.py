@@ -4,6 +4,7 @@ import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from dronecats.report.kit import palette
 from dronecats.view.film.lettering import Picture
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import COLORS, FlightScene
@@ -14,20 +15,9 @@ from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import AgainView, AgainViews, ViewWish
 from dronecats.view.scene.page import LoopbackServer
 from foundation.errors import UsageError
-from foundation.frames import Vec3
 from foundation.run_folder.rows import drone_label
 
-RUN_COLORS: tuple[Vec3, ...] = (  # linear RGB, of flights that are laid over one another
-    (0.95, 0.25, 0.05),
-    (0.05, 0.35, 0.95),
-    (0.05, 0.6, 0.2),
-    (0.75, 0.1, 0.7),
-    (0.95, 0.7, 0.02),
-    (0.02, 0.65, 0.7),
-    (0.35, 0.12, 0.03),
-    (0.95, 0.3, 0.5),
-    (0.2, 0.2, 0.22),
-)
+RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, of flights laid over one another
 TRAIL_S = 0.1  # s between two places of a trail that is laid anew
 GAP_S = 1.0  # s between two moments across which a trail is laid anew
 VIEWS: tuple[AgainView | None, ...] = (None, *AgainView)
@@ -67,9 +57,6 @@ class ReplayPage:
         self._server = LoopbackServer(f"DroneCATS · {flights[0].recorded.id}", port, hosts)
         self.url = self._server.url
         self._server.gui.set_panel_label(f"DroneCATS · {flights[0].recorded.id}")
-        self._server.gui.configure_theme(
-            control_width="large", show_logo=False, show_share_button=False, brand_color=(214, 73, 51)
-        )
         self._turn = threading.Lock()
         self._state = PageState()
         self._applied: PageState | None = None
@@ -80,7 +67,7 @@ class ReplayPage:
         colors = [(RUN_COLORS[k],) * len(f.drones) if several else COLORS for k, f in enumerate(flights)]
         self._panels = FlightPanels(self._server, drones, on_judge=self._judged, on_follow=self._followed)
         self._server.gui.main_panel.dock_right()
-        shades = [shade(own[0]) for own in colors]
+        shades = [palette.shade(own[0]) for own in colors]
         self._controls = Controls(self._server, self, flights, shades, clock.end_s, self._panels.pictures)
         self._scenes = [
             FlightScene(
@@ -255,9 +242,3 @@ class ReplayPage:
             who = f"{drone_label(wish.drone)} " if len(self.flights[wish.flight].drones) > 1 else ""
             self._controls.show_picture(picture, f"{who}{wish.view.value} at {wish.t_s:.1f} s")
             self._server.flush()
-
-
-def shade(color: Vec3) -> tuple[int, int, int]:
-    """Return a linear colour as the browser has it, RGB."""
-    r, g, b = (round(255 * c**0.45) for c in color)
-    return (r, g, b)

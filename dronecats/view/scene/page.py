@@ -17,6 +17,7 @@ import websockets.asyncio.server as websocket_server
 from websockets import Headers, Request, Response
 from websockets.asyncio.server import ServerConnection
 
+from dronecats.report.kit import palette
 from foundation.errors import UsageError
 
 LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
@@ -127,6 +128,8 @@ class LoopbackServer(viser.ViserServer):
         self._gate = Gate(hosts)
         with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
             super().__init__(host=HOST, port=port, label=label, verbose=False)
+        accent = palette.rgb(palette.LIGHT["accent"])
+        self.gui.configure_theme(control_width="large", show_logo=False, show_share_button=False, brand_color=accent)
         logging.getLogger("websockets").setLevel(logging.CRITICAL)
 
     @property
