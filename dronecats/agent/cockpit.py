@@ -39,14 +39,11 @@ class Cockpit:
     pictures: PicturePath | None = None  # what is done to pictures on purpose; None: each is had when it is taken
     host: HostPace | None = None  # what the vehicle's clock is held to; None: nothing, and no host can be late
 
-
     def log_prompt(self, request: Request, frames: Sequence[Frame], asked_s: float) -> None:
         """Log the text of a question that is about to be asked, `asked_s` after the episode began."""
         if self.prompts:
             ids = [frame.frame_id for frame in frames]
-            self.prompts.write(
-                request.role, request.drone, request.step, asked_s, ids, request.labels, request.text
-            )
+            self.prompts.write(request.role, request.drone, request.step, asked_s, ids, request.labels, request.text)
 
 
 class Agent(Protocol):

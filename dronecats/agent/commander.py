@@ -16,7 +16,7 @@ from dronecats.agent.command_prompt import INTERVAL_S, STALL_STEPS, CommandPromp
 from dronecats.agent.decider import Tally, keep_pictures, newest_frames
 from dronecats.agent.decisions import Decision
 from dronecats.agent.last_reply import await_reply
-from dronecats.agent.latency import COMMANDER, Latency, Question
+from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.orders import FleetOrders, OrdersError, parse_orders
 from dronecats.agent.prompt import labels
@@ -33,7 +33,7 @@ class CommandQuestions:
     model: Model
     prompt: CommandPrompt
     instruction: str  # the episode's
-    latency: Latency
+    latency: LatencyPolicy
     patience_s: float | None = None  # as `Questions` has them
     last_reply: bool = True
 

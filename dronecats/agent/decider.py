@@ -16,7 +16,7 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decisions import Decision
 from dronecats.agent.drone import Drone
 from dronecats.agent.last_reply import await_reply
-from dronecats.agent.latency import Latency, Question
+from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.agent.reply.reading import ReplyParser, reading
@@ -37,7 +37,7 @@ class Questions:
     model: Model
     prompt: Prompt
     instruction: str
-    latency: Latency
+    latency: LatencyPolicy
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs

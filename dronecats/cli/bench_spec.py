@@ -7,17 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli import disturbance_options
 from dronecats.cli.disturbance_options import disturbances_of
 from dronecats.cli.model_options import OPTIONS, model_of
+from dronecats.flight import disturbances
 
 if TYPE_CHECKING:
+    from dronecats.agent.latency import LatencyPolicy
     from dronecats.bench.matrix import BenchEntry, ChosenSuite
     from dronecats.flight.spec.flight_spec import FlightSpec
 
 # what a file may say, and of which kind it is there; each is the option of that name
 LISTS = ("suite", "episodes", "model", "pilot", "agent", "command", "latency", "rate")
-DISTURBED = {each.name: each.kind for each in disturbance_options.OPTIONS}
+DISTURBED = {each.name: each.kind for each in disturbances.OPTIONS}
 NUMBERS = ("cost_limit", *(name for name, kind in DISTURBED.items() if kind is float))
 COUNTS = ("flights", "jobs", "limit", "seed", "token_limit", "stop_unreadable")
 WORDS = ("address", "parser", "commander", "commander_url", "engine", "speed", "shard", *OPTIONS,
@@ -164,16 +165,17 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
     return int(part), int(parts)
 
 
-def _latencies(args: argparse.Namespace) -> list[str]:
+def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
     """Return the latency policies; one for every rate that is pinned."""
     from dronecats.flight.spec.flight_spec import LATENCY
+    from dronecats.flight.spec.latency_trace import latency_policy
     from foundation.errors import UsageError
 
     if args.rate and args.latency:
         raise UsageError("--rate pins what a reply takes, and --latency says it otherwise; leave one of them out")
     if args.rate:
-        return [f"rate:{rate}" for rate in args.rate]
-    return list(args.latency or [LATENCY if args.speed == "max" else "real"])
+        return [latency_policy(f"rate:{rate}") for rate in args.rate]
+    return [latency_policy(text) for text in args.latency or [LATENCY if args.speed == "max" else "real"]]
 
 
 def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]":
@@ -216,7 +218,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             prompt=template_of(args.prompt) if args.prompt else None,
             parser=args.parser,
             stop_unreadable=args.stop_unreadable,
-            disturbances=disturbances_of(args, lockstep=factor is None),
+            disturbances=disturbances_of(args),
             seed=args.seed,
             full=args.full,
         )

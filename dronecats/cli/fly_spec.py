@@ -5,7 +5,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.names import STEADY
 from dronecats.cli import disturbance_options
 from dronecats.cli.disturbance_options import disturbances_of
 from dronecats.cli.model_options import OPTIONS, model_of
@@ -52,10 +51,6 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
     if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
         raise UsageError(f"--{_option(alone)} goes with --model PROVIDER/NAME, for example --model local/my-model")
-    if args.agent == STEADY and args.command == "hierarchical":
-        raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
-    if args.commander and args.command != "hierarchical":
-        raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
         raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
     strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
@@ -71,15 +66,10 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
 
 def _simulated(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated
-    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.latency_trace import latency_policy
     from episodes.camera.optics.file import load as load_optics
     from episodes.records import catalogue
-    from foundation.errors import UsageError
 
-    if args.px4 and args.autopilot != "px4":
-        raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
-    if args.keep_ulog and not args.px4:
-        raise UsageError("--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND; add them")
     factor = speed(args.speed or "1")
     vehicle = Simulated(
         airframe=args.airframe or Simulated().airframe,
@@ -93,10 +83,10 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         **_of_pilot(args),
         simulated=vehicle,
         drones=args.drones,
-        **latency_fields(args.latency or (LATENCY if factor is None else "real")),
+        latency=latency_policy(args.latency or (LATENCY if factor is None else "real")),
         parser=args.parser or "strict",
         stop_unreadable=args.stop_unreadable,
-        disturbances=disturbances_of(args, lockstep=factor is None),
+        disturbances=disturbances_of(args),
         seed=args.seed or 0,
         full=args.full,
         envelope=_envelope(args),
@@ -107,7 +97,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
     """Return a recorded flight, but for what is said otherwise."""
     from dronecats.flight.spec.flight_spec import Simulated
-    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.latency_trace import latency_policy
     from dronecats.flight.spec.recording import recorded
     from episodes.camera.optics.file import load as load_optics
     from foundation.errors import UsageError
@@ -134,11 +124,11 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     changes: dict[str, Any] = {"simulated": vehicle, "accounts": _accounts(args), "full": args.full or spec.full}
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
-    changes["disturbances"] = disturbances_of(args, spec.disturbances, lockstep=vehicle.speed is None)
+    changes["disturbances"] = disturbances_of(args, spec.disturbances)
     kept = ("seed", "parser", "stop_unreadable")
     changes |= {name: value for name in kept if (value := getattr(args, name)) is not None}
     if args.latency:
-        changes |= latency_fields(args.latency)
+        changes["latency"] = latency_policy(args.latency)
     if args.prompt:
         changes |= {"prompt": template_of(args.prompt)}
     if args.no_envelope or args.envelope:
@@ -182,7 +172,7 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
 
 def _connected(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec
-    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.latency_trace import latency_policy
     from foundation.errors import UsageError
     from hil.cameras.calibration import load as load_calibration
     from hil.link.envelope import Limits
@@ -203,7 +193,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         **(_of_world(args.world, args.instruction) if args.world else {"instruction": args.instruction}),
         **_of_pilot(args),
         connected=vehicle,
-        **latency_fields(args.latency or "real"),
+        latency=latency_policy(args.latency or "real"),
         parser=args.parser or "strict",
         stop_unreadable=args.stop_unreadable,
         patience_s=PATIENCE_S if args.patience is None else args.patience,

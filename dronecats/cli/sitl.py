@@ -113,7 +113,6 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.processes.supervisor import Supervisor
     from dronecats.flight.sitl.board.simulator import BoardSimulator
     from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
-    from dronecats.flight.sitl.flight_conditions import FlightConditions
     from dronecats.flight.sitl.ports import CAMERA_PORT
     from dronecats.flight.sitl.px4.simulator import Px4Simulator
     from dronecats.flight.sitl.simulator_process import Simulator
@@ -129,7 +128,8 @@ def run(args: argparse.Namespace) -> int:
         speed=factor,
         instance=args.instance,
         count=args.count or 1,
-        conditions=FlightConditions(wind_ned=(*wind, 0.0), gusts_w20=args.gusts),
+        wind_ned=(*wind, 0.0),
+        gusts_w20=args.gusts,
         faults=str(args.faults) if args.faults else None,
         state_dir=str(args.state or Path("runs") / f"sitl-{args.instance}"),
         autopilot=args.autopilot,

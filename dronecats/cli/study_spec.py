@@ -111,8 +111,7 @@ def _naming(file: Path | None) -> Iterator[None]:
 
 
 def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file: Path | None = None) -> AskedStudy:
-    from dronecats.study import looked_up
-    from dronecats.study.plan import plan
+    from dronecats.study.plan import check_flights, plan
 
     args = bench_spec.filled(args, DEFAULTS)
     suite = suite_of_options(args)
@@ -127,7 +126,7 @@ def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file
     pilots = _pilots(args, out, {**{axis.name: axis.ends for axis in axes}, **{k: (v,) for k, v in held.items()}})
     with _naming(file):
         resolved = plan(told["name"], pilots, suite, design, held=held, flights=args.flights)
-        looked_up.check(resolved)
+        check_flights(resolved)
     return AskedStudy(args=args, out=out, suite=suite, plan=resolved)
 
 
@@ -218,12 +217,12 @@ def _axis(name: str, value: Any) -> "Axis":
         if len(set(levels)) < len(levels):
             raise UsageError(f"{factor.name} has one of its levels twice")
         return Axis(name=factor.name, levels=levels)
-    if isinstance(value, dict) and set(value) == {"low", "high"} and factor.numeric:
+    if isinstance(value, dict) and set(value) == {"low", "high"} and factor.quantity:
         low, high = (float(factor.level(value[end])) for end in ("low", "high"))
         if low >= high:
             raise UsageError(f"{factor.name} wants a low that is below its high, got {low:g} and {high:g}")
-        return Axis(name=factor.name, low=low, high=high, whole=factor.whole)
-    ranges = ", or { low = …, high = … }" if factor.numeric else ""
+        return Axis(name=factor.name, low=low, high=high, whole=factor.quantity.whole)
+    ranges = ", or { low = …, high = … }" if factor.quantity else ""
     raise UsageError(f"{factor.name} wants a list of levels{ranges}, got {value!r:.60}; one level goes under held")
 
 
@@ -251,6 +250,7 @@ def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
     """Return who flies, but for what `levels` of factors say: where that is the pilot itself, one without a name."""
+    from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import LATENCY
     from foundation.errors import UsageError
     from foundation.protocol import CAP_S
@@ -272,7 +272,7 @@ def _pilots(
         raise UsageError("--commander goes with --hold command=hierarchical; add it or leave --commander out")
     if who:
         setattr(args, who, [levels[who][0]])
-    latency = LATENCY if args.speed == "max" else "real"
+    latency = LatencyPolicy.parse(LATENCY if args.speed == "max" else "real")
     seconds = CAP_S if args.seconds is None else float(args.seconds)
     return [
         ("" if who else name, replace(flight, latency=latency, seconds=seconds))

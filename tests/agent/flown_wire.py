@@ -14,7 +14,7 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.executors import InlineExecutor
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
@@ -126,7 +126,7 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
     model = open_model(ModelSpec(provider=provider, name="maker/model-1", base_url=endpoint.url))
     log = DecisionLog(folder / "decisions.jsonl")
     asked = Questions(
-        model, prompt or Prompt.load(None), "go to the cyan SUV", latency("fixed:0"), axis_order=axis_order
+        model, prompt or Prompt.load(None), "go to the cyan SUV", LatencyPolicy.parse("fixed:0"), axis_order=axis_order
     )
     cockpit = Cockpit(
         aircraft=vehicles, camera=views, camera_model=CAMERA, log=log,

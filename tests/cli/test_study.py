@@ -215,7 +215,7 @@ def test_jitter_is_around_a_rate_that_is_held(tmp_path):
     )
     held = {"rate": args.rate, "jitter_rho": args.rho}
     made = study_spec.of_options(args, "jitter", {"jitter_cv": levels(args.cv)}, held)
-    assert {entry.flight.latency for entry in made.plan.entries} == {"jitter:4,0,0.5", "jitter:4,1,0.5"}
+    assert {str(entry.flight.latency) for entry in made.plan.entries} == {"jitter:4,0,0.5", "jitter:4,1,0.5"}
 
 
 def test_a_pilot_may_be_a_factor():

@@ -13,7 +13,7 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.decider import Questions
 from dronecats.agent.decisions import DecisionLog
 from dronecats.agent.executors import InlineExecutor
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.metrics.metric import Metric
@@ -73,7 +73,9 @@ def flown(folder, drones, groups, replies):
         aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, prompts=prompts,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
-    agent = PaperAgent(Questions(model, Prompt.load(None), "find it", latency("fixed:0.5")), cockpit, groups)
+    agent = PaperAgent(
+        Questions(model, Prompt.load(None), "find it", LatencyPolicy.parse("fixed:0.5")), cockpit, groups
+    )
     agent.fly(stop=lambda decision: len(model.asked) == len(replies))
     log.close()
     prompts.close()
@@ -133,7 +135,6 @@ def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
     assert not answered.keys() & set(confirmed)
     assert [p.text for p in prompts if p.row.role == "commander"] == [request.text for request in commander.asked]
     assert [p.row.number for p in prompts if p.row.role == "commander"] == [each.number for each in exchanges]
-
 
 
 def test_a_flight_is_a_file_of_its_own_and_the_page_holds_none(tmp_path):

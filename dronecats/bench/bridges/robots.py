@@ -28,7 +28,7 @@ from dronecats.bench.bridges.actions import KINDS, reply
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.bench.bridges.pictures import PICTURE_SHAPE, picture
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
-from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.flight.spec.latency_trace import latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue, suites
 from foundation.errors import UsageError
@@ -80,7 +80,7 @@ class DroneEmbodiment(EmbodimentBase):
             episode=str(scene.metadata.get("episode", scene.id)),
             simulated=Simulated(speed=None),
             outside=Outside(harness="inspect-robots", name=self._policy),
-            **latency_fields(self._latency),
+            latency=latency_policy(self._latency),
             seconds=self._seconds,
             seed=(seed or 0) % 2**31,
         )

@@ -41,9 +41,7 @@ SILENCE_S = 6.0
 class VehicleFlight(FlightSetup):
     """A flight of somebody else's vehicle."""
 
-    def __init__(
-        self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]
-    ) -> None:
+    def __init__(self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]) -> None:
         """`link` is open, and closed with the flight."""
         super().__init__(flight, episode, camera)
         self.vehicle, self.link, self.authority = vehicle, link, vehicle.authority

@@ -72,9 +72,7 @@ class ConnectedWorldFlight(VehicleFlight):
                 TrueStart(stage, world, stage.placement) as true_start,
                 opened_in(world, self.flight, stage, folder) as pilot,
             ):
-                yield Ready(
-                    stage=stage, starts=[start], pilot=pilot, true_start=true_start if self._judged else None
-                )
+                yield Ready(stage=stage, starts=[start], pilot=pilot, true_start=true_start if self._judged else None)
         finally:
             stage.close()
 

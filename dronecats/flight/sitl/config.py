@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from dronecats.flight.sitl.flight_conditions import AS_EVER, FlightConditions
-from dronecats.flight.sitl.host_stalls import NO_STALLS, HostStalls
+from dronecats.flight.disturbances import VehicleFaults
+from foundation.frames import Vec3
 from foundation.truth import KEPT
 
 AIRFRAME = "x500"  # if none is named
@@ -20,11 +20,10 @@ class SimulatorConfig:
     speed: float | None = 1.0  # × real time; None: nobody paces it
     instance: int | None = None  # added to every port; None: ports that the system chose
     count: int | None = None  # vehicles; None: as many as the record has starts
-    payload_kg: float = 0.0
     least_charge: float | None = None  # 0 … 1, below which no battery is drained; None: as real ones
-    conditions: FlightConditions = AS_EVER  # from boot
-    disturbed: FlightConditions | None = None  # from the episode's beginning on; None: the same
-    stalls: HostStalls = NO_STALLS  # of a simulator that is paced
+    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, from boot, the direction that the air moves to
+    gusts_w20: float = 0.0  # m/s, from boot, the wind at 20 ft that the gusts belong to
+    disturbances: VehicleFaults | None = None  # a payload from boot, the others from the episode's beginning on
     faults: str | None = None  # file of a fault script
     state_dir: str | None = None  # where parameters, plans and logs stay; None: nowhere
     autopilot: Literal["ours", "px4"] = "ours"

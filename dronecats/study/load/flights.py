@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.batch import Batch
 from dronecats.bench.one_run import fly_run
 from dronecats.flight.run.settings import settings
@@ -109,7 +110,7 @@ def spec(plan: LoadPlan, clock: Clock, number: int) -> FlightSpec:
     return FlightSpec(
         pilot=plan.pilot,
         simulated=Simulated(speed=speed, rendered=plan.rendered),
-        latency=plan.latency,
+        latency=LatencyPolicy.parse(plan.latency),
         seconds=plan.seconds,
         seed=number - 1,
         full=True,

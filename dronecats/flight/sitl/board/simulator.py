@@ -14,6 +14,7 @@ from foundation.mavlink import Packer
 from foundation.truth import TRUTH_COMPONENT
 from hil.link.transport import connect
 from hil.simulator.board import BoardLine, sensor_period_us
+from vehicles.wind import Wind
 
 
 class BoardSimulator:
@@ -30,8 +31,7 @@ class BoardSimulator:
             airframe=config.airframe,
             seed=config.seed,
             count=1,
-            payload_kg=config.payload_kg,
-            conditions=config.conditions,
+            wind=Wind(config.wind_ned, config.gusts_w20),
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles, on the first run of an installation

@@ -26,6 +26,7 @@ from foundation.run_folder.layout import onboard_log_name
 from hil.simulator.server import PORT, SimulatorServer
 from vehicles import airframe as airframes
 from vehicles import fault_script
+from vehicles.wind import Wind
 
 INSTANCES = 10  # of which each has an offboard port of its own
 UDP_PORTS = (AGENT_PORT, AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL)  # what an instance must find free, beside its TCP port
@@ -114,9 +115,8 @@ class Px4Simulator:
                 airframe=config.airframe,
                 seed=config.seed,
                 count=config.count,
-                payload_kg=config.payload_kg,
-                conditions=config.conditions,
-                disturbed=config.disturbed,
+                wind=Wind(config.wind_ned, config.gusts_w20),
+                disturbances=config.disturbances,
                 faults=fault_script.load(Path(script), rotors) if script else (),
             )
             self.vehicles = self.simulation.vehicles
@@ -127,7 +127,7 @@ class Px4Simulator:
             self._in_step = [False] * len(self.vehicles)
             self._started_at = [0] * len(self.vehicles)
             self._processes: list[Px4Process] = []
-            self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
+            self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
             if config.keep_ulogs:
                 parts.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
             if command is not None:
