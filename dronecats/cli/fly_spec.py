@@ -5,36 +5,15 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli import disturbance_options
-from dronecats.cli.disturbance_options import disturbances_of
-from dronecats.cli.model_options import OPTIONS, model_of
-from dronecats.cli.sign_option import key_of
-from dronecats.cli.speed import speed
+from dronecats.cli.fly import OPTIONS
+from dronecats.cli.options import MODEL, disturbances_of, first_set, is_set, key_of, model_of, speed
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import Accounts, FlightSpec
     from hil.link.envelope import Limits
 
-SIMULATED_ONLY = (
-    "speed", "seed", "airframe", "episode", "drones", "command", "full", "optics", "autopilot", "px4", "no_envelope",
-    *disturbance_options.NAMES,
-)  # fmt: skip
-CONNECTED_ONLY = (
-    "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
-    "target", "target_std", "sign",
-)  # fmt: skip
-ACCOUNTS = ("cost_limit", "token_limit", "ledger", "cache")
-BESIDE_SPEC = (
-    "episode", "base_url", "commander_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run",
-    "view", "view_port", "view_stay", *ACCOUNTS,
-)  # fmt: skip
+BESIDE_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(each.name for each in OPTIONS if each.beside_spec)}
 REPLAY = "replay:"
-REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
-            "full", "prompt", "parser", "stop_unreadable", *disturbance_options.NAMES)  # fmt: skip
-RECORDED = (  # in a replay as they were
-    "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort", "command", "commander", "drones",
-    "agent",
-)  # fmt: skip
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
@@ -49,16 +28,16 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
     if args.model and args.pilot:
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
-    if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
-        raise UsageError(f"--{_option(alone)} goes with --model PROVIDER/NAME, for example --model local/my-model")
+    if not args.model and (alone := first_set(args, MODEL)):
+        raise UsageError(f"{alone.flag} goes with --model PROVIDER/NAME, for example --model local/my-model")
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
         raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
-    strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
-    stray = next((name for name in strays if _given(getattr(args, name))), None)
-    if stray == "no_envelope":
+    vehicle = "--connect" if args.connect else "--sitl"
+    stray = first_set(args, (each for each in OPTIONS if each.vehicle not in (None, vehicle)))
+    if stray and stray.name == "no_envelope":
         raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
     if stray:
-        raise UsageError(f"--{_option(stray)} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
+        raise UsageError(f"{stray.flag} goes with {stray.vehicle}; leave it out")
     if (args.model or "").startswith(REPLAY):
         return _replayed(args)
     return _connected(args) if args.connect else _simulated(args)
@@ -109,9 +88,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
     if args.base_url:
         raise UsageError("a replay asks nobody: leave --base-url out")
-    if stray := next((name for name in RECORDED if getattr(args, name) is not None), None):
-        told = f"--{_option(stray)} is as it was on the flight that --model replay:RUN flies again"
-        raise UsageError(f"{told}: leave it out")
+    if stray := first_set(args, (each for each in OPTIONS if each.replay == "as recorded")):
+        raise UsageError(f"{stray.flag} is as it was on the flight that --model replay:RUN flies again: leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):
@@ -136,10 +114,10 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     return replace(spec, **changes)
 
 
-def said_of_replay(args: argparse.Namespace, flight: str) -> str:
+def replay_line(args: argparse.Namespace, flight: str) -> str:
     """Return what a replay takes from the recorded flight, and what not, a sentence."""
-    given = [f"--{_option(name)}" for name in REPLAYED if _given(getattr(args, name))]
-    other = f", but for {', '.join(given)}" if given else ""
+    changed = [each.flag for each in OPTIONS if each.replay == "may change" and is_set(getattr(args, each.name))]
+    other = f", but for {', '.join(changed)}" if changed else ""
     return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{other}"
 
 
@@ -208,9 +186,9 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.spec_file import hidden, read
     from foundation.errors import UsageError
 
-    stray = next((n for n, v in vars(args).items() if n not in BESIDE_SPEC and _given(v)), None)
+    stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
     if stray:
-        raise UsageError(f"--spec says what is flown: leave --{_option(stray)} out")
+        raise UsageError(f"--spec says what is flown: leave --{stray.replace('_', '-')} out")
     spec = read(args.spec)
     if args.episode:
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
@@ -304,12 +282,3 @@ def _check_eyes(args: argparse.Namespace) -> None:
         raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
     if not args.world and not (args.camera and args.instruction):
         raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
-
-
-def _option(name: str) -> str:
-    return name.replace("_", "-")
-
-
-def _given(value: Any) -> bool:
-    """Return whether an option was: a nought is a word like any other."""
-    return value is not None and value is not False

@@ -7,8 +7,8 @@ import tempfile
 from pathlib import Path
 
 from dronecats.cli import signals
-from dronecats.cli.sign_option import add_sign, key_of
-from dronecats.cli.view_options import add_view, view_of
+from dronecats.cli.options import add_sign, key_of
+from dronecats.cli.page_options import add_view, view_of
 
 WIND_MAX = 40.0  # m/s, a hurricane
 LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
@@ -65,7 +65,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until interrupted."""
-    from dronecats.cli.speed import speed
+    from dronecats.cli.options import speed
     from episodes.camera.optics.file import load
     from episodes.records import catalogue
     from foundation.errors import UsageError

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.view_options import view_of
+from dronecats.cli.page_options import view_of
 
 if TYPE_CHECKING:
     from dronecats.agent.models.ledger import Spent

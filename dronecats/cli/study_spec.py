@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import bench_spec
-from dronecats.cli.disturbance_options import NAMES
-from dronecats.cli.model_options import OPTIONS
+from dronecats.cli.options import DISTURBANCES, MODEL, first_set
 
 if TYPE_CHECKING:
     from dronecats.bench.matrix import ChosenSuite
@@ -56,7 +55,7 @@ def of_file(args: argparse.Namespace) -> AskedStudy:
     told = bench_spec.toml(path)
     own = {word.replace("-", "_"): value for word, value in told.items() if word.replace("-", "_") in OWN}
     others = {word: value for word, value in told.items() if word.replace("-", "_") not in OWN}
-    known = [word for word in bench_spec.KNOWN if word not in NOT_HERE]
+    known = [word for word in bench_spec.FILE_OPTIONS if word not in NOT_HERE]
     _check_factors_here(path, others)
     for word, value in own.items():
         _check(path, word, value)
@@ -255,21 +254,19 @@ def _pilots(
     from foundation.errors import UsageError
     from foundation.protocol import CAP_S
 
-    if both := next((name for name in NAMES if name in levels and getattr(args, name) is not None), None):
-        raise UsageError(f"--{both.replace('_', '-')} is one of the factors, or held; leave one of them out")
+    if both := first_set(args, (option for option in DISTURBANCES if option.name in levels)):
+        raise UsageError(f"{both.flag} is one of the factors, or held; leave one of them out")
     who = next((name for name in WHO if name in levels), None)
     if who and (args.pilot or args.model):
         raise UsageError(f"{who} is one of the factors; leave --{'pilot' if args.pilot else 'model'} out")
-    if who and (option := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
+    if who and (option := first_set(args, MODEL)):
         raise UsageError(
-            f"--{option.replace('_', '-')} is of one --model, and {who} is one of the factors, or held; leave it out:"
+            f"{option.flag} is of one --model, and {who} is one of the factors, or held; leave it out:"
             " a row of models.toml has its own"
         )
     if who == "pilot" and args.rendered:
         raise UsageError("--rendered goes with --pilot: of pilots that are a factor, those that look have pictures")
     args.agent, args.command = None, list(levels.get("command", ()))
-    if args.commander and "hierarchical" not in args.command:
-        raise UsageError("--commander goes with --hold command=hierarchical; add it or leave --commander out")
     if who:
         setattr(args, who, [levels[who][0]])
     latency = LatencyPolicy.parse(LATENCY if args.speed == "max" else "real")

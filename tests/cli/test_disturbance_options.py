@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.cli import bench_spec
-from dronecats.cli.fly_spec import said_of_replay, spec_of
+from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import main, parse
 from dronecats.flight.disturbances import OPTIONS, UNDISTURBED, Disturbances, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -70,7 +70,7 @@ def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherw
     assert spec_of(parse(["fly", *words])).disturbances == flown.disturbances
     other = parse(["fly", *words, "--frame-delay", "0"])
     assert spec_of(other).disturbances == Disturbances(frame=replace(FRAME, delay_s=0.0))
-    assert said_of_replay(other, EASY).endswith("--frame-delay")
+    assert replay_line(other, EASY).endswith("--frame-delay")
     assert main(["fly", "--spec", str(kept / "run.json"), "--frame-delay", "1"]) == 2
     assert "--frame-delay" in capsys.readouterr().err
 

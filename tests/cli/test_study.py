@@ -16,7 +16,7 @@ import pytest
 
 from dronecats.cli import sitting, study_spec
 from dronecats.cli.main import main, parse
-from dronecats.cli.study_options import levels
+from dronecats.cli.options import level_list as levels
 from dronecats.report.results.flown_run import flown_runs
 from dronecats.study import folder
 from foundation.errors import UsageError

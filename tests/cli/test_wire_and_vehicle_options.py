@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from dronecats.cli.disturbance_options import add_disturbance_options, disturbances_of
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
+from dronecats.cli.options import add_disturbances, disturbances_of
 from dronecats.flight.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
 from foundation.errors import UsageError
 from hil.impairment.channel import Impairment
@@ -17,7 +17,7 @@ from hil.impairment.channel import Impairment
 
 def parsed(*words: str) -> Disturbances:
     parser = argparse.ArgumentParser()
-    add_disturbance_options(parser)
+    add_disturbances(parser)
     return disturbances_of(parser.parse_args(words))
 
 

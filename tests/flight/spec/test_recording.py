@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.cli.fly_spec import said_of_replay, spec_of
+from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight_spec import Accounts, Connected, FlightSpec, Simulated
 from dronecats.flight.spec.recording import recorded
@@ -70,7 +70,7 @@ def test_what_is_said_otherwise_takes_the_place_of_what_was_flown(tmp_path):
     assert (flight.seed, str(flight.latency), flight.full, flight.envelope) == (5, "fixed:1", True, None)
     assert flight.simulated == Simulated(speed=2.0, airframe="nano")
     assert (flight.episode, flight.record) == ("residential-searching-01", None)
-    said = said_of_replay(parse(["fly", *words]), EASY)
+    said = replay_line(parse(["fly", *words]), EASY)
     changed = ["--episode", "--seed", "--latency", "--speed", "--airframe", "--no-envelope", "--full"]
     assert re.findall(r"--[a-z-]+", said) == changed
     assert spec(*words, "--parser", "lenient").parser == "lenient"
