@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from dronecats.agent.models.model import Reply
+from foundation.declaration import ABOVE_0, DeclaredNumber
 from foundation.errors import UsageError
-from foundation.quantity import ABOVE_0, Quantity
 
 LONGEST_S = 300.0  # an episode
 FASTEST_HZ = 20.0  # of the ticks on which a reply is noticed
@@ -247,7 +247,7 @@ class LatencyKind:
     """One kind of policy: its numbers, and what they come to."""
 
     charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
-    quantities: tuple[Quantity, ...] = ()
+    quantities: tuple[DeclaredNumber, ...] = ()
     optional: int = 0  # how many of the last numbers may be left out
     foreseen: bool = True
     file: str = ""  # what it takes in the place of numbers
@@ -270,15 +270,15 @@ class LatencyKind:
             raise UsageError(f"--latency {self.form(text.partition(':')[0])} wants {wanted}, got '{text}'") from None
 
 
-def _number(name: str, low: float, high: float, unit: str = "") -> Quantity:
-    return Quantity(name=name, help="", low=low, high=high, unit=unit)
+def _number(name: str, low: float, high: float, unit: str = "") -> DeclaredNumber:
+    return DeclaredNumber(name=name, help="", low=low, high=high, unit=unit)
 
 
-def _seconds(name: str, low: float = 0.0) -> Quantity:
+def _seconds(name: str, low: float = 0.0) -> DeclaredNumber:
     return _number(name, low, LONGEST_S, "s")
 
 
-def _rate(name: str) -> Quantity:
+def _rate(name: str) -> DeclaredNumber:
     return _number(name, SLOWEST_HZ, FASTEST_HZ, "Hz")
 
 

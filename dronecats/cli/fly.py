@@ -9,21 +9,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
-from dronecats.cli.options import (
-    ACCOUNTS,
-    AGENT,
-    COMMAND,
-    DISTURBANCES,
-    LATENCY,
-    MODEL,
-    REPLIES,
-    Option,
-    add,
-    add_disturbances,
-    describe_model,
-)
+from dronecats.cli.fly_spec import PILOT, RUN, VEHICLE, replay_line, spec_of
+from dronecats.cli.options import COMMAND, LATENCY, Option, add, add_disturbances, describe_model
 from dronecats.cli.page_options import add_view, view_of
 from foundation.wording import counted
 
@@ -31,112 +19,6 @@ if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
 
 ARM = "ARM"  # what has to be typed
-
-
-VEHICLE = (
-    Option(name="sitl", kind=bool, help="simulate the vehicle, its autopilot and its camera"),
-    Option(name="connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"),
-    Option(
-        name="sign", kind=Path, metavar="KEYFILE", vehicle="--connect",
-        help="sign MAVLink messages, believe no others: docs/signing.md",
-    ),
-    Option(
-        name="camera", metavar="URL", vehicle="--connect", beside_spec=True,
-        help="http://, rtsp://, v4l2:0, a video file or a folder",
-    ),
-    Option(
-        name="calibration", kind=Path, metavar="FILE", vehicle="--connect", help="the lens, see docs/cameras.md"
-    ),
-    Option(
-        name="world", metavar="EPISODE", vehicle="--connect",
-        help="the vehicle simulates itself, and flies this episode or map",
-    ),
-    Option(
-        name="truth", metavar="URL", vehicle="--connect",
-        help="with --world: its true poses, of a PX4 udpin://127.0.0.1:19410",
-    ),
-    Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after a typed yes; without it, you do"),
-    Option(name="dry_run", kind=bool, vehicle="--connect", help="decide and draw, but move nothing"),
-    Option(name="then", choices=("land", "return", "hold"), vehicle="--connect", help="how the flight ends"),
-    Option(
-        name="envelope", kind=Path, metavar="FILE", replay="may change",
-        help="limits of the safety envelope: docs/envelope.md",
-    ),
-    Option(name="no_envelope", kind=bool, vehicle="--sitl", replay="may change", help="no limits at all"),
-    Option(name="instruction", metavar="TEXT", vehicle="--connect", help="what the pilot is told"),
-    Option(
-        name="target", metavar="LAT,LON[,ALT]", vehicle="--connect", beside_spec=True,
-        help="as surveyed, for the distances: docs/after-flight.md",
-    ),
-    Option(
-        name="target_std", kind=float, metavar="M", vehicle="--connect", beside_spec=True,
-        help="with --target: how well, per axis (3)",
-    ),
-    Option(name="airframe", metavar="NAME", vehicle="--sitl", replay="may change", help="default x500"),
-    Option(
-        name="optics", kind=Path, metavar="FILE", vehicle="--sitl", replay="may change", help="lens, noise, weather"
-    ),
-    Option(
-        name="autopilot", choices=("ours", "px4"), vehicle="--sitl", replay="may change",
-        help="who flies the simulated vehicle",
-    ),
-    Option(
-        name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
-        help="with --autopilot px4: starts your PX4; without it, waits",
-    ),
-    Option(name="keep_ulog", kind=bool, help="with --connect or --px4: keep the log that PX4 writes on board"),
-)  # fmt: skip
-PILOT = (
-    Option(
-        name="pilot", metavar="NAME",
-        help="vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE; no models",
-    ),
-    Option(
-        name="model", metavar="NAME",
-        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
-    ),
-    *MODEL,
-    *ACCOUNTS,
-    Option(
-        name="ledger", kind=Path, metavar="FILE", help="with --model: of several runs (in the folder)", beside_spec=True
-    ),
-    *REPLIES,
-    AGENT,
-)  # fmt: skip
-RUN = (
-    Option(
-        name="episode", metavar="ID", vehicle="--sitl", replay="may change", beside_spec=True,
-        help="id or file (default: go to the cyan SUV)",
-    ),
-    Option(
-        name="drones", kind=int, metavar="N", vehicle="--sitl", replay="as recorded",
-        help="1 to 8 of a commanding episode (default: its four)",
-    ),
-    Option(
-        name="speed", metavar="N|max", vehicle="--sitl", replay="may change",
-        help="factor on real time (default 1); max is lockstep",
-    ),
-    Option(
-        name="seed", kind=int, vehicle="--sitl", replay="may change",
-        help="tells flights of one episode apart (default 0)",
-    ),
-    Option(name="seconds", kind=float, vehicle="--connect", help="length of the flight (300)"),
-    Option(
-        name="patience", kind=float, metavar="S", vehicle="--connect",
-        help="end the flight after S without a reply (60)",
-    ),
-    Option(
-        name="spec", kind=Path, metavar="FILE", help="fly what a run.json says, or the flight in it, once more",
-        beside_spec=True,
-    ),
-    Option(
-        name="full", kind=bool, vehicle="--sitl", replay="may change",
-        help="fly to the cap even when the verdict is decided",
-    ),
-    Option(name="out", kind=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)", beside_spec=True),
-    Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
-)  # fmt: skip
-OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -165,7 +47,6 @@ def unsaid() -> argparse.Namespace:
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-    from dronecats.cli.fly_spec import replay_line, spec_of
 
     signals.as_interrupts()
     spec, view = spec_of(args), view_of(args)

@@ -3,11 +3,11 @@
 import argparse
 from typing import Any
 
-from foundation.quantity import Quantity, declarations
+from foundation.declaration import DeclaredNumber, declarations
 from hil.impairment.channel import Impairment
 
 BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
-QUANTITIES: dict[str, Quantity] = {  # by the field of an impairment; 0 baud: no limit
+QUANTITIES: dict[str, DeclaredNumber] = {  # by the field of an impairment; 0 baud: no limit
     name: each.quantity for name, each in declarations(Impairment).items() if each.quantity
 }
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
-from dronecats.cli.fly import PILOT, unsaid
+from dronecats.cli.fly import unsaid
+from dronecats.cli.fly_spec import PILOT
 from dronecats.cli.options import add, add_sign
 
 if TYPE_CHECKING:

@@ -12,13 +12,13 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any, TypeVar
 
+from foundation.declaration import Declaration, DeclaredNumber, check_bounds, declarations, declared, words_of
 from foundation.errors import UsageError
 from foundation.frames import Vec3
-from foundation.quantity import Declaration, Quantity, check_bounds, declarations, declared, words_of
 from hil.impairment.channel import Impairment
 
 T = TypeVar("T")
-Values = dict[str, Any]  # of a part of the disturbances, by field
+FieldValues = dict[str, Any]  # of a part of the disturbances, by field
 PERFECT = Impairment()
 LOSS_MAX = 0.95  # share of lost telemetry above which no decision is made, so that there is nothing to score
 RECALL_S = 15.0  # s; the logger measures a picture that was taken up to 20 s ago
@@ -33,7 +33,7 @@ class DisturbanceOption:
     metavar: str
     help: str
     more: str = ""  # what else its row of the docs says
-    read: Callable[[str], Values] | None = None  # text → fields; None: it takes the field's number
+    read: Callable[[str], FieldValues] | None = None  # text → fields; None: it takes the field's number
 
     @property
     def kind(self) -> type[float] | type[str]:
@@ -42,10 +42,10 @@ class DisturbanceOption:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DisturbanceLevel(Quantity):
+class DisturbanceLevel(DeclaredNumber):
     """A number that a study can vary."""
 
-    put: Callable[[Values, float], None] | None = None  # sets it among the values of its part; None: as the field
+    put: Callable[[FieldValues, float], None] | None = None  # sets it among the values of its part; None: as the field
     get: Callable[[Any], float] | None = None  # reads it from its part; None: as the field
     refines: str = ""  # another number without which, or where that is 0, this one has no effect
     beside: bool = False  # a study has to set that other number, too
@@ -136,9 +136,9 @@ WIRE = {each.quantity.name: name for name, each in declarations(Impairment).item
 WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # that are factors of a study
 
 
-def _read_wire(text: str) -> Values:
+def _read_wire(text: str) -> FieldValues:
     """Return both ways of the wire of `delay=0.1,loss=0.05,to.delay=0.2`; a name alone is for both ways."""
-    ways: dict[str, Values] = {"to_vehicle": {}, "from_vehicle": {}}
+    ways: dict[str, FieldValues] = {"to_vehicle": {}, "from_vehicle": {}}
     for word in sorted(text.split(","), key=lambda word: "." in word.partition("=")[0]):  # one way overrides both
         name, equals, value = word.strip().partition("=")
         way, dot, quantity = name.rpartition(".")
@@ -162,7 +162,7 @@ def _wire_level(name: str) -> DisturbanceLevel:
     """Return a number of the wire, both ways."""
     quantity = declarations(Impairment)[WIRE[name]].quantity
 
-    def put(values: Values, level: float) -> None:
+    def put(values: FieldValues, level: float) -> None:
         for way in WAYS[""]:
             values[way] = replace(values[way], **{WIRE[name]: level})
 
@@ -214,11 +214,11 @@ def _speed(wind_ned: Vec3) -> float:
     return math.hypot(*wind_ned)
 
 
-def _blow(values: Values, speed: float) -> None:
+def _blow(values: FieldValues, speed: float) -> None:
     values["wind_ned"] = (speed, 0.0, 0.0)
 
 
-def _turn(values: Values, towards_deg: float) -> None:
+def _turn(values: FieldValues, towards_deg: float) -> None:
     """Turn a wind that blows north."""
     speed, turned = values["wind_ned"][0], math.radians(towards_deg)
     north, east = (round(speed * share(turned), 6) for share in (math.cos, math.sin))
@@ -243,7 +243,7 @@ class VehicleFaults:
     wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady, the direction that the air moves to
         (0.0, 0.0, 0.0),
         Disturbance(
-            quantity=Quantity(**WIND, help="speed of the air"),
+            quantity=DeclaredNumber(**WIND, help="speed of the air"),
             size=_speed,
             words=_wind_words,
             option=DisturbanceOption(
@@ -356,7 +356,7 @@ class Disturbances:
         value = getattr(self, part)
         return level.get(value) if level.get else float(getattr(value, of))
 
-    def _values(self) -> dict[str, Values]:
+    def _values(self) -> dict[str, FieldValues]:
         parts = {name: getattr(self, name) for name in _PARTS}
         return {name: {each.name: getattr(part, each.name) for each in fields(part)} for name, part in parts.items()}
 
@@ -375,6 +375,6 @@ OPTIONS = tuple(disturbance.option for _, _, disturbance in DECLARED if disturba
 LEVELS = tuple((part, name, level) for part, name, disturbance in DECLARED for level in disturbance.levels)
 
 
-def _made(values: Mapping[str, Values]) -> Disturbances:
-    parts: Values = {part: of(**values[part]) for part, of in _PARTS.items()}
+def _made(values: Mapping[str, FieldValues]) -> Disturbances:
+    parts: FieldValues = {part: of(**values[part]) for part, of in _PARTS.items()}
     return Disturbances(**parts)

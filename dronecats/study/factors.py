@@ -16,8 +16,8 @@ from dronecats.flight import disturbances
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.latency_trace import carried, latency_policy
 from dronecats.pilots import roster
+from foundation.declaration import DeclaredNumber
 from foundation.errors import UsageError
-from foundation.quantity import Quantity
 from foundation.run_folder.study import Level
 
 WHO_FLIES = ("pilot", "model", "agent", "command")  # factors that are no disturbance but an entrant
@@ -40,7 +40,7 @@ class Factor:
     sets: str  # what of a flight it decides: of the factors that set the same, a study has one
     put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: one of the disturbances, set together
     get: Callable[[FlightSpec], float | None] = lambda flight: None  # the number that a flight has; None: it has none
-    quantity: Quantity | None = None  # of a number; …
+    quantity: DeclaredNumber | None = None  # of a number; …
     words: Sequence[str] | None = None  # … and what a word may be. None of both: any word
     refines: str = ""  # another factor: where that is 0, this one has no effect
     beside: bool = False  # that other factor has to be set, too

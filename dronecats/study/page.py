@@ -5,7 +5,7 @@ from pathlib import Path
 from dronecats.flight.disturbances import DECLARED
 from dronecats.judge.metrics import page
 from dronecats.study.factors import FACTORS, Factor
-from foundation.quantity import Quantity, declarations, shown
+from foundation.declaration import DeclaredNumber, declarations, shown
 from hil.impairment.channel import Impairment
 
 STUDIES, DISTURBANCES = "studies.md", "disturbances.md"
@@ -54,5 +54,5 @@ def _levels(factor: Factor) -> str:
     return f"{shown(factor.quantity.low)} … {shown(factor.quantity.high)}{whole}{real_time}"
 
 
-def _range(quantity: Quantity) -> str:
+def _range(quantity: DeclaredNumber) -> str:
     return f"{shown(quantity.low)} … {shown(quantity.high)} {quantity.unit}".strip()

@@ -10,8 +10,8 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
+from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import UsageError
-from foundation.quantity import Declaration, check_bounds, declared, number
 
 LATE_S = 0.1  # s that a unit out of order comes late: two ticks of the agent, so others do overtake it
 BITS_A_BYTE = 10  # 8N1: a start bit, eight, a stop bit

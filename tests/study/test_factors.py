@@ -11,8 +11,8 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, said
+from foundation.declaration import shown
 from foundation.errors import UsageError
-from foundation.quantity import shown
 from foundation.run_folder.study import Level
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("rate:2"))

@@ -17,9 +17,9 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
 from dronecats.flight.disturbances import UNDISTURBED, Disturbances
+from foundation.declaration import ABOVE_0, Declaration, DeclaredNumber, check_bounds, declared, number
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
-from foundation.quantity import ABOVE_0, Declaration, Quantity, check_bounds, declared, number
 from hil.cameras.calibration import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
@@ -29,7 +29,7 @@ LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served
 DEFAULT_LATENCY = LatencyPolicy.parse(LATENCY)
 SEED_MAX = 2**31 - 1
 COUNT_MAX = 10**9
-SPEED = Quantity(name="--speed", low=0.01, high=100.0, unit="× real time, or max", help="factor on real time")
+SPEED = DeclaredNumber(name="--speed", low=0.01, high=100.0, unit="× real time, or max", help="factor on real time")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,7 +24,7 @@ def shown(bound: float) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Quantity:
+class DeclaredNumber:
     """Name, meaning, unit and bounds of a number."""
 
     name: str  # in options, files, studies and errors: "frame_delay"
@@ -58,7 +58,7 @@ class Quantity:
 class Declaration:
     """What is known of a field beside its type and default."""
 
-    quantity: Quantity | None = None  # of the field's value; None: it is checked elsewhere
+    quantity: DeclaredNumber | None = None  # of the field's value; None: it is checked elsewhere
     size: Callable[[Any], float] = float  # the number of a value that is several numbers, as the speed of a wind
     words: str | Callable[[Any], str] = ""  # of a value that is not the default; format of value, percent and owner
     first: bool = False  # whether its words come before those of the other fields
@@ -82,7 +82,7 @@ def number(
     first: bool = False,
 ) -> T:
     """Return a declared field that holds one number."""
-    quantity = Quantity(name=name, help=help, low=low, high=high, unit=unit, whole=whole)
+    quantity = DeclaredNumber(name=name, help=help, low=low, high=high, unit=unit, whole=whole)
     return declared(default, Declaration(quantity=quantity, words=words, first=first))
 
 
