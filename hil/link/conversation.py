@@ -9,7 +9,7 @@ from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect, frame_of
 from foundation.signing import Signing, is_signed, timestamp
 from hil.link.autopilots import PX4, Family, Firmware, firmware, kind_name
-from hil.link.course import Track
+from hil.link.course import PoseHistory
 from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import TOLD, StatusTexts, VehicleClock, VehicleState, update
 from hil.link.transport import Transport
@@ -62,7 +62,7 @@ class Conversation:
         self.tick_us = TICK_US  # µs of vehicle time between two words of ours
         self.state = VehicleState()
         self.clock = VehicleClock()
-        self.track = Track()
+        self.track = PoseHistory()
         self.firmware: Firmware | None = None
         self.family: Family = PX4  # until a heartbeat tells
         self.system = 0

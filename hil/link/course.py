@@ -104,7 +104,7 @@ AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
 Report = TypeVar("Report", tuple[int, Vec3, Vec3], tuple[int, float, float], tuple[int, float])
 
 
-class Track:
+class PoseHistory:
     """Places and headings by the vehicle's clock."""
 
     def __init__(self) -> None:

@@ -2,11 +2,11 @@ import math
 
 import pytest
 
-from hil.link.course import Track
+from hil.link.course import PoseHistory
 
 
 def told(*, places=(), headings=()):
-    track = Track()
+    track = PoseHistory()
     for time_us, north, speed in places:
         track.place(time_us, (north, 0.0, -2.0), (speed, 0.0, 0.0))
     for time_us, yaw, yaw_rate in headings:
