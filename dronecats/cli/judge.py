@@ -128,6 +128,6 @@ def _agreement(judged: "Judged") -> str:
         return "nothing stored to compare"
     version = ", stored by an older version" if stored.older else ""
     if stored.agrees:
-        return f"agrees with verdict.json{version}"
+        return f"agrees{version}"
     names = f" in {', '.join(stored.differing)}" if stored.differing else ", which is damaged"
-    return f"DIFFERS from verdict.json{names}{version}"
+    return f"DIFFERS{names}{version}"

@@ -4,6 +4,7 @@ import csv
 import html
 import io
 import re
+import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -26,8 +27,9 @@ def as_terminal(table: ReportTable, width: int | None = None) -> str:
     lines = [table.title] if table.title else []
     lines += _filled(table.caption, width)
     body = _Text(table)
-    for part in body.parts(width):
-        lines += ["", *body.lines(part, width)] if lines else body.lines(part, width)
+    for number, part in enumerate(body.parts(width)):
+        lines += [""] if number or (lines and body.has_heads) else []
+        lines += body.lines(part, width)
     for note in table.notes:
         lines += _filled(note, width)
     return "\n".join(line.rstrip() for line in lines)
@@ -38,6 +40,7 @@ class _Text:
 
     def __init__(self, table: ReportTable) -> None:
         self.columns = table.columns
+        self.has_heads = any(column.head for column in table.columns)
         indent = "  " if any(block.title for block in table.blocks) else ""
         self.blocks = [
             (block.title, [[_lined(k, cell, column, indent) for k, (cell, column) in enumerate(
@@ -77,8 +80,8 @@ class _Text:
         lines = []
         if any(column.group for column in columns):
             lines.append(_group_line(columns, widths))
-        if any(column.head for column in columns):
-            lines += _joined([column.head.splitlines() for column in columns], columns, widths, low=True)
+        if self.has_heads:
+            lines += _head_lines(columns, widths)
             lines.append(" ".join(["─" * size + " " * (GAP - 1) for size in widths]))
         for title, rows in self.blocks:
             lines += [title] if title else []
@@ -122,20 +125,29 @@ def _total(widths: Sequence[int]) -> int:
     return sum(widths) + GAP * (len(widths) - 1)
 
 
-def _joined(
-    cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int], *, low: bool = False
-) -> list[str]:
-    """Return cells beside one another, wrapped to their widths; `low`: short ones stand at the bottom."""
+def _head_lines(columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
+    """Return the heads, broken at blanks alone, the short ones at the bottom."""
+    wrapped = [textwrap.wrap(column.head, max(1, size)) for column, size in zip(columns, widths, strict=True)]
+    high = max(map(len, wrapped))
+    return _beside([[""] * (high - len(head)) + head for head in wrapped], columns, widths)
+
+
+def _joined(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
+    """Return cells beside one another, wrapped to their widths."""
     sized = zip(cells, widths, strict=True)
     wrapped = [[part for line in cell for part in _wrapped(line, size)] for cell, size in sized]
     high = max(map(len, wrapped))
-    wrapped = [[""] * (high - len(cell)) + cell if low else cell + [""] * (high - len(cell)) for cell in wrapped]
+    return _beside([cell + [""] * (high - len(cell)) for cell in wrapped], columns, widths)
+
+
+def _beside(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
+    """Return cells of as many lines each as lines, numbers to the right."""
     return [
         (" " * GAP).join(
-            line.rjust(size) if column.align == "right" else line.ljust(size)
-            for line, column, size in zip(line_of, columns, widths, strict=True)
+            text.rjust(size) if column.align == "right" else text.ljust(size)
+            for text, column, size in zip(line, columns, widths, strict=True)
         )
-        for line_of in zip(*wrapped, strict=True)
+        for line in zip(*cells, strict=True)
     ]
 
 

@@ -4,6 +4,7 @@ import json
 import shutil
 
 from dronecats.cli.main import main
+from dronecats.report.kit import palette
 from dronecats.study.report import report_folder
 from tests.study.report.test_report_files import FIGURES
 from tests.study.studies import APPROACHING, TRACKING, falling, write_study
@@ -83,3 +84,15 @@ def test_whatever_a_study_is_called_stays_words(reader, tmp_path):
     assert HOSTILE in reader.text("h1")
     assert reader.script("return window.hacked") is None
     assert reader.errors() == []
+
+
+def test_the_theme_is_switched_and_stays(reader, report):
+    opened(reader, report / "index.html")
+    paper = "return getComputedStyle(document.body).backgroundColor"
+    before = reader.script(paper)
+    while reader.script("return document.documentElement.dataset.theme") != "dark":
+        reader.one("#theme").click()
+    assert reader.script(paper) == "rgb" + str(palette.rgb(palette.DARK["paper"])) != before
+    opened(reader, report / "index.html")
+    assert reader.script("return document.documentElement.dataset.theme") == "dark"
+    reader.script("localStorage.clear()")
