@@ -5,11 +5,10 @@ Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rule
 
 import math
 
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import Message
-from autopilot.records import KIND_ATTITUDE, KIND_RATES
+from autopilot.records import FREE, KIND_ATTITUDE, KIND_RATES, NAN, CascadeSetpoint
 from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
 from foundation.mavlink import dialect
 
