@@ -7,9 +7,12 @@ mission's item that comes next. Results of checks are MAV_MISSION_RESULT numbers
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from autopilot.commander.plan import fence
 from autopilot.commander.plan.items import (
@@ -27,6 +30,7 @@ from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
+from foundation.typed_file import file_bytes, json_of, typed
 from foundation.whole_file import write_text
 
 ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
@@ -115,6 +119,39 @@ CAPACITY = {MISSION: 1000, FENCE: 250, RALLY: 50}  # items
 NAMES = {MISSION: "mission", FENCE: "fence", RALLY: "rally"}
 
 
+Int32 = Annotated[int, Meta(gt=-(1 << 31), lt=1 << 31)]
+StoredNumber = float | str  # a text for what JSON has no number for, as nan: not given
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredItem:
+    """An item in the file."""
+
+    command: Int32
+    frame: Int32
+    p: tuple[StoredNumber, StoredNumber, StoredNumber, StoredNumber]
+    x: Int32
+    y: Int32
+    z: StoredNumber
+    autocontinue: Int32
+
+    @property
+    def item(self) -> PlanItem:
+        """The item that is flown. Raises ValueError for a text that is no number."""
+        a, b, c, d = (float(value) for value in self.p)
+        return PlanItem(self.command, self.frame, (a, b, c, d), self.x, self.y, float(self.z), self.autocontinue)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StoredPlans:
+    """The file of the plans in force."""
+
+    mission: tuple[StoredItem, ...] = ()
+    fence: tuple[StoredItem, ...] = ()
+    rally: tuple[StoredItem, ...] = ()
+    current: int = 0  # the mission's item that comes next
+
+
 class Plans:
     """Items by MAV_MISSION_TYPE; `version` counts the replacements.
 
@@ -162,20 +199,18 @@ class Plans:
             self._save()
 
     def _load(self, file: Path) -> None:
+        where = f"The plan file {file}"
         try:
-            stored = json.loads(file.read_text())
+            stored = typed(json_of(file_bytes(file, where), where), StoredPlans, where)
             for kind, name in NAMES.items():
-                items = tuple(_item(entry) for entry in stored.get(name, []))
+                items = tuple(entry.item for entry in getattr(stored, name))
                 results = [refusal(kind, item, len(items)) for item in items] + [plan_refusal(kind, items)]
                 if len(items) > CAPACITY[kind] or any(result != ACCEPTED for result in results):
-                    raise ValueError(f"the {name} could not be flown")
+                    raise UsageError(f"{where}: the {name} could not be flown")
                 self.items[kind] = items
-            current = int(stored.get("current", 0))
-        except (OSError, ValueError, TypeError, AttributeError, KeyError) as error:
-            raise UsageError(
-                f"The plan file {file} does not hold plans as the vehicle keeps them; correct it or delete it."
-            ) from error
-        self.current = current if 0 <= current < len(self.mission) else 0
+        except (UsageError, ValueError) as error:  # a text that is no number
+            raise UsageError(f"{error}; correct the file or delete it.") from error
+        self.current = stored.current if 0 <= stored.current < len(self.mission) else 0
 
     def _save(self) -> None:
         if self._file is None:
@@ -195,15 +230,6 @@ def _entry(item: PlanItem) -> dict[str, Any]:
         "command": item.command, "frame": item.frame, "p": numbers[:4], "x": item.x, "y": item.y, "z": numbers[4],
         "autocontinue": item.autocontinue,
     }  # fmt: skip
-
-
-def _item(entry: Mapping[str, Any]) -> PlanItem:
-    """Return the item of an entry. Raises KeyError, TypeError or ValueError for what is none."""
-    whole = {name: entry[name] for name in ("command", "frame", "x", "y", "autocontinue")}
-    if not all(isinstance(value, int) and abs(value) < 1 << 31 for value in whole.values()):
-        raise ValueError("an item's whole numbers are not")
-    a, b, c, d = (float(value) for value in entry["p"])
-    return PlanItem(p=(a, b, c, d), z=float(entry["z"]), **whole)
 
 
 def _bits(items: tuple[PlanItem, ...]) -> str:
