@@ -12,10 +12,9 @@ from autopilot.estimator.vibration import Vibration
 from autopilot.logging.directory import LogDirectory, make_folder
 from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink import dispatch, mission
-from autopilot.mavlink.node import Inject, Node
+from autopilot.mavlink.node import Inject, Node, Uploads
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import TelemetrySource
-from autopilot.mavlink.uploads import Uploads
 from autopilot.parameters import ParameterTable
 from autopilot.records import SetpointWriter
 from foundation.airframe import Airframe

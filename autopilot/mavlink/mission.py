@@ -10,11 +10,10 @@ import math
 from autopilot.commander.plan import plans
 from autopilot.commander.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
 from autopilot.commander.plan.plans import CAPACITY
-from autopilot.mavlink.node import Node
+from autopilot.mavlink.node import CANCELLED, Key, Node, Upload
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.telemetry_source import Message
-from autopilot.mavlink.uploads import CANCELLED, Key, Upload
 from foundation.mavlink import dialect
 
 ACCEPTED, UNSUPPORTED = int(dialect.MAV_MISSION_ACCEPTED), int(dialect.MAV_MISSION_UNSUPPORTED)
