@@ -6,18 +6,17 @@ from typing import Any, Protocol
 
 from autopilot.commander.calibration import SensorCalibration
 from autopilot.commander.commander import Commander
-from autopilot.commander.modes.setpoint import SetpointWriter
 from autopilot.commander.plan.plans import Plans
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.estimator.vibration import Vibration
 from autopilot.logging.directory import LogDirectory, make_folder
 from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink import dispatch, mission
-from autopilot.mavlink.node import Inject, Node
+from autopilot.mavlink.node import Inject, Node, Uploads
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import TelemetrySource
-from autopilot.mavlink.uploads import Uploads
 from autopilot.parameters import ParameterTable
+from autopilot.records import SetpointWriter
 from foundation.airframe import Airframe
 
 COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and the inner loop have rates of their own

@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from foundation.errors import UsageError
+from foundation.typed_file import file_bytes, json_of, typed
 from foundation.whole_file import write_text
 
 DEFAULTS: dict[str, int | float] = {
@@ -148,13 +149,11 @@ class ParameterTable:
             self.set(name, value)
 
     def _load(self, file: Path) -> None:
+        where = f"The parameter file {file}"
         try:
-            stored = json.loads(file.read_text())
-            changes = {str(name): float(value) for name, value in stored.items()}
-        except (OSError, ValueError, TypeError, AttributeError) as error:
-            raise UsageError(
-                f"The parameter file {file} is not a JSON object of names and numbers; correct it or delete it."
-            ) from error
+            changes = typed(json_of(file_bytes(file, where), where), dict[str, float], where)
+        except UsageError as error:
+            raise UsageError(f"{error}; correct the file or delete it.") from error
         for name, value in changes.items():
             if name not in self._values:  # a name that an older version knew is no reason to refuse to fly
                 continue

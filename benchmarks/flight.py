@@ -26,7 +26,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.records import FREE, NAN, CascadeSetpoint
 from benchmarks import flight_peers
 from benchmarks.machine import Machine
 from dronecats.flight.sitl.lockstep import Lockstep

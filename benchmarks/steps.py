@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.records import FREE, NAN, CascadeSetpoint
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
 from foundation.frames import quat_yaw, wrap_pi
 from vehicles import airframe

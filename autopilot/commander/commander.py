@@ -6,27 +6,22 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 
 import math
 
-from autopilot.commander.arming import (
+from autopilot.commander.failsafe import QUIET, Failsafe, Reaction, reaction
+from autopilot.commander.ground import LANDING, AutoDisarm, LandDetector, LandingWatch, TakeoffRamp, wants_climb
+from autopilot.commander.health import (
     NO_ARMING_MODES,
     STICK_MODES,
     attitude_failures,
     mode_failures,
     preflight_failures,
 )
-from autopilot.commander.auto_disarm import AutoDisarm
-from autopilot.commander.failsafe import QUIET, Failsafe, Reaction, reaction
-from autopilot.commander.home import home_at, moved
-from autopilot.commander.land_detector import LandDetector
-from autopilot.commander.landing_watch import LANDING, LandingWatch
 from autopilot.commander.modes.flight import FlightContext, Mode
 from autopilot.commander.modes.roster import behaviours
-from autopilot.commander.modes.setpoint import IDLE, CascadeSetpoint, SetpointWriter
-from autopilot.commander.modes.takeoff_ramp import TakeoffRamp, wants_climb
-from autopilot.commander.plan.items import MISSION, PlanItem
-from autopilot.commander.stick_override import StickOverride, overridable
-from autopilot.commander.supervision import StatusText, Supervision
+from autopilot.commander.plan.items import MISSION, PlanItem, home_at, moved
+from autopilot.commander.supervision import StatusText, StickOverride, Supervision, overridable
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
+from autopilot.records import IDLE, CascadeSetpoint, SetpointWriter
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.px4 import MODES

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
-from autopilot.commander.arming import POSITION_MODES, STICK_MODES
+from autopilot.commander.health import POSITION_MODES, STICK_MODES
 from autopilot.parameters import ParameterTable
 
 

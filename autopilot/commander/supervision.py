@@ -1,10 +1,12 @@
-"""The watch over an armed vehicle: which failsafe is in force, since when, and what the pilot has overruled."""
+"""The watch over an armed vehicle: which failsafe is in force, since when, and what the pilot has overruled.
+
+The pilot also takes over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV).
+"""
 
 import math
 from collections.abc import Callable
 from dataclasses import replace
 
-from autopilot.commander.accuracy import AccuracyWatch
 from autopilot.commander.failsafe import (
     OFFBOARD_LOST,
     POSITION_LOST,
@@ -15,10 +17,38 @@ from autopilot.commander.failsafe import (
     evaluate,
     seconds_since,
 )
-from autopilot.commander.failure_detector import AttitudeWatch
-from autopilot.commander.modes.flight import FlightContext
+from autopilot.commander.health import STICK_MODES, AccuracyWatch, AttitudeWatch
+from autopilot.commander.modes.flight import FlightContext, Sticks
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect
+
+AUTO_BIT, OFFBOARD_BIT = 1, 2  # COM_RC_OVERRIDE
+
+
+def overridable(mode: str, parameters: ParameterTable) -> bool:
+    """Return whether stick movements may end this mode."""
+    if mode in STICK_MODES or mode in ("TERMINATION", "ORBIT"):  # sticks are part of an orbit
+        return False
+    bit = OFFBOARD_BIT if mode == "OFFBOARD" else AUTO_BIT
+    return bool(int(parameters["COM_RC_OVERRIDE"]) & bit)
+
+
+class StickOverride:
+    """Compares the sticks with where they were when the mode began."""
+
+    def __init__(self) -> None:
+        self._mode = ""
+        self._reference: tuple[float, float, float, float] | None = None
+
+    def moved(self, mode: str, sticks: Sticks, parameters: ParameterTable) -> bool:
+        """Return whether a fresh stick has moved by more than COM_RC_STICK_OV (% of full deflection) in this mode."""
+        now = (sticks.forward, sticks.right, sticks.yaw, 2.0 * sticks.throttle - 1.0)
+        if mode != self._mode or self._reference is None:
+            self._mode, self._reference = mode, now
+            return False
+        limit = 0.01 * float(parameters["COM_RC_STICK_OV"])
+        return any(abs(a - b) > limit for a, b in zip(now, self._reference, strict=True))
+
 
 StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
 # causes that end with the mode or cannot be argued with: choosing another mode is not remembered against them

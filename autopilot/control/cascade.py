@@ -7,11 +7,9 @@ ends in the fallback, level at hover thrust, and never at a rotor.
 import math
 
 from autopilot.compiled_frames import quat_from_euler, quat_yaw, rotate
-from autopilot.control.attitude import wanted_rates
-from autopilot.control.mixer import mix
+from autopilot.control.attitude import filter_rates, torque, wanted_rates
+from autopilot.control.mixer import attitude_of, limit_force, mix, track_hover
 from autopilot.control.position import accelerate, begin, feel, head, integrate, steer
-from autopilot.control.rate import filter_rates, torque
-from autopilot.control.thrust import attitude_of, limit_force, track_hover
 from autopilot.records import KIND_IDLE, KIND_RATES, KIND_TRAJECTORY
 from foundation.compiled import Record, njit
 from foundation.frames import GRAVITY

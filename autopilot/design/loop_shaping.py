@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.control.mixer import allocation
-from autopilot.control.smoothing import RESPONSE
+from autopilot.control.position import RESPONSE
 from foundation.airframe import Airframe
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3

@@ -10,8 +10,7 @@ from typing import Any
 
 from autopilot.logging import ulog
 from autopilot.logging.directory import LogDirectory
-from autopilot.logging.readings import Readings
-from autopilot.logging.topics import TABLE, Sources, Topic
+from autopilot.logging.topics import TABLE, Readings, Sources, Topic
 from autopilot.mavlink.status_makers import FLIGHT_SW_VERSION
 from autopilot.mavlink.telemetry_source import TelemetrySource
 

@@ -1,19 +1,47 @@
 """One table: the topics of a flight log, each with its rate, its fields and where their values come from.
 
 Names, fields and units are PX4's (msg/*.msg of 1.15), as far as there is something to say here, so that PlotJuggler,
-pyulog and Flight Review find what they look for.
+pyulog and Flight Review find what they look for. Fields of a numpy record are read as Python numbers in one go.
 """
 
 import math
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from autopilot.logging.readings import Readings
 from autopilot.mavlink.motion_makers import estimator_status
 from autopilot.mavlink.telemetry_source import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate
+
+
+class Readings:
+    """The fields of a record as attributes, scalars as numbers and arrays as tuples; `refresh` renews them."""
+
+    def __init__(self, record: Any) -> None:
+        kinds = [(name, record.dtype[name]) for name in record.dtype.names]
+        counts = [math.prod(kind.shape) for _, kind in kinds]
+        codes = ["q" if kind.base.kind == "i" else "d" for _, kind in kinds]
+        self._struct = struct.Struct("=" + "".join(f"{n}{code}" for n, code in zip(counts, codes, strict=True)))
+        self._places: list[tuple[str, int | slice]] = []
+        start = 0
+        for (name, kind), count in zip(kinds, counts, strict=True):
+            self._places.append((name, slice(start, start + count) if kind.shape else start))
+            start += count
+        self._buffer = memoryview(record)
+        self.refresh()
+
+    def __getattr__(self, name: str) -> Any:  # attributes are made by refresh
+        raise AttributeError(f"the record has no field {name!r}")
+
+    def refresh(self) -> None:
+        """Read the record again."""
+        values = self._struct.unpack_from(self._buffer)
+        fields = self.__dict__
+        for name, place in self._places:
+            fields[name] = values[place]
+
 
 GRAVITY = 9.80665  # m/s²
 NAN = math.nan

@@ -1,30 +1,91 @@
 """COMMAND_LONG and COMMAND_INT: one table from command to handler, and the acknowledgement.
 
 Every handler is idempotent (clients repeat a command until they see its acknowledgement) and returns a MAV_RESULT, or
-None for no acknowledgement. Results as measured on PX4 1.15.
+None for no acknowledgement. Results as measured on PX4 1.15. Among the commands are messages on demand: one now
+(REQUEST_MESSAGE) or another interval (SET_MESSAGE_INTERVAL).
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from autopilot.mavlink import mission, requests
+from autopilot.mavlink import mission
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import COMPONENT_ID, Port
-from autopilot.mavlink.streams import BY_NAME
+from autopilot.mavlink.status_makers import standard_mode
+from autopilot.mavlink.streams import BY_ID, BY_NAME
 from autopilot.mavlink.telemetry_source import Message
 from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
 
-ACCEPTED, DENIED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED
+ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED
-UNSUPPORTED, FAILED = dialect.MAV_RESULT_UNSUPPORTED, dialect.MAV_RESULT_FAILED
+UNSUPPORTED = dialect.MAV_RESULT_UNSUPPORTED
 FORCE_MAGIC = 21196
 INT32_UNKNOWN = (1 << 31) - 1
 NAN = math.nan
 RELATIVE_FRAMES = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 LOCAL_FRAMES = frozenset({dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_LOCAL_OFFSET_NED})
+BROADCAST = frozenset({dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES})
+LISTED_MODES = tuple(mode for name, mode in MODES.items() if name not in ("READY", "TERMINATION"))
+
+
+def _message_id(parameters: Sequence[float]) -> int:
+    return round(parameters[0]) if abs(parameters[0]) < 1e8 else -1
+
+
+def set_message_interval(port: Port, p: Sequence[float]) -> int:
+    """param1 the message, param2 the interval in µs (0 default, -1 off). Returns FAILED for an unknown message."""
+    message_id = _message_id(p)
+    if message_id not in BY_ID:
+        return int(FAILED)
+    interval = round(p[1]) if abs(p[1]) < 1e10 else 0
+    if interval == 0:
+        port.set_default_interval(message_id)
+    else:
+        port.set_interval(message_id, interval)
+    return int(ACCEPTED)
+
+
+def get_message_interval(port: Port, p: Sequence[float]) -> int:
+    """Sends MESSAGE_INTERVAL: µs, -1 not streamed, 0 unknown message."""
+    message_id = _message_id(p)
+    interval = port.interval_us(message_id) if message_id in BY_ID else 0
+    port.send(dialect.MAVLink_message_interval_message(message_id & 0xFFFF, min(interval, 0x7FFFFFFF)))
+    return int(ACCEPTED)
+
+
+def request_message(port: Port, p: Sequence[float]) -> int:
+    """param1 the message. Returns DENIED for an unknown one."""
+    message_id = _message_id(p)
+    if message_id == dialect.MAVLINK_MSG_ID_AVAILABLE_MODES:
+        _send_modes(port, p[1])
+    elif message_id in BY_ID:
+        port.send_telemetry(message_id)
+    else:
+        return int(DENIED)
+    return int(ACCEPTED)
+
+
+def send_one(port: Port, name: str) -> int:
+    """Send one message of the stream table."""
+    port.send_telemetry(BY_NAME[name].message_id)
+    return int(ACCEPTED)
+
+
+def _send_modes(port: Port, index: float) -> None:
+    """Send AVAILABLE_MODES: all for index 0, else the one with that index (from 1)."""
+    wanted = round(index) if math.isfinite(index) and abs(index) < 1e6 else 0
+    for i, mode in enumerate(LISTED_MODES, start=1):
+        if wanted in (0, i):
+            properties = 2 if mode.name in ("ORBIT", "PRECLAND") else 0  # MAV_MODE_PROPERTY_NOT_USER_SELECTABLE
+            port.send(
+                dialect.MAVLink_available_modes_message(
+                    len(LISTED_MODES), i, standard_mode(mode.name), mode.custom_mode, properties, mode.name.encode()
+                )
+            )
+
 
 _SELECTABLE = {(mode.main, mode.sub): mode.name for mode in MODES.values() if mode.name not in ("READY", "TERMINATION")}
 _SELECTABLE |= {(4, 0): "MISSION", (3, 2): "POSCTL"}
@@ -64,7 +125,7 @@ def command_int(node: Node, port: Port, message: Message) -> None:
 
 def _run(node: Node, port: Port, message: Message, command: Command) -> None:
     broadcast = message.target_system == 0
-    if broadcast and command.id not in requests.BROADCAST:
+    if broadcast and command.id not in BROADCAST:
         return  # measured: a command to everybody is not acknowledged; nobody should arm a fleet by accident
     if (not broadcast and message.target_system != node.system_id) or message.target_component not in (0, COMPONENT_ID):
         result: int | None = FAILED
@@ -264,9 +325,9 @@ HANDLERS: dict[int, CommandHandler] = {
     dialect.MAV_CMD_RUN_PREARM_CHECKS: _run_prearm_checks,
     dialect.MAV_CMD_GET_HOME_POSITION: _get_home,
     dialect.MAV_CMD_INJECT_FAILURE: _inject_failure,
-    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: lambda node, port, c: requests.set_message_interval(port, c.p),
-    dialect.MAV_CMD_GET_MESSAGE_INTERVAL: lambda node, port, c: requests.get_message_interval(port, c.p),
-    dialect.MAV_CMD_REQUEST_MESSAGE: lambda node, port, c: requests.request_message(port, c.p),
-    dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda node, port, c: requests.send_one(port, "AUTOPILOT_VERSION"),
-    dialect.MAV_CMD_REQUEST_FLIGHT_INFORMATION: lambda node, port, c: requests.send_one(port, "FLIGHT_INFORMATION"),
+    dialect.MAV_CMD_SET_MESSAGE_INTERVAL: lambda node, port, c: set_message_interval(port, c.p),
+    dialect.MAV_CMD_GET_MESSAGE_INTERVAL: lambda node, port, c: get_message_interval(port, c.p),
+    dialect.MAV_CMD_REQUEST_MESSAGE: lambda node, port, c: request_message(port, c.p),
+    dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES: lambda node, port, c: send_one(port, "AUTOPILOT_VERSION"),
+    dialect.MAV_CMD_REQUEST_FLIGHT_INFORMATION: lambda node, port, c: send_one(port, "FLIGHT_INFORMATION"),
 }

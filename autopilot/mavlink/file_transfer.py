@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
 
-from autopilot.mavlink.file_sessions import Client, FileSessions
 from autopilot.mavlink.file_tree import (
     END_OF_FILE,
     FAIL,
@@ -19,7 +18,9 @@ from autopilot.mavlink.file_tree import (
     INVALID_DATA_SIZE,
     LARGEST,
     UNKNOWN_COMMAND,
+    Client,
     Entry,
+    FileSessions,
     FileTree,
     Refusal,
 )

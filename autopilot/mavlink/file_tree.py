@@ -6,18 +6,47 @@
     /@MAV_LOG/…            another name for the log folder, which does not depend on the autopilot
 
 Clients cannot name anything outside these two folders: not with `..`, not through a link. What they store is limited.
+
+MAVProxy and pymavlink ask for the parameters' file before anything else. Source of its format: ArduPilot, AP_Filesystem
+documentation of param.pck. A record is type, name and value; a name tells only what differs from the one before.
+
+A session is a file that a client holds open, and the last answer to it, in case it was lost.
 """
 
 import errno
 import io
 import os
+import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import BinaryIO
 
 from autopilot.logging.directory import LogDirectory
+from autopilot.parameters import ParameterTable
+
+MAGIC = 0x671B
+INT32, FLOAT = 3, 4
+
+
+def packed(parameters: ParameterTable) -> bytes:
+    """Return the file: head with the count, then every parameter in the order of its name."""
+    count = len(parameters)
+    records = [struct.pack("<HHH", MAGIC, count, count)]
+    before = ""
+    for name in parameters.names:
+        alike = takewhile(lambda pair: pair[0] == pair[1], zip(before, name, strict=False))
+        shared = min(sum(1 for _ in alike), len(name) - 1, 15)
+        rest = name[shared:].encode()
+        integer = parameters.is_integer(name)
+        head = bytes((INT32 if integer else FLOAT, shared | (len(rest) - 1) << 4))
+        value = struct.pack("<i", int(parameters[name])) if integer else struct.pack("<f", parameters[name])
+        records.append(head + rest + value)
+        before = name
+    return b"".join(records)
+
 
 FAIL, FAIL_ERRNO, INVALID_DATA_SIZE, INVALID_SESSION, NO_SESSIONS, END_OF_FILE = 1, 2, 3, 4, 5, 6
 UNKNOWN_COMMAND, FILE_EXISTS, FILE_PROTECTED, FILE_NOT_FOUND = 7, 8, 9, 10
@@ -197,3 +226,81 @@ def _parts(name: bytes) -> tuple[str, ...]:
     if ".." in parts or "\\" in text or not text.isprintable():
         raise Refusal(FILE_NOT_FOUND)
     return LOGS + parts[1:] if parts[:1] == (LOGS_ANYWHERE,) else parts
+
+
+MOST = 16
+IDLE_US = 30_000_000  # a session unused for so long makes room for another
+REMEMBERED = 32  # clients
+
+Client = Hashable  # a port and the sender's ids
+
+
+@dataclass(slots=True)
+class FileSession:
+    """An open file of one client."""
+
+    file: BinaryIO
+    writable: bool
+    used_us: int
+
+
+class FileSessions:
+    """Sessions by client and number."""
+
+    def __init__(self) -> None:
+        self._open: dict[tuple[Client, int], FileSession] = {}
+        self._answers: dict[Client, tuple[bytes, bytes]] = {}
+
+    def __len__(self) -> int:
+        return len(self._open)
+
+    def make_room(self, now_us: int) -> None:
+        """Make sure that another session can be opened. Raises Refusal."""
+        if len(self._open) < MOST:
+            return
+        key, oldest = min(self._open.items(), key=lambda item: item[1].used_us)
+        if now_us - oldest.used_us < IDLE_US:
+            raise Refusal(NO_SESSIONS)
+        self._close(key)
+
+    def open(self, client: Client, wish: int, file: BinaryIO, writable: bool, now_us: int) -> int:
+        """Keep a file open and return the number of its session: the one the client wishes, if it is free."""
+        number = wish
+        while (client, number) in self._open:
+            number = (number + 1) % 256
+        self._open[client, number] = FileSession(file, writable, now_us)
+        return number
+
+    def get(self, client: Client, number: int, now_us: int) -> FileSession:
+        """Return an open session. Raises Refusal when the client has no such session."""
+        session = self._open.get((client, number))
+        if session is None:
+            raise Refusal(INVALID_SESSION)
+        session.used_us = now_us
+        return session
+
+    def close(self, client: Client, number: int) -> None:
+        """End one session. Raises Refusal when the client has no such session."""
+        if (client, number) not in self._open:
+            raise Refusal(INVALID_SESSION)
+        self._close((client, number))
+
+    def reset(self, client: Client) -> None:
+        """End all sessions of a client."""
+        for key in [key for key in self._open if key[0] == client]:
+            self._close(key)
+
+    def answered(self, client: Client, request: bytes) -> bytes | None:
+        """Return the answer already given, when a client repeats its last request."""
+        last, answer = self._answers.get(client, (b"", b""))
+        return answer if last == request else None
+
+    def remember(self, client: Client, request: bytes, answer: bytes) -> None:
+        """Keep the answer to a client's last request."""
+        self._answers.pop(client, None)
+        self._answers[client] = (request, answer)
+        if len(self._answers) > REMEMBERED:
+            del self._answers[next(iter(self._answers))]
+
+    def _close(self, key: tuple[Client, int]) -> None:
+        self._open.pop(key).file.close()

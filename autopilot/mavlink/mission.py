@@ -7,14 +7,13 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 
 import math
 
-from autopilot.commander.plan import checks
+from autopilot.commander.plan import plans
 from autopilot.commander.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
 from autopilot.commander.plan.plans import CAPACITY
-from autopilot.mavlink.node import Node
+from autopilot.mavlink.node import CANCELLED, Key, Node, Upload
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.streams import BY_NAME
 from autopilot.mavlink.telemetry_source import Message
-from autopilot.mavlink.uploads import CANCELLED, Key, Upload
 from foundation.mavlink import dialect
 
 ACCEPTED, UNSUPPORTED = int(dialect.MAV_MISSION_ACCEPTED), int(dialect.MAV_MISSION_UNSUPPORTED)
@@ -117,10 +116,10 @@ def take_item(node: Node, port: Port, message: Message) -> None:
         upload.ask(node.time_us)
         return
     item = _item(message)
-    result = checks.refusal(upload.kind, item, upload.count)
+    result = plans.refusal(upload.kind, item, upload.count)
     upload.items.append(item)
     if result == ACCEPTED and len(upload.items) == upload.count:
-        result = checks.plan_refusal(upload.kind, tuple(upload.items))
+        result = plans.plan_refusal(upload.kind, tuple(upload.items))
         if result == ACCEPTED:
             upload.taken_us = node.time_us
             _replace(node, upload.kind, tuple(upload.items))

@@ -2,7 +2,7 @@
 
 import math
 
-from autopilot.commander.arming import STICK_MODES, sensor_health
+from autopilot.commander.health import STICK_MODES, sensor_health
 from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, whole
 from foundation.mavlink import dialect
 from foundation.px4 import MODES, PX4_AUTOPILOT

@@ -6,7 +6,6 @@ Rates (Hz) as measured on PX4 1.15; 0 = only on request. A stream sends at most 
 from dataclasses import dataclass
 
 from autopilot.mavlink import motion_makers as motion
-from autopilot.mavlink import sensor_makers as sensor
 from autopilot.mavlink import status_makers as status
 from autopilot.mavlink.telemetry_source import Maker
 from foundation.mavlink import dialect
@@ -39,7 +38,7 @@ TABLE: tuple[Stream, ...] = (
     Stream("ATTITUDE", 100, 50, motion.attitude),
     Stream("ATTITUDE_QUATERNION", 50, 50, motion.attitude_quaternion),
     Stream("GLOBAL_POSITION_INT", 50, 50, motion.global_position_int),
-    Stream("HIGHRES_IMU", 50, 0, sensor.highres_imu),
+    Stream("HIGHRES_IMU", 50, 0, motion.highres_imu),
     Stream("LOCAL_POSITION_NED", 30, 50, motion.local_position_ned),
     Stream("ODOMETRY", 30, 0, motion.odometry),
     Stream("ATTITUDE_TARGET", 10, 50, motion.attitude_target),
@@ -47,9 +46,9 @@ TABLE: tuple[Stream, ...] = (
     Stream("SERVO_OUTPUT_RAW", 10, 50, motion.servo_output_raw),
     Stream("ALTITUDE", 10, 1, motion.altitude),
     Stream("VFR_HUD", 10, 4, motion.vfr_hud),
-    Stream("DISTANCE_SENSOR", 10, 0.5, sensor.distance_sensor),
+    Stream("DISTANCE_SENSOR", 10, 0.5, motion.distance_sensor),
     Stream("TIMESYNC", 10, 0, status.timesync),
-    Stream("GPS_RAW_INT", 8, 5, sensor.gps_raw_int),
+    Stream("GPS_RAW_INT", 8, 5, motion.gps_raw_int),
     Stream("SYS_STATUS", 5, 1, status.sys_status),
     Stream("EXTENDED_SYS_STATE", 5, 1, status.extended_sys_state),
     Stream("RC_CHANNELS", 20, 20, status.rc_channels),
@@ -57,17 +56,17 @@ TABLE: tuple[Stream, ...] = (
     Stream("ESTIMATOR_STATUS", 1, 0.5, motion.estimator_status),
     Stream("GPS_GLOBAL_ORIGIN", 1, 1, motion.gps_global_origin),
     Stream("SYSTEM_TIME", 1, 0, status.system_time),
-    Stream("SCALED_PRESSURE", 1, 1, sensor.scaled_pressure),
+    Stream("SCALED_PRESSURE", 1, 1, motion.scaled_pressure),
     Stream("MISSION_CURRENT", 1, 1, status.mission_current),
     Stream("PING", 1, 0.1, status.ping),
     Stream("BATTERY_STATUS", 0.5, 0.5, status.battery_status),
     Stream("HOME_POSITION", 0.5, 0.5, motion.home_position),
     Stream("CURRENT_MODE", 0.5, 0.5, status.current_mode),
-    Stream("VIBRATION", 0.5, 0.1, sensor.vibration),
+    Stream("VIBRATION", 0.5, 0.1, motion.vibration),
     Stream("AVAILABLE_MODES_MONITOR", 0.3, 0.3, status.available_modes_monitor),
     Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
     Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
-    Stream("SCALED_IMU", 0, 0, sensor.scaled_imu),
+    Stream("SCALED_IMU", 0, 0, motion.scaled_imu),
     Stream("ACTUATOR_OUTPUT_STATUS", 0, 0, motion.actuator_output_status),
 )
 

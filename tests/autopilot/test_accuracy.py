@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from autopilot.commander.accuracy import IN_USE, required
+from autopilot.commander.health import IN_USE, required
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench

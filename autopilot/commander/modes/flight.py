@@ -3,13 +3,12 @@
 import math
 from dataclasses import dataclass, field
 
-from autopilot.commander.home import Home
-from autopilot.commander.modes.setpoint import CascadeSetpoint
-from autopilot.commander.plan.checks import mission_failures
 from autopilot.commander.plan.fence import Fence, FenceArea, breach
-from autopilot.commander.plan.plans import Plans
+from autopilot.commander.plan.items import Home
+from autopilot.commander.plan.plans import Plans, mission_failures
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
+from autopilot.records import CascadeSetpoint
 from foundation.frames import Vec3
 
 

@@ -2,12 +2,11 @@
 
 import math
 
+from autopilot.commander.modes.automatic import Land, approach_speed
 from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.modes.land import Land
-from autopilot.commander.modes.setpoint import CascadeSetpoint
-from autopilot.commander.modes.travel import approach_speed
-from autopilot.commander.plan import checks
+from autopilot.commander.plan import plans
 from autopilot.commander.plan.items import PlanItem, local_place
+from autopilot.records import CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
 CLIMBED_M = 0.5
@@ -42,7 +41,7 @@ class Mission(Mode):
         if self.complete or self.current >= len(flight.plans.mission):
             self.rewind()
         self.begun = True
-        speeds = [i.p[1] for i in flight.plans.mission[: self.current] if i.command == checks.CHANGE_SPEED]
+        speeds = [i.p[1] for i in flight.plans.mission[: self.current] if i.command == plans.CHANGE_SPEED]
         if speeds:
             self._set_speed(flight, speeds[-1])
         self._target, self._yaw = flight.state.position_ned, flight.state.yaw
@@ -77,7 +76,7 @@ class Mission(Mode):
             if self.current >= len(items):
                 break
             item = items[self.current]
-            if item.command in checks.NAVIGATION:
+            if item.command in plans.NAVIGATION:
                 self._begin(flight, item)
                 return
             following = self._carry_out(flight, item)
@@ -96,9 +95,9 @@ class Mission(Mode):
 
     def _carry_out(self, flight: FlightContext, item: PlanItem) -> int:
         """Do what takes no time; return the number of the item that follows."""
-        if item.command == checks.CHANGE_SPEED:
+        if item.command == plans.CHANGE_SPEED:
             self._set_speed(flight, item.p[1])
-        elif item.command == checks.JUMP:
+        elif item.command == plans.JUMP:
             made = self._jumps.get(self.current, 0)
             if item.p[1] < 0 or made < item.p[1]:
                 self._jumps[self.current] = made + 1
@@ -116,27 +115,27 @@ class Mission(Mode):
         self._since_us, self._start = None, here
         n, e, z = local_place(item, flight.state, flight.home)
         least = here[2] - float(flight.parameters["MIS_TAKEOFF_ALT"])
-        if item.command == checks.DELAY:
+        if item.command == plans.DELAY:
             self._leg = "stay"
             return
-        if item.command == checks.RETURN:
+        if item.command == plans.RETURN:
             self.reached.append(self.current)
             self.complete = self.current + 1 >= len(flight.plans.mission)
             self.current += not self.complete
             self.rest, self.next_mode = here, "RETURN"
             return
-        if item.command == checks.LAND:
+        if item.command == plans.LAND:
             z = here[2]  # over the place at the present height, then down
         elif not math.isfinite(z):
-            z = least if item.command == checks.TAKEOFF else here[2]
+            z = least if item.command == plans.TAKEOFF else here[2]
         self._target = (n, e, z) if math.isfinite(n) else (here[0], here[1], z)
-        self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != checks.LAND
+        self._forced_yaw = abs(item.p[3]) < 1e4 and item.command != plans.LAND
         self._leg = "fly"
-        if flight.landed and item.command != checks.LAND:
+        if flight.landed and item.command != plans.LAND:
             # PX4 takes off before a first item of any kind, to the item's height and at least MIS_TAKEOFF_ALT
             self._target = (self._target[0], self._target[1], min(self._target[2], least))
             self._leg = "climb"
-        elif item.command == checks.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
+        elif item.command == plans.TAKEOFF and here[2] - self._target[2] > CLIMBED_M:
             self._leg = "climb"
         if self._forced_yaw:
             self._yaw = wrap_pi(math.radians(item.p[3]))
@@ -162,7 +161,7 @@ class Mission(Mode):
                 self._yaw = math.atan2(to_e - e, to_n - n)
             if self._arrived(flight, item, distance, abs(to_z - z)):
                 self._leg, self._since_us = "stay", flight.state.time_us
-                if item.command == checks.LAND:
+                if item.command == plans.LAND:
                     self._leg = "land"
                     self._land.enter(flight)
                     self._land.over(self._target)
@@ -171,9 +170,9 @@ class Mission(Mode):
 
     def _arrived(self, flight: FlightContext, item: PlanItem, distance: float, height: float) -> bool:
         p = flight.parameters
-        given = item.p[1] if item.command == checks.WAYPOINT else math.nan
+        given = item.p[1] if item.command == plans.WAYPOINT else math.nan
         radius = given if 0.0 < given < 1e4 else float(p["NAV_ACC_RAD"])
-        if item.command in (checks.LAND, checks.LOITER, checks.LOITER_TIME):
+        if item.command in (plans.LAND, plans.LOITER, plans.LOITER_TIME):
             radius = LAND_OVER_M  # on the spot
         if distance > radius or height > float(p["NAV_MC_ALT_RAD"]):
             return False
@@ -184,7 +183,7 @@ class Mission(Mode):
         now = flight.state.time_us
         if self._since_us is None:
             self._since_us = now
-        wait = item.p[0] if item.command in (checks.WAYPOINT, checks.LOITER_TIME, checks.DELAY) else 0.0
-        wait = math.inf if item.command == checks.LOITER else (wait if wait > 0.0 else 0.0)
+        wait = item.p[0] if item.command in (plans.WAYPOINT, plans.LOITER_TIME, plans.DELAY) else 0.0
+        wait = math.inf if item.command == plans.LOITER else (wait if wait > 0.0 else 0.0)
         if (now - self._since_us) * 1e-6 >= wait:
             self._advance(flight)

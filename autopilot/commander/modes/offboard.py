@@ -3,8 +3,7 @@
 import math
 
 from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.modes.setpoint import FREE, CascadeSetpoint
-from autopilot.records import KIND_TRAJECTORY
+from autopilot.records import FREE, KIND_TRAJECTORY, CascadeSetpoint
 
 
 def flyable(setpoint: CascadeSetpoint) -> bool:

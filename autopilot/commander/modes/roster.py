@@ -2,17 +2,13 @@
 
 from dataclasses import dataclass
 
+from autopilot.commander.modes.around import Follow, Orbit
+from autopilot.commander.modes.automatic import Descend, HoldMode, Land, ReturnHome, Takeoff
 from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.modes.follow import Follow
-from autopilot.commander.modes.hold import HoldMode
-from autopilot.commander.modes.land import Descend, Land
 from autopilot.commander.modes.manual import Acro, AltitudeControl, PositionControl, Stabilized
 from autopilot.commander.modes.mission import Mission
 from autopilot.commander.modes.offboard import Offboard
-from autopilot.commander.modes.orbit import Orbit
-from autopilot.commander.modes.return_home import ReturnHome
-from autopilot.commander.modes.setpoint import IDLE, CascadeSetpoint
-from autopilot.commander.modes.takeoff import Takeoff
+from autopilot.records import IDLE, CascadeSetpoint
 
 
 class Terminated(Mode):

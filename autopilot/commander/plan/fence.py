@@ -7,8 +7,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from autopilot.commander.home import Home
-from autopilot.commander.plan.items import PlanItem, horizontal
+from autopilot.commander.plan.items import Home, PlanItem, horizontal
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from foundation.frames import Vec3

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from pymavlink.mavftp import MAVFTP
 
 from autopilot.mavlink import file_transfer as ftp
-from autopilot.mavlink.file_sessions import IDLE_US, MOST
-from autopilot.mavlink.file_tree import CARD_BYTES, CARD_ENTRIES
+from autopilot.mavlink.file_tree import CARD_BYTES, CARD_ENTRIES, IDLE_US, MOST
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench, Client
 

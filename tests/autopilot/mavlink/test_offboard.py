@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from autopilot.mavlink.offboard_setpoints import RejectedError, trajectory
+from autopilot.mavlink.steering import RejectedError, trajectory
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import Quat, quat_from_euler
 from foundation.mavlink import dialect

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from autopilot.autopilot import Autopilot
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
 from autopilot.control.flight_core import FlightCore, update
+from autopilot.records import FREE, NAN, CascadeSetpoint
 from autopilot.replay import Recording, ReplayedFlight, load, replay, save
 from vehicles import airframe
 from vehicles.multirotor import Multirotor

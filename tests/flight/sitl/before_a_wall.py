@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.records import FREE, NAN, CascadeSetpoint
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
 from episodes.world.obstacles import sorted_into_cells
 from vehicles import airframe

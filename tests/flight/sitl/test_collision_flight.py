@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
+from autopilot.records import FREE, NAN, CascadeSetpoint
 from dronecats.flight.sitl.scenario import build, load_world
 from episodes.world.world import World
 from foundation.frames import rotate

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from autopilot.commander.modes.sticks import shaped, super_expo, throttle_thrust, within_circle
+from autopilot.commander.modes.manual import shaped, super_expo, throttle_thrust, within_circle
 from autopilot.parameters import ParameterTable
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import quat_to_euler

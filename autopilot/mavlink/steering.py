@@ -1,15 +1,15 @@
-"""External setpoints: type masks, frames, and what a PX4 rejects. Decoding is pure; acceptance refreshes the signal.
+"""Messages that steer the vehicle: external setpoints, the sticks of a ground station, and the target to follow.
 
+Of a setpoint: type masks, frames, and what a PX4 rejects. Decoding is pure; acceptance refreshes the signal.
 Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
 """
 
 import math
 
-from autopilot.commander.modes.setpoint import FREE, NAN, CascadeSetpoint
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.telemetry_source import Message
-from autopilot.records import KIND_ATTITUDE, KIND_RATES
+from autopilot.records import FREE, KIND_ATTITUDE, KIND_RATES, NAN, CascadeSetpoint
 from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
 from foundation.mavlink import dialect
 
@@ -158,3 +158,40 @@ def attitude_target(node: Node, port: Port, message: Message) -> None:
         _accept(node, CascadeSetpoint(kind=KIND_RATES, rates_frd=rates, thrust=thrust))
     else:
         node.complain("SET_ATTITUDE_TARGET invalid: nothing controlled")
+
+
+POSITION, VELOCITY = 1, 2  # bits of est_capabilities
+FASTEST = 100.0  # m/s, a target that claims more is not believed
+
+
+def follow_target(node: Node, port: Port, message: Message) -> None:
+    """Keep the target's place with the time of its arrival; one without a place is ignored."""
+    state, target = node.vehicle.state, node.vehicle.commander.flight.target
+    # clients leave the capabilities at 0 and send a place all the same
+    placed = message.est_capabilities == 0 or message.est_capabilities & POSITION
+    if not state.origin_set or not placed or abs(message.lat) > 90e7 or abs(message.lon) > 180e7:
+        return
+    north, east, down = geodetic_to_ned(
+        state.origin_lat_deg, state.origin_lon_deg, state.origin_alt_m, message.lat * 1e-7, message.lon * 1e-7,
+        message.alt,
+    )  # fmt: skip
+    vn, ve, vd = (float(v) if abs(v) < FASTEST else 0.0 for v in message.vel)
+    if message.est_capabilities and not message.est_capabilities & VELOCITY:
+        vn = ve = vd = 0.0
+    target.time_us = node.time_us
+    target.position_ned = (north, east, down if abs(down) < 1e5 else math.nan)
+    target.velocity_ned = (vn, ve, vd)
+
+
+def _axis(value: int) -> float:
+    return max(-1.0, min(1.0, value / 1000.0)) if value != 32767 else 0.0  # INT16_MAX: axis not fitted
+
+
+def manual_control(node: Node, port: Port, message: Message) -> None:
+    """Keep the sticks with the time of their arrival."""
+    if message.target not in (0, node.system_id):
+        return
+    sticks = node.vehicle.commander.flight.sticks
+    sticks.time_us = node.time_us
+    sticks.forward, sticks.right, sticks.yaw = _axis(message.x), _axis(message.y), _axis(message.r)
+    sticks.throttle = max(0.0, _axis(message.z))

@@ -1,0 +1,244 @@
+"""Leaving the ground and reaching it: take-off ramp, land detector, watch over landings, and disarming by itself.
+
+The ramp is PX4's take-off handling: spool-up, ready, ramp, flight. Attitude and rate setpoints pass it: their thrust is
+the pilot's own. The thresholds of the land detector are PX4's LNDMC_* parameters.
+
+PX4 says nothing of a landing that does not end: a vehicle that hangs on a roof's edge stays armed in LAND without a
+word, and one that lies on its side learns it at the next arming. The watch over landings says it.
+"""
+
+import math
+from collections.abc import Callable
+
+from autopilot.control.position import ASIDE
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
+from autopilot.records import IDLE, KIND_IDLE, KIND_TRAJECTORY, NAN, CascadeSetpoint
+from foundation.mavlink import dialect
+
+WANTS_CLIMB_SPEED = 0.3  # m/s upwards
+WANTS_CLIMB_M = 0.3
+RAMP_START = 0.15  # thrust limit at which the ramp starts: far below hover for every airframe
+
+
+def wants_climb(setpoint: CascadeSetpoint, state: EstimatedState) -> bool:
+    """Return whether a setpoint asks to leave the ground."""
+    if setpoint.kind == KIND_IDLE:
+        return False
+    if setpoint.kind != KIND_TRAJECTORY:
+        return setpoint.thrust > 0.7 * state.hover_thrust
+    z, vz, az = setpoint.position_ned[2], setpoint.velocity_ned[2], setpoint.acceleration_ned[2]
+    if math.isfinite(z):
+        return z < state.position_ned[2] - WANTS_CLIMB_M
+    if math.isfinite(vz):
+        return vz < -WANTS_CLIMB_SPEED
+    return az < -1.0
+
+
+class TakeoffRamp:
+    """Gates every setpoint while the vehicle is on the ground."""
+
+    def __init__(self, parameters: ParameterTable) -> None:
+        self._parameters = parameters
+        self._armed_us = 0
+        self._ramp_us: int | None = None
+
+    def arm(self, now_us: int) -> None:
+        """Start the spool-up."""
+        self._armed_us, self._ramp_us = now_us, None
+
+    def gate(self, setpoint: CascadeSetpoint, state: EstimatedState, landed: bool) -> CascadeSetpoint:
+        """Return the setpoint that may pass: idle on the ground, thrust-limited in the ramp, unchanged in flight."""
+        if setpoint.kind != KIND_TRAJECTORY:
+            return setpoint
+        now = state.time_us
+        if landed and not wants_climb(setpoint, state):
+            self._ramp_us = None
+            return IDLE
+        if now - self._armed_us < self._parameters["COM_SPOOLUP_TIME"] * 1e6 and landed:
+            return IDLE
+        if self._ramp_us is None:
+            if not landed:
+                return setpoint
+            self._ramp_us = now
+        ramp_s = float(self._parameters["MPC_TKO_RAMP_T"])
+        elapsed = (now - self._ramp_us) * 1e-6
+        if elapsed >= ramp_s:
+            if not landed:
+                self._ramp_us = None
+            return setpoint
+        # on the ground a tilt overturns the vehicle, so the way to a distant place begins in the air
+        upright = setpoint
+        if landed:
+            z, vz, az = setpoint.position_ned[2], setpoint.velocity_ned[2], setpoint.acceleration_ned[2]
+            upright = setpoint._replace(
+                position_ned=(NAN, NAN, z), velocity_ned=(0.0, 0.0, vz), acceleration_ned=(0.0, 0.0, az)
+            )
+        return upright._replace(thrust_limit=RAMP_START + (1.0 - RAMP_START) * elapsed / ramp_s)
+
+
+# In the air the vertical speed cannot stay near zero while thrust carries clearly less than the weight, so both
+# together for LNDMC_TRIG_TIME prove that something else carries the vehicle.
+SUPPORTED_THRUST = 0.8  # of hover thrust
+RANGE_IN_AIR_M = 1.0  # a fresh range beyond this is never a standing vehicle
+LIFT_OFF_M = 0.25
+LIFT_OFF_SPEED = 0.3  # m/s
+
+
+CONTACT_SPEED = 0.3  # m/s downwards, from which on a demand has to move a vehicle that is in the air
+CONTACT_M = 0.5  # m below the vehicle, the same for a demanded height
+CONTACT_SHARE = 0.3  # of what is demanded: a vehicle that descends less is carried
+
+
+class LandDetector:
+    """Keeps `landed`, which begins true, and `contact`: it should descend and does not, so something carries it.
+
+    PX4 has three stages of a third of LNDMC_TRIG_TIME each, of which `contact` is the first and `landed` the last.
+    """
+
+    def __init__(self, parameters: ParameterTable) -> None:
+        self._parameters = parameters
+        self.landed, self.contact = True, False
+        self._contact_since_us: int | None = None
+        self._dive: tuple[int, float] | None = None  # µs and m, NED: since when and from where it should descend
+        self._ground_z: float | None = None
+
+    def update(self, state: EstimatedState, armed: bool, climbing: bool, demand: CascadeSetpoint) -> None:
+        """Follow one tick. `climbing`: the demand wants to leave the ground (`demand` is what the flight mode asks)."""
+        if not armed:
+            self.landed, self._contact_since_us, self._ground_z = True, None, None
+            self.contact, self._dive = False, None
+        elif self.landed:
+            self._watch_lift_off(state, climbing)
+        else:
+            self._watch_touch_down(state, demand)
+
+    def _watch_lift_off(self, state: EstimatedState, climbing: bool) -> None:
+        z = state.position_ned[2]
+        if not climbing or self._ground_z is None:
+            self._ground_z = z  # follows the drift of the estimate while the vehicle stands
+            return
+        risen = self._ground_z - z
+        if (risen > LIFT_OFF_M and -state.velocity_ned[2] > 0.1) or -state.velocity_ned[2] > LIFT_OFF_SPEED:
+            self.landed, self._contact_since_us = False, None
+
+    def _watch_contact(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
+        """Compare what a demand to descend achieves with what it asks for, over a third of LNDMC_TRIG_TIME."""
+        speed, z = _dive(state, demand), state.position_ned[2]
+        if speed is None or state.range_m() > RANGE_IN_AIR_M:
+            self.contact, self._dive = False, None
+        elif self._dive is None:
+            if state.velocity_ned[2] > -CONTACT_SPEED:  # not while a climb is still being stopped
+                self._dive = state.time_us, z
+        else:
+            since, above = self._dive
+            elapsed = (state.time_us - since) * 1e-6
+            if elapsed >= self._parameters["LNDMC_TRIG_TIME"] / 3.0:
+                self.contact, self._dive = z - above < CONTACT_SHARE * speed * elapsed, (state.time_us, z)
+
+    def _watch_touch_down(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
+        p = self._parameters
+        self._watch_contact(state, demand)
+        vn, ve, vd = state.velocity_ned
+        rate_max = math.radians(p["LNDMC_ROT_MAX"])
+        still = (
+            abs(vd) < p["LNDMC_Z_VEL_MAX"]
+            and math.hypot(vn, ve) < p["LNDMC_XY_VEL_MAX"]
+            and abs(state.rates_frd[0]) < rate_max
+            and abs(state.rates_frd[1]) < rate_max
+        )
+        light = state.thrust_setpoint < SUPPORTED_THRUST * state.hover_thrust
+        if not (still and light and _descends(state, demand)) or state.range_m() > RANGE_IN_AIR_M:
+            self._contact_since_us = None
+            return
+        if self._contact_since_us is None:
+            self._contact_since_us = state.time_us
+        elif state.time_us - self._contact_since_us >= p["LNDMC_TRIG_TIME"] * 1e6:
+            self.landed, self._ground_z = True, state.position_ned[2]
+
+
+def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
+    """Return the speed (m/s) at which a demand descends at least; None where a vehicle in the air need not follow.
+
+    A demand that leads aside as well is no landing: what carries the vehicle is an obstacle, which it may slide along.
+    """
+    north, east, _ = demand.velocity_ned
+    if demand.kind != KIND_TRAJECTORY or math.hypot(north, east) > ASIDE:
+        return None
+    z, vz = demand.position_ned[2], demand.velocity_ned[2]
+    if vz >= CONTACT_SPEED:
+        return vz
+    return CONTACT_SPEED if z > state.position_ned[2] + CONTACT_M else None
+
+
+def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:
+    if demand.kind != KIND_TRAJECTORY:
+        return True  # attitude and rate demands carry their intent in the thrust alone
+    z, vz = demand.position_ned[2], demand.velocity_ned[2]
+    return vz > 0.05 or z > state.position_ned[2] + 0.1
+
+
+LANDING = ("LAND", "DESCEND")  # modes that end on the ground
+BLOCKED_US = 10_000_000  # µs in LAND without having sunk
+SUNK_M = 0.3
+UPRIGHT_DEG = 20.0  # from the vertical; the maps' ground slopes less
+
+
+class LandingWatch:
+    """Follows the landings of one vehicle."""
+
+    def __init__(self, say: Callable[[int, str], None]) -> None:
+        self._say = say
+        self._lowest: tuple[int, float] | None = None  # µs and m, NED: when it last got lower, and how low
+        self._is_said = False
+
+    def follow(self, state: EstimatedState, landing: bool) -> None:
+        """Follow one tick. `landing`: a landing has been ordered and has not ended."""
+        if not landing:
+            self._lowest, self._is_said = None, False
+            return
+        z = state.position_ned[2]
+        if self._lowest is None or z > self._lowest[1] + SUNK_M:
+            self._lowest = state.time_us, z
+        elif state.time_us - self._lowest[0] > BLOCKED_US and not self._is_said:
+            self._is_said = True
+            self._say(dialect.MAV_SEVERITY_WARNING, f"Landing blocked: not sinking, leans {lean_deg(state):.0f} deg")
+
+    def ended(self, state: EstimatedState) -> None:
+        """Look how it stands when the rotors have been stopped."""
+        self._lowest, self._is_said = None, False
+        if (lean := lean_deg(state)) > UPRIGHT_DEG:
+            self._say(dialect.MAV_SEVERITY_WARNING, f"Landed and not upright: leans {lean:.0f} deg")
+
+
+def lean_deg(state: EstimatedState) -> float:
+    """Return the angle (°) between the body's vertical axis and the vertical, 180 upside down."""
+    _, x, y, _ = state.attitude
+    return math.degrees(math.acos(min(max(1.0 - 2.0 * (x * x + y * y), -1.0), 1.0)))
+
+
+class AutoDisarm:
+    """Follows one armed stay on the ground, before a flight or after it."""
+
+    def __init__(self, parameters: ParameterTable) -> None:
+        self._parameters = parameters
+        self._armed_us = 0
+        self._landed_us: int | None = None
+        self._flown = False
+
+    def arm(self, now_us: int) -> None:
+        """Begin with the arming."""
+        self._armed_us, self._landed_us, self._flown = now_us, None, False
+
+    def reason(self, now_us: int, landed: bool, climbing: bool) -> str:
+        """Follow one tick and return why to disarm now, empty to go on. `climbing`: a take-off is wanted."""
+        if not landed:
+            self._flown, self._landed_us = True, None
+            return ""
+        if self._landed_us is None:
+            self._landed_us = now_us
+        if self._flown:
+            wait = float(self._parameters["COM_DISARM_LAND"])
+            return "after landing" if 0.0 < wait * 1e6 <= now_us - self._landed_us else ""
+        wait = float(self._parameters["COM_DISARM_PRFLT"])
+        return "without a take-off" if 0.0 < wait * 1e6 <= now_us - self._armed_us and not climbing else ""

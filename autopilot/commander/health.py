@@ -1,0 +1,198 @@
+"""What must be true before the motors may start, and how uncertain or tilted a vehicle may become in flight.
+
+In flight the limits of an estimate are COM_POS_FS_EPH and COM_VEL_FS_EVH, with PX4's hysteresis. What is in use is
+believed until its deviation passes 2.5 times the parameter; what is not, once it has been below the parameter itself
+for a second. A negative parameter switches the check off. Source: the parameter reference of PX4 1.15 and its
+`EstimatorChecks`, as far as behaviour goes.
+
+One thing is ours. Our estimator owns a blow: its velocity is uncertain by metres a second until the next fix puts it
+right, a tenth of a second later, while PX4's filter is told of no blow and never says so. The deviation of a velocity
+therefore has to last before it is one too many, or every bump into a lamp post would end in a failsafe.
+"""
+
+import math
+from dataclasses import dataclass
+
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.parameters import ParameterTable
+
+IN_USE = 2.5  # times the parameter
+PROBATION_US = 1_000_000
+LASTING_US = 500_000
+
+
+def required(parameters: ParameterTable, name: str) -> float:
+    """Return the deviation (m or m/s) that COM_POS_FS_EPH or COM_VEL_FS_EVH asks for, inf where it is switched off."""
+    value = float(parameters[name])
+    return value if value >= 0.0 else math.inf
+
+
+class _Hysteresis:
+    """One quantity: believed or not."""
+
+    def __init__(self, lasting_us: int = 0) -> None:
+        """`lasting_us`: how long a deviation has to last, µs."""
+        self._lasting_us = lasting_us
+        self._believed = True
+        self._failed_us = 0
+        self._good_us = 0  # when it was last as certain as it has to be
+
+    def limit(self, now_us: int, valid: bool, deviation: float, wanted: float) -> float:
+        """Return the deviation from which on it is not believed; below any deviation while it is on probation."""
+        if valid and deviation < (wanted * IN_USE if self._believed else wanted):
+            self._good_us = now_us
+            if now_us - self._failed_us >= PROBATION_US:
+                self._believed = True
+        elif not (valid and self._believed and now_us - self._good_us < self._lasting_us):
+            self._believed, self._failed_us = False, now_us
+        if not self._believed:
+            return -math.inf
+        return math.inf if self._lasting_us else wanted * IN_USE
+
+
+class AccuracyWatch:
+    """Sets the limits of a vehicle's state while it flies. Call `look` about ten times a second."""
+
+    def __init__(self, parameters: ParameterTable) -> None:
+        self._parameters = parameters
+        self._position, self._velocity = _Hysteresis(), _Hysteresis(LASTING_US)
+        self._limited: EstimatedState | None = None
+
+    def reset(self) -> None:
+        """Believe the estimator's own flags until the next look: the vehicle was armed or disarmed."""
+        self._position, self._velocity = _Hysteresis(), _Hysteresis(LASTING_US)
+        if self._limited is not None:
+            self._limited.position_limit = self._limited.velocity_limit = math.inf
+
+    def look(self, state: EstimatedState) -> None:
+        """Follow the deviations. The record is read, since the snapshot shows what the limits have made of it."""
+        self._limited = state
+        now, p, e = state.time_us, self._parameters, state.estimate
+        state.position_limit = self._position.limit(
+            now, bool(e["position_valid"]), float(e["position_std_h"]), required(p, "COM_POS_FS_EPH")
+        )
+        state.velocity_limit = self._velocity.limit(
+            now, bool(e["velocity_valid"]), float(e["velocity_std_h"]), required(p, "COM_VEL_FS_EVH")
+        )
+
+
+SENSOR_TIMEOUT_US = 500_000
+NO_ARMING_MODES = frozenset({"LAND", "RETURN", "ORBIT", "PRECLAND", "FOLLOW", "TERMINATION"})  # PX4 mode requirements
+STICK_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED"})
+POSITION_MODES = frozenset({"HOLD", "TAKEOFF", "MISSION", "RETURN", "ORBIT", "FOLLOW", "POSCTL"})
+
+
+@dataclass(frozen=True, slots=True)
+class SensorHealth:
+    """Which sensors deliver."""
+
+    imu: bool
+    mag: bool
+    baro: bool
+    gps: bool
+    range: bool
+    battery: bool
+
+
+def sensor_health(state: EstimatedState) -> SensorHealth:
+    """Return which sensors gave a usable sample within the last half second (GPS: a 3-D fix within a second)."""
+    return SensorHealth(
+        imu=state.age_us("imu") < SENSOR_TIMEOUT_US,
+        mag=state.age_us("mag") < SENSOR_TIMEOUT_US,
+        baro=state.age_us("baro") < SENSOR_TIMEOUT_US,
+        gps=state.age_us("gps") < 2 * SENSOR_TIMEOUT_US and int(state.sensors["gps_fix_type"]) >= 3,
+        range=state.age_us("range") < SENSOR_TIMEOUT_US,
+        battery=state.age_us("battery") < 2 * SENSOR_TIMEOUT_US,
+    )
+
+
+def attitude_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
+    """Return in which axes the vehicle leans beyond FD_FAIL_R and FD_FAIL_P (°, 0 = off), in PX4's words."""
+    if not state.attitude_valid:
+        return []
+    limits = {"roll": parameters["FD_FAIL_R"], "pitch": parameters["FD_FAIL_P"]}
+    return [
+        f"Attitude failure ({axis})"
+        for (axis, limit), angle in zip(limits.items(), state.euler[:2], strict=True)
+        if 0.0 < math.radians(limit) < abs(angle)
+    ]
+
+
+def preflight_failures(state: EstimatedState, parameters: ParameterTable) -> list[str]:
+    """Return the reasons, short enough for one STATUSTEXT each, why no mode could fly now; empty when ready."""
+    health, p = sensor_health(state), parameters
+    reasons = []
+    if not health.imu:
+        reasons.append("no inertial data")
+    if not health.mag and p["SYS_HAS_MAG"]:
+        reasons.append("no compass data")
+    if not health.baro and p["SYS_HAS_BARO"]:
+        reasons.append("no barometer data")
+    if not state.attitude_valid:
+        reasons.append("attitude not converged")
+    reasons += attitude_failures(state, parameters)
+    if not state.altitude_valid:
+        reasons.append("altitude not converged")
+    if not state.velocity_valid or state.velocity_std_h > required(p, "COM_VEL_FS_EVH"):
+        reasons.append("velocity not converged")
+    if not p["COM_ARM_WO_GPS"] and not health.gps:
+        reasons.append("no 3-D fix")
+    if health.battery:
+        remaining = float(state.sensors["battery_remaining"])
+        if remaining < max(p["COM_ARM_BAT_MIN"], p["BAT_CRIT_THR"]):
+            reasons.append("battery too low")
+    return reasons
+
+
+def mode_failures(
+    mode: str,
+    state: EstimatedState,
+    parameters: ParameterTable,
+    *,
+    home: bool,
+    sticks: bool,
+    offboard: bool,
+    mission: list[str],
+) -> list[str]:
+    """Return the reasons why `mode` cannot run now; the flags say what is available. PX4 mode_requirements.
+
+    `mission`: what is wrong with the loaded mission.
+    """
+    reasons = []
+    accurate = state.position_valid and state.position_std_h < required(parameters, "COM_POS_FS_EPH")
+    if mode in POSITION_MODES and not accurate:
+        reasons.append("position not converged")
+    if mode == "RETURN" and not home:
+        reasons.append("no home position")
+    if mode in STICK_MODES and not sticks:
+        reasons.append("no manual control")
+    if mode == "OFFBOARD" and not offboard:
+        reasons.append("no offboard signal")
+    return reasons + mission
+
+
+class AttitudeWatch:
+    """`failed` once roll or pitch has exceeded FD_FAIL_R or FD_FAIL_P (°, 0 = off) for FD_FAIL_R_TTRI or _P_TTRI."""
+
+    def __init__(self, parameters: ParameterTable) -> None:
+        self.failed = False
+        self._parameters = parameters
+        self._since_us: list[int | None] = [None, None]
+
+    def reset(self) -> None:
+        """Forget what was seen."""
+        self.failed, self._since_us = False, [None, None]
+
+    def look(self, state: EstimatedState, *, controlled: bool) -> None:
+        """Follow one look. `controlled`: the mode controls the attitude; a pilot in ACRO may turn over on purpose."""
+        self.failed = False
+        for i, name in enumerate(("FD_FAIL_R", "FD_FAIL_P")):
+            limit = float(self._parameters[name])
+            beyond = controlled and limit > 0.0 and abs(state.euler[i]) > math.radians(limit)
+            if not beyond:
+                self._since_us[i] = None
+                continue
+            since = self._since_us[i]
+            if since is None:
+                self._since_us[i] = since = state.time_us
+            self.failed |= state.time_us - since >= self._parameters[f"{name}_TTRI"] * 1e6

@@ -1,0 +1,248 @@
+"""The automatic modes that need neither plan nor target: HOLD, TAKEOFF, LAND, DESCEND and RETURN (PX4's RTL_TYPE 0)."""
+
+import math
+
+from autopilot.commander.modes.flight import FlightContext, Mode
+from autopilot.commander.plan.items import Home, local_place
+from autopilot.records import IDLE, NAN, CascadeSetpoint
+from foundation.frames import Vec3
+
+BRAKING_SHARE = 0.5  # of the acceleration limit: leaves the rest to the position controller
+LEAST_SPEED = 1.0  # m/s, keeps the position loop free near the target
+
+
+def approach_speed(distance: float, cruise: float, acceleration: float) -> float:
+    """Return the horizontal speed limit (m/s) at `distance` (m) from the target: v² = 2·a·d, at most `cruise`.
+
+    Quantised to 5 cm/s, so that a setpoint at rest stays bit-identical from tick to tick.
+    """
+    limit = min(cruise, max(LEAST_SPEED, math.sqrt(2.0 * BRAKING_SHARE * acceleration * distance)))
+    return math.ceil(limit * 20.0) / 20.0
+
+
+STOPPED_SPEED = 0.3  # m/s, below which the vehicle counts as stopped and its place is latched
+BRAKE_LIMIT_US = 6_000_000  # latch whatever happens after this
+
+
+class HoldMode(Mode):
+    """Brakes on entry, latches the position once slow, then holds it; `go_to` moves the held place."""
+
+    def __init__(self) -> None:
+        self._target: Vec3 | None = None
+        self._yaw = 0.0
+        self._entered_us = 0
+        self._z = 0.0
+
+    def enter(self, flight: FlightContext) -> None:
+        state = flight.state
+        self._target, self._yaw, self._entered_us = None, state.yaw, state.time_us
+        self._z = state.position_ned[2]
+
+    def go_to(self, position_ned: Vec3, yaw: float) -> None:
+        """Fly to a local position (m); a nan yaw (rad) keeps the present heading."""
+        self._target = position_ned
+        if math.isfinite(yaw):
+            self._yaw = yaw
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        p, state = flight.parameters, flight.state
+        up, down = float(p["MPC_Z_V_AUTO_UP"]), float(p["MPC_Z_V_AUTO_DN"])
+        if self._target is None:
+            vn, ve, vd = state.velocity_ned
+            slow = math.sqrt(vn * vn + ve * ve + vd * vd) < STOPPED_SPEED
+            if not slow and not flight.landed and state.time_us - self._entered_us < BRAKE_LIMIT_US:
+                return CascadeSetpoint(velocity_ned=(0.0, 0.0, 0.0), yaw=self._yaw, yaw_rate=0.0)
+            self._target = state.position_ned
+        target = self._target
+        distance = math.hypot(target[0] - state.position_ned[0], target[1] - state.position_ned[1])
+        return CascadeSetpoint(
+            position_ned=target,
+            yaw=self._yaw,
+            yaw_rate=NAN,
+            speed_limit_up=up,
+            speed_limit_down=down,
+            speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
+        )
+
+
+ARRIVED_M = 0.3
+LEAST_CLIMB_M = 0.5
+
+
+class Takeoff(Mode):
+    """Climbs at MPC_TKO_SPEED above the place where the mode was entered (or armed)."""
+
+    def __init__(self) -> None:
+        self._target: Vec3 = (0.0, 0.0, 0.0)
+        self._yaw = 0.0
+        self._asked_z = math.nan
+
+    def aim(self, z_ned: float) -> None:
+        """Choose the local z (m, NED) to climb to; nan = MIS_TAKEOFF_ALT above the ground. Holds for the next entry."""
+        self._asked_z = z_ned
+
+    def enter(self, flight: FlightContext) -> None:
+        self.next_mode = None
+        n, e, z = flight.state.position_ned
+        target = z - float(flight.parameters["MIS_TAKEOFF_ALT"])
+        if self._asked_z < z - LEAST_CLIMB_M:  # a lower one (clients send 0 for 'any') or nan means the default
+            target = self._asked_z
+        elif not flight.landed and flight.home is not None:
+            # in the air already: climb to the altitude above home, never down
+            target = min(flight.home.position_ned[2] - float(flight.parameters["MIS_TAKEOFF_ALT"]), z)
+        self._asked_z = math.nan
+        self.rest = self._target = (n, e, target)
+        self._yaw = flight.state.yaw
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        if not flight.landed and flight.state.position_ned[2] - self._target[2] < ARRIVED_M:
+            self.next_mode = "HOLD"
+        return CascadeSetpoint(
+            position_ned=self._target,
+            yaw=self._yaw,
+            speed_limit_up=float(flight.parameters["MPC_TKO_SPEED"]),
+            speed_limit_horizontal=2.0,
+        )
+
+
+LANDING_STOPPED_SPEED = 0.5  # m/s, below which LAND latches its place
+
+
+def landing_speed(flight: FlightContext) -> float:
+    """Return the sink rate (m/s): MPC_Z_V_AUTO_DN above MPC_LAND_ALT1, MPC_LAND_SPEED below MPC_LAND_ALT2."""
+    p = flight.parameters
+    high, low = float(p["MPC_LAND_ALT1"]), float(p["MPC_LAND_ALT2"])
+    fast, slow = float(p["MPC_Z_V_AUTO_DN"]), float(p["MPC_LAND_SPEED"])
+    share = (flight.height_above_ground() - low) / max(high - low, 0.1)
+    return slow + (max(fast, slow) - slow) * min(max(share, 0.0), 1.0)
+
+
+class Land(Mode):
+    """Stops, latches the place and sinks over it; the commander disarms once it stands."""
+
+    def __init__(self) -> None:
+        self._place: Vec3 | None = None
+        self._yaw = 0.0
+
+    def enter(self, flight: FlightContext) -> None:
+        self._place, self._yaw = None, flight.state.yaw
+
+    def over(self, place_ned: Vec3) -> None:
+        """Land over a chosen local position rather than where the vehicle stops."""
+        self._place = place_ned
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        state, sink = flight.state, landing_speed(flight)
+        if self._place is None and math.hypot(state.velocity_ned[0], state.velocity_ned[1]) < LANDING_STOPPED_SPEED:
+            self._place = state.position_ned
+        if self._place is None:
+            return CascadeSetpoint(velocity_ned=(0.0, 0.0, sink), yaw=self._yaw, speed_limit_down=max(sink, 1.5))
+        return CascadeSetpoint(
+            position_ned=(self._place[0], self._place[1], NAN),
+            velocity_ned=(NAN, NAN, sink),
+            yaw=self._yaw,
+            speed_limit_down=max(sink, 1.5),
+            speed_limit_horizontal=2.0,
+        )
+
+
+class Descend(Mode):
+    """Sinks at MPC_LAND_SPEED without a place to hold: what is left when the position or the pilot is gone."""
+
+    def __init__(self) -> None:
+        self._yaw = 0.0
+
+    def enter(self, flight: FlightContext) -> None:
+        self._yaw = flight.state.yaw
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        sink = float(flight.parameters["MPC_LAND_SPEED"])
+        if flight.state.velocity_valid:
+            return CascadeSetpoint(velocity_ned=(0.0, 0.0, sink), yaw=self._yaw)
+        return CascadeSetpoint(velocity_ned=(NAN, NAN, sink), acceleration_ned=(0.0, 0.0, NAN), yaw=self._yaw)
+
+
+RETURN_ARRIVED_M = 1.0
+
+
+def return_height(flight: FlightContext, distance: float, height: float) -> float:
+    """Return the height above home (m) to fly home at, from the horizontal distance and the present height (m).
+
+    RTL_RETURN_ALT, lowered inside the cone of half-angle RTL_CONE_ANG over home, and never below the present height.
+    """
+    p = flight.parameters
+    if distance < p["RTL_MIN_DIST"]:
+        return height
+    wanted = float(p["RTL_RETURN_ALT"])
+    cone = float(p["RTL_CONE_ANG"])
+    if 0.0 < cone < 90.0:
+        wanted = min(wanted, distance / math.tan(math.radians(cone)))
+    return max(wanted, height)
+
+
+def safe_places(flight: FlightContext) -> list[Vec3]:
+    """Return where the vehicle may land: home first, then the rally points that say where they are (m, NED)."""
+    home: Home | None = flight.home
+    places = [home.position_ned if home is not None else flight.state.position_ned]
+    for item in flight.plans.rally:
+        place = local_place(item, flight.state, home)
+        if all(math.isfinite(x) for x in place):
+            places.append(place)
+    return places
+
+
+class ReturnHome(Mode):
+    """Climb on the spot, cruise, descend to RTL_DESCEND_ALT and wait RTL_LAND_DELAY (negative: for ever), land."""
+
+    def __init__(self) -> None:
+        self._leg = "climb"
+        self._start: Vec3 = (0.0, 0.0, 0.0)
+        self._goal: Vec3 = (0.0, 0.0, 0.0)
+        self._z = 0.0
+        self._yaw = 0.0
+        self._since_us: int | None = None
+        self._land = Land()
+
+    def enter(self, flight: FlightContext) -> None:
+        n, e, z = flight.state.position_ned
+        self._goal = min(safe_places(flight), key=lambda place: math.hypot(place[0] - n, place[1] - e))
+        distance = math.hypot(self._goal[0] - n, self._goal[1] - e)
+        self._leg, self._start, self._yaw, self._since_us = "climb", (n, e, z), flight.state.yaw, None
+        self._z = self._goal[2] - return_height(flight, distance, self._goal[2] - z)
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        if flight.landed:
+            return IDLE  # a vehicle that stands on the ground does not take off to return
+        state, goal, p = flight.state, self._goal, flight.parameters
+        n, e, z = state.position_ned
+        distance = math.hypot(goal[0] - n, goal[1] - e)
+        if self._leg == "climb" and z - self._z < RETURN_ARRIVED_M:
+            self._leg = "cruise"
+            if distance > 2.0:
+                self._yaw = math.atan2(goal[1] - e, goal[0] - n)
+        if self._leg == "cruise" and distance < RETURN_ARRIVED_M:
+            self._leg = "wait" if p["RTL_LAND_DELAY"] else "land"
+            self._z = max(self._z, goal[2] - float(p["RTL_DESCEND_ALT"]))
+            self._land.enter(flight)
+            self._land.over(goal)
+        if self._leg == "wait":
+            self._wait(flight)
+        if self._leg == "land":
+            return self._land.setpoint(flight)
+        place = self._start if self._leg == "climb" else goal
+        return CascadeSetpoint(
+            position_ned=(place[0], place[1], self._z),
+            yaw=self._yaw,
+            speed_limit_up=float(p["MPC_Z_V_AUTO_UP"]),
+            speed_limit_down=float(p["MPC_Z_V_AUTO_DN"]),
+            speed_limit_horizontal=approach_speed(distance, flight.cruise(), float(p["MPC_ACC_HOR"])),
+        )
+
+    def _wait(self, flight: FlightContext) -> None:
+        now, delay = flight.state.time_us, float(flight.parameters["RTL_LAND_DELAY"])
+        if abs(flight.state.position_ned[2] - self._z) > RETURN_ARRIVED_M:
+            return
+        if self._since_us is None:
+            self._since_us = now
+        if 0.0 <= delay <= (now - self._since_us) * 1e-6:
+            self._leg = "land"
