@@ -65,9 +65,9 @@ schemas: install
 metrics: install
 	$(BIN)/python -c "from pathlib import Path; from dronecats.judge.metrics.page import write; write(Path('docs/metrics.md'))"
 
-# Rewrites the table of docs/studies.md from the registry of factors. Run it when a factor changes.
+# Rewrites the tables of docs/studies.md and docs/disturbances.md. Run it when an option, a disturbance or a factor changes.
 studies: install
-	$(BIN)/python -c "from pathlib import Path; from dronecats.study.page import write; write(Path('docs/studies.md'))"
+	$(BIN)/python -c "from pathlib import Path; from dronecats.study.page import write; write(Path('docs'))"
 
 # Rewrites flight.png, replay.jpg and watching.jpg of docs/pictures. Run it when what they show changes.
 pictures: install-dev

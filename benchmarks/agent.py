@@ -30,7 +30,7 @@ import psutil
 
 from benchmarks.machine import Machine
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.open import open_model
@@ -133,7 +133,9 @@ def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
     after: list[float] = []
     with stand_in(0.0, reply) as address, tempfile.TemporaryDirectory() as folder, httpx.Client() as looker:
         model = open_model(ModelSpec(provider="local", name="stand-in", base_url=f"{address}/v1"))
-        questions = Questions(model, Prompt.load(), "Find the red sign that reads EXIT.", latency("fixed:0"))
+        questions = Questions(
+            model, Prompt.load(), "Find the red sign that reads EXIT.", LatencyPolicy.parse("fixed:0")
+        )
 
         log = LineLog(Path(folder) / "decisions.jsonl")
         cockpit = Cockpit(
@@ -198,7 +200,11 @@ def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
     with stand_in(MODEL_S, ACTION) as address, tempfile.TemporaryDirectory() as folder:
         model = ModelSpec(provider="local", name="stand-in", base_url=f"{address}/v1")
         flight = FlightSpec(
-            model=model, simulated=Simulated(speed=None), latency=f"fixed:{MODEL_S:g}", seconds=seconds, full=True
+            model=model,
+            simulated=Simulated(speed=None),
+            latency=LatencyPolicy.parse(f"fixed:{MODEL_S:g}"),
+            seconds=seconds,
+            full=True,
         )
         batch = Batch(Path(folder) / "run", {"flight": as_kept(flight)})
         began, cpu = time.monotonic(), _cpu_s()

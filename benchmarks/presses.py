@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.config import FlightConditions
 from dronecats.flight.sitl.one_vehicle import one_vehicle
 from dronecats.flight.sitl.scenario import load_world, world_of
 from dronecats.flight.sitl.simulation import BootPose
@@ -38,6 +37,7 @@ from foundation.obstacles import Obstacles
 from foundation.setpoints import Velocity
 from hil.link.link import Link
 from vehicles.nearest import in_triangle
+from vehicles.wind import Wind
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # of free way before the thing
@@ -292,9 +292,9 @@ def fly(press: Press, seed: int, px4: str | None = None) -> Outcome:
     record = catalogue.load(press.episode)
     start = StartPose((*pose.position_ned[:2], pose.position_ned[2] - height), math.degrees(pose.yaw))
     world = world_of(replace(record, starts=(start,)), count=1)
-    conditions = FlightConditions(wind_ned=(press.wind_n, 0.0, 0.0))
+    wind = Wind((press.wind_n, 0.0, 0.0))
     with ExitStack() as ends:
-        clock = ends.enter_context(one_vehicle(world, seed=seed, conditions=conditions, px4=px4))
+        clock = ends.enter_context(one_vehicle(world, seed=seed, wind=wind, px4=px4))
         link = Link(clock.transport(0), simulated=True)
         ends.callback(link.close)
         ascend([link], [StartOffset((0.0, 0.0, -height), pose.yaw)], lambda line: None)

@@ -3,32 +3,40 @@
 The drone holds while the model decodes, and the world keeps moving. In real time latency passes by itself; in lockstep
 it is charged: after the call, for which the vehicle's clock stands still, or beside it where it is foreseen. What each
 policy promises: docs/latency.md.
+
+A policy is a value (`LatencyPolicy`). Its text is read once, and stands in run.json and spec files as it was written.
 """
 
 import hashlib
 import math
 import re
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from dronecats.agent.latency_draws import LONGEST_S, bimodal_s, gamma_s, jitter_s, lognormal_s, stall_s, traced_s
+import numpy as np
+
 from dronecats.agent.models.model import Reply
+from foundation.declaration import ABOVE_0, DeclaredNumber
 from foundation.errors import UsageError
 
+LONGEST_S = 300.0  # an episode
 FASTEST_HZ = 20.0  # of the ticks on which a reply is noticed
 SLOWEST_HZ = 1.0 / LONGEST_S
 TRACE_MAX = 10_000  # latencies of a trace: they stand in every run.json
 CHARACTERS_A_TOKEN = 4  # of a reply whose tokens nobody has counted, as a built-in pilot's
 COMMANDER = 255  # the drone of a commander's questions: no vehicle has that number
-TRACE = "trace"
+STEADY_CV = 1e-3  # below this a gamma is as good as its mean
+NOTHING_ADDED = "--latency real is what really passes, to which nothing is added"
+REAL, TRACE, FIXED, RATE, JITTER, STALL, CAP = "real", "trace", "fixed", "rate", "jitter", "stall", "cap"
+
+Seed = tuple[int, ...]  # of the episode, and of this flight of it
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
     """What tells one question from every other: nothing of a random latency depends on anything else."""
 
-    seed: tuple[int, ...]  # of the episode, and of this flight of it
+    seed: Seed
     step: int  # how many were asked for these drones before it
     drone: int  # the first of those that are asked together, or COMMANDER
 
@@ -41,122 +49,96 @@ class Circumstance:
     since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: there is none
 
 
-Charge = Callable[[Question, Circumstance], float]  # → vehicle seconds
+@dataclass(frozen=True, slots=True)
+class LatencyPart:
+    """One of the policies that are joined by +."""
+
+    text: str  # "jitter:2,0.5", of a trace "trace:DIGEST"
+    kind: str  # a key of KINDS
+    numbers: tuple[float, ...]  # of a trace: the recorded latencies, s
+
+    def charge_s(self, question: Question, of: Circumstance) -> float:
+        """Return what it adds to a reply, vehicle seconds."""
+        return KINDS[self.kind].charge(question, of, *self.numbers)
 
 
 @dataclass(frozen=True, slots=True)
-class Latency:
-    """How long a reply takes in vehicle time."""
+class LatencyPolicy:
+    """How long a reply takes in vehicle time: the sum of its parts, no less than its cap."""
 
-    name: str  # as the command line has it; kept in run.json
-    charge: Charge | None  # None: the call lasts as long as it lasts
-    foreseen: bool = False  # what a reply costs does not depend on how long it takes, and is known before it is there
+    parts: tuple[LatencyPart, ...]  # none: the time that really passes
 
+    @classmethod
+    def parse(cls, text: str, trace: Sequence[float] | None = None) -> "LatencyPolicy":
+        """Return the policy of a text: `real`, or one or more of KINDS joined by +.
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    """One kind of policy: its words, and what they come to."""
+        `trace`: the latencies (s) of a `trace:`, whose text names them as `trace_name` does. Raises UsageError.
+        """
+        words = split_policy(text)
+        if words == [REAL]:
+            return cls(())
+        if REAL in words:
+            raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
+        parts = tuple(_part(word, trace) for word in words)
+        kinds = [part.kind for part in parts]
+        if twice := next((kind for kind in kinds if kinds.count(kind) > 1), None):
+            raise UsageError(f"--latency has {twice} twice: '{text}'; leave one of them out")
+        if trace is not None and TRACE not in kinds:
+            raise UsageError(f"--latency {text} charges nothing recorded, and the flight has a recorded latency_trace")
+        return cls(parts)
 
-    words: str  # "gamma:MEAN,CV"
-    told: str  # within which bounds, for people
-    bounds: tuple[tuple[float, float], ...]  # of each number
-    charge: Callable[..., float]  # (question, circumstance, *numbers)
-    optional: int = 0  # how many of the last numbers may be left out
-    foreseen: bool = True
+    def __str__(self) -> str:
+        """Its text, as on the command line, in run.json and in spec files."""
+        return "+".join(part.text for part in self.parts) or REAL
 
-    def holds(self, numbers: Sequence[float]) -> bool:
-        """Return whether so many numbers are wanted, each within its bounds."""
-        enough = len(self.bounds) - self.optional <= len(numbers) <= len(self.bounds)
-        return enough and all(low <= x <= high for x, (low, high) in zip(numbers, self.bounds, strict=False))
+    @property
+    def real(self) -> bool:
+        """Whether a call lasts as long as it really lasts: nothing is charged."""
+        return not self.parts
 
+    @property
+    def foreseen(self) -> bool:
+        """Whether the charge is known before the reply is there."""
+        return not self.real and all(KINDS[part.kind].foreseen for part in self.parts)
 
-def _drawn(draw: Callable[..., float]) -> Callable[..., float]:
-    return lambda question, _, *numbers: draw(question.seed, question.step, question.drone, *numbers)
+    @property
+    def trace(self) -> tuple[float, ...] | None:
+        """The recorded latencies, s."""
+        part = self.part(TRACE)
+        return part.numbers if part else None
 
+    def part(self, kind: str) -> LatencyPart | None:
+        """Return its part of a kind."""
+        return next((part for part in self.parts if part.kind == kind), None)
 
-def _by_token(_question: Question, of: Circumstance, first_s: float, rate_hz: float) -> float:
-    """Return the time to the first token and that of all others; a `think` costs what it is long."""
-    assert of.reply is not None  # it is not foreseen
-    counted = of.reply.tokens_out
-    tokens = math.ceil(len(of.reply.text) / CHARACTERS_A_TOKEN) if counted is None else counted
-    return min(first_s + tokens / rate_hz, LONGEST_S)
+    def numbers(self, kind: str) -> tuple[float, ...]:
+        """Return the numbers of its part of a kind; none where it has no such part."""
+        part = self.part(kind)
+        return part.numbers if part else ()
 
+    def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
+        """Return it with another part: in the place of one of these kinds, else as the last.
 
-def _measured(_question: Question, of: Circumstance) -> float:
-    assert of.reply is not None  # it is not foreseen
-    return of.reply.latency_s
+        A part of the same kind is left out. Raises UsageError.
+        """
+        if self.real:
+            raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
+        new = _part(text, None)
+        place = next((n for n, part in enumerate(self.parts) if part.kind in instead_of), None)
+        if place is not None:
+            return LatencyPolicy((*self.parts[:place], new, *self.parts[place + 1 :]))
+        return LatencyPolicy((*(part for part in self.parts if part.kind != new.kind), new))
 
-
-def _held(_question: Question, of: Circumstance, rate_hz: float) -> float:
-    """Return how long a reply is held back, that none comes sooner after the last one than a rate allows."""
-    return 0.0 if of.since_s is None else max(0.0, 1.0 / rate_hz - of.since_s)
-
-
-SOME, ANY, SHARE = (sys.float_info.min, LONGEST_S), (0.0, LONGEST_S), (0.0, 1.0)  # s, s, 1
-PACE, SPREAD = (SLOWEST_HZ, FASTEST_HZ), (0.0, 3.0)  # Hz, 1
-CAP = "cap"
-KINDS = {
-    "measured": _Kind("measured", "no number", (), _measured, foreseen=False),
-    "fixed": _Kind("fixed:SECONDS", "0 … 300", (ANY,), lambda _question, _of, seconds: seconds),
-    "rate": _Kind("rate:HZ", "0.0034 … 20", (PACE,), lambda _question, _of, hz: 1.0 / hz),
-    "lognormal": _Kind(
-        "lognormal:MEDIAN,SIGMA", "MEDIAN over 0 … 300 s, SIGMA 0 … 3", (SOME, SPREAD), _drawn(lognormal_s)
-    ),
-    "gamma": _Kind("gamma:MEAN,CV", "MEAN over 0 … 300 s, CV 0 … 3", (SOME, SPREAD), _drawn(gamma_s)),
-    "bimodal": _Kind(
-        "bimodal:FAST,SLOW,SHARE", "FAST and SLOW 0 … 300 s, SHARE of the fast ones 0 … 1", (ANY, ANY, SHARE),
-        _drawn(bimodal_s),
-    ),
-    TRACE: _Kind(
-        "trace:FILE", "a run folder or a CSV file", (),
-        lambda question, _of, *trace: traced_s(question.seed, question.step, question.drone, trace),
-    ),
-    "tokens": _Kind(
-        "tokens:TTFT,PER_S", "TTFT 0 … 300 s, PER_S 0.1 … 100000 tokens a second", (ANY, (0.1, 1e5)),
-        _by_token, foreseen=False,
-    ),
-    "jitter": _Kind(
-        "jitter:RATE,CV[,RHO]", "RATE 0.0034 … 20 Hz, CV 0 … 3, RHO -0.99 … 0.99", (PACE, SPREAD, (-0.99, 0.99)),
-        lambda question, _of, hz, cv, rho=0.0: jitter_s(question.seed, question.step, question.drone, hz, cv, rho),
-        optional=1,
-    ),
-    "stall": _Kind("stall:P,D", "P 0 … 1, D 0 … 300 s", (SHARE, ANY), _drawn(stall_s)),
-    CAP: _Kind("cap:R", "0.0034 … 20 Hz", (PACE,), _held),
-}  # fmt: skip
-_JOINT = re.compile(rf"\+(?=(?:real|{'|'.join(KINDS)})(?::|\+|$))")
+    def charge_s(self, question: Question, of: Circumstance) -> float:
+        """Return what a reply costs, vehicle seconds. Not of a `real` one."""
+        taken_s = sum(part.charge_s(question, of) for part in self.parts if part.kind != CAP)
+        cap = self.part(CAP)
+        return taken_s if cap is None else max(taken_s, cap.charge_s(question, of))
 
 
-def parts_of(text: str) -> list[str]:
-    """Return the policies that a name joins by +; a plus within a number or a file's name joins nothing."""
+def split_policy(text: str) -> list[str]:
+    """Return the texts of the parts that are joined by +; a plus in a number or a file's name joins nothing."""
     return _JOINT.split(text)
-
-
-def latency(text: str, trace: Sequence[float] | None = None) -> Latency:
-    """Return the policy of a name: `real`, or one or more of KINDS joined by +, which add up.
-
-    `trace`: the latencies (s) of a `trace:`, which names them as `trace_name` does. Raises UsageError for any other.
-    """
-    if text == "real":
-        return Latency(text, None)
-    words = parts_of(text)
-    if "real" in words:
-        raise UsageError(f"--latency real is what really passes, to which nothing is added, got '{text}'")
-    charges: dict[str, Charge] = {}
-    for word in words:
-        name, numbers = _read(word, trace)
-        if name in charges:
-            raise UsageError(f"--latency has {name} twice: '{text}'; leave one of them out")
-        charges[name] = _charge(KINDS[name], numbers)
-    if trace is not None and TRACE not in charges:
-        raise UsageError(f"--latency {text} charges nothing recorded, and the flight has a recorded latency_trace")
-    foreseen = all(KINDS[name].foreseen for name in charges)
-    cap = charges.pop(CAP, None)
-
-    def charge(question: Question, of: Circumstance) -> float:
-        taken_s = sum(each(question, of) for each in charges.values())
-        return taken_s if cap is None else max(taken_s, cap(question, of))
-
-    return Latency(text, charge, foreseen)
 
 
 def trace_name(trace: Sequence[float]) -> str:
@@ -164,37 +146,162 @@ def trace_name(trace: Sequence[float]) -> str:
     return hashlib.sha256(",".join(f"{seconds:.6f}" for seconds in trace).encode()).hexdigest()[:8]
 
 
-def _read(word: str, trace: Sequence[float] | None) -> tuple[str, Sequence[float]]:
-    """Return the kind of one policy, and its numbers."""
-    name, colon, value = word.partition(":")
+def _part(text: str, trace: Sequence[float] | None) -> LatencyPart:
+    name, colon, value = text.partition(":")
     if name not in KINDS:
-        known = ", ".join(kind.words for kind in KINDS.values())
-        raise UsageError(f"--latency wants real, {known}, or several of them joined by +, got '{word}'")
-    kind = KINDS[name]
+        policies = ", ".join(kind.form(name) for name, kind in KINDS.items())
+        raise UsageError(f"--latency wants real, {policies}, or several of them joined by +, got '{text}'")
     if name == TRACE:
-        return name, _recorded(word, value, trace)
-    numbers = _numbers(value) if colon else ()
-    if numbers is None or not kind.holds(numbers):
-        raise UsageError(f"--latency {kind.words} wants {kind.told}, got '{word}'")
-    return name, numbers
+        return LatencyPart(text, name, _recorded(text, value, trace))
+    return LatencyPart(text, name, KINDS[name].read(text, value.split(",") if colon else []))
 
 
-def _charge(kind: _Kind, numbers: Sequence[float]) -> Charge:
-    return lambda question, of: kind.charge(question, of, *numbers)
-
-
-def _recorded(word: str, name: str, trace: Sequence[float] | None) -> Sequence[float]:
+def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[float, ...]:
     if trace is None:
-        raise UsageError(f"--latency {word} is of recorded latencies that are not in the flight; name their file")
+        raise UsageError(f"--latency {text} is of recorded latencies that are not in the flight; name their file")
     if not 0 < len(trace) <= TRACE_MAX or not all(0.0 <= seconds <= LONGEST_S for seconds in trace):
-        raise UsageError(f"--latency {word} wants 1 to {TRACE_MAX:,} latencies of 0 to {LONGEST_S:g} s")
+        raise UsageError(f"--latency {text} wants 1 to {TRACE_MAX:,} latencies of 0 to {LONGEST_S:g} s")
     if name != trace_name(trace):
-        raise UsageError(f"--latency {word} is of other latencies than the flight has, which are {trace_name(trace)}")
-    return trace
+        raise UsageError(f"--latency {text} is of other latencies than the flight has, which are {trace_name(trace)}")
+    return tuple(trace)
 
 
-def _numbers(text: str) -> tuple[float, ...] | None:
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        return None
+# What random latencies are drawn from. Each kind has a stream of numbers of its own, so that kinds that are added up
+# are independent of one another. What is drawn is a quantile: of two levels of one policy the same questions are slow.
+# No stream is 0, which a seed would not tell from nothing; 6 is the pictures' (`pictures.py`); without a stream, a
+# lognormal would be drawn from that of a pilot who draws (`pilots/noisy.py`).
+GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
+LOGNORMAL_STREAM = 7
+
+
+def _lognormal_s(asked: Question, _of: Circumstance, median_s: float, sigma: float) -> float:
+    """Return a draw whose logarithm is normal, so half of all replies come within the median."""
+    draw = np.random.default_rng((*asked.seed, asked.step, asked.drone, LOGNORMAL_STREAM)).normal(0.0, sigma)
+    return min(median_s * math.exp(draw), LONGEST_S)
+
+
+def _gamma_s(asked: Question, _of: Circumstance, mean_s: float, cv: float) -> float:
+    """Return a draw of a mean and a coefficient of variation (standard deviation / mean); 1 is the exponential."""
+    if cv < STEADY_CV:
+        return mean_s
+    from scipy.special import gammaincinv  # a base dependency, but slow to import, and most flights draw no gamma
+
+    shape = 1.0 / (cv * cv)
+    return min(mean_s / shape * float(gammaincinv(shape, _share(asked, GAMMA_STREAM))), LONGEST_S)
+
+
+def _bimodal_s(asked: Question, _of: Circumstance, fast_s: float, slow_s: float, share: float) -> float:
+    """Return `fast_s` for this share of all questions, else `slow_s`: a cache that hits, or misses."""
+    return fast_s if _share(asked, BIMODAL_STREAM) < share else slow_s
+
+
+def _stall_s(asked: Question, _of: Circumstance, probability: float, seconds: float) -> float:
+    """Return `seconds` with a probability, else nothing."""
+    return seconds if _share(asked, STALL_STREAM) < probability else 0.0
+
+
+def _jitter_s(asked: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
+    """Return a draw around 1 / `rate_hz`, which is the mean, with this coefficient of variation.
+
+    The logarithm is normal and from question to question an autoregression of the first order: `rho` is what two in a
+    row are correlated by. The whole sequence is drawn up to this question, so that it matters to nobody who asked.
+    """
+    variance = math.log1p(cv * cv)
+    shocks = np.random.default_rng((*asked.seed, 0, asked.drone, JITTER_STREAM)).standard_normal(asked.step + 1)
+    level, kept = float(shocks[0]), math.sqrt(1.0 - rho * rho)
+    for shock in shocks[1:]:
+        level = rho * level + kept * float(shock)
+    return min(math.exp(math.sqrt(variance) * level - variance / 2.0) / rate_hz, LONGEST_S)
+
+
+def _traced_s(asked: Question, _of: Circumstance, *trace: float) -> float:
+    """Return what was recorded: in its order, from a place that is drawn once for a drone's flight, and round again.
+
+    So what one reply says of the next is kept.
+    """
+    begin = int(np.random.default_rng((*asked.seed, 0, asked.drone, TRACE_STREAM)).integers(len(trace)))
+    return trace[(begin + asked.step) % len(trace)]
+
+
+def _share(asked: Question, stream: int) -> float:
+    return float(np.random.default_rng((*asked.seed, asked.step, asked.drone, stream)).random())
+
+
+def _by_token_s(_asked: Question, of: Circumstance, first_s: float, rate_hz: float) -> float:
+    """Return the time to the first token and that of all others; a `think` costs what it is long."""
+    assert of.reply is not None  # it is not foreseen
+    counted = of.reply.tokens_out
+    tokens = math.ceil(len(of.reply.text) / CHARACTERS_A_TOKEN) if counted is None else counted
+    return min(first_s + tokens / rate_hz, LONGEST_S)
+
+
+def _measured_s(_asked: Question, of: Circumstance) -> float:
+    assert of.reply is not None  # it is not foreseen
+    return of.reply.latency_s
+
+
+def _held_s(_asked: Question, of: Circumstance, rate_hz: float) -> float:
+    """Return how long a reply is held back, that none comes sooner after the last one than a rate allows."""
+    return 0.0 if of.since_s is None else max(0.0, 1.0 / rate_hz - of.since_s)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LatencyKind:
+    """One kind of policy: its numbers, and what they come to."""
+
+    charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
+    quantities: tuple[DeclaredNumber, ...] = ()
+    optional: int = 0  # how many of the last numbers may be left out
+    foreseen: bool = True
+    file: str = ""  # what it takes in the place of numbers
+
+    def form(self, name: str) -> str:
+        """Return how it is written: "jitter:RATE,CV[,RHO]"."""
+        needed = len(self.quantities) - self.optional
+        numbers = ",".join(each.name for each in self.quantities[:needed])
+        more = "".join(f"[,{each.name}]" for each in self.quantities[needed:])
+        return f"{name}:{numbers or self.file}{more}" if numbers or self.file else name
+
+    def read(self, text: str, values: Sequence[str]) -> tuple[float, ...]:
+        """Return its numbers. Raises UsageError for too few, too many, and one that is out of its bounds."""
+        try:
+            if not len(self.quantities) - self.optional <= len(values) <= len(self.quantities):
+                raise ValueError
+            return tuple(of.read(float(value)) for of, value in zip(self.quantities, values, strict=False))
+        except (ValueError, UsageError):
+            wanted = ", ".join(f"{each.name} {each.wanted}" for each in self.quantities) or "no number"
+            raise UsageError(f"--latency {self.form(text.partition(':')[0])} wants {wanted}, got '{text}'") from None
+
+
+def _number(name: str, low: float, high: float, unit: str = "") -> DeclaredNumber:
+    return DeclaredNumber(name=name, help="", low=low, high=high, unit=unit)
+
+
+def _seconds(name: str, low: float = 0.0) -> DeclaredNumber:
+    return _number(name, low, LONGEST_S, "s")
+
+
+def _rate(name: str) -> DeclaredNumber:
+    return _number(name, SLOWEST_HZ, FASTEST_HZ, "Hz")
+
+
+KINDS = {
+    "measured": LatencyKind(charge=_measured_s, foreseen=False),
+    FIXED: LatencyKind(charge=lambda _asked, _of, seconds: seconds, quantities=(_seconds("SECONDS"),)),
+    RATE: LatencyKind(charge=lambda _asked, _of, hz: 1.0 / hz, quantities=(_rate("HZ"),)),
+    "lognormal": LatencyKind(charge=_lognormal_s, quantities=(_seconds("MEDIAN", ABOVE_0), _number("SIGMA", 0.0, 3.0))),
+    "gamma": LatencyKind(charge=_gamma_s, quantities=(_seconds("MEAN", ABOVE_0), _number("CV", 0.0, 3.0))),
+    "bimodal": LatencyKind(
+        charge=_bimodal_s, quantities=(_seconds("FAST"), _seconds("SLOW"), _number("SHARE", 0.0, 1.0))
+    ),
+    TRACE: LatencyKind(charge=_traced_s, file="FILE"),
+    "tokens": LatencyKind(
+        charge=_by_token_s, quantities=(_seconds("TTFT"), _number("PER_S", 0.1, 1e5, "tokens a second")), foreseen=False
+    ),
+    JITTER: LatencyKind(
+        charge=_jitter_s, quantities=(_rate("RATE"), _number("CV", 0.0, 3.0), _number("RHO", -0.99, 0.99)), optional=1
+    ),
+    STALL: LatencyKind(charge=_stall_s, quantities=(_number("P", 0.0, 1.0), _seconds("D"))),
+    CAP: LatencyKind(charge=_held_s, quantities=(_rate("R"),)),
+}
+_JOINT = re.compile(rf"\+(?=(?:real|{'|'.join(KINDS)})(?::|\+|$))")

@@ -13,7 +13,7 @@ from msgspec import UNSET, UnsetType
 from dronecats.agent import action as actions
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.drone import Aircraft, Drone
-from dronecats.agent.latency import Latency, Question
+from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.model_call import Asking, await_reply
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt, labels
@@ -36,7 +36,7 @@ class Questions:
     model: Model
     prompt: Prompt
     instruction: str
-    latency: Latency
+    latency: LatencyPolicy
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs

@@ -5,7 +5,7 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Executor, Future, wait
 from typing import ParamSpec, TypeVar
 
-from dronecats.agent.latency import Circumstance, Latency, Question
+from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
 from dronecats.agent.models.model import Model, Reply, Request
 from foundation.errors import ModelError
 from foundation.threads import COMPUTING
@@ -53,7 +53,7 @@ class Asking:
         model: Model,
         request: Request,
         executor: Executor,
-        policy: Latency,
+        policy: LatencyPolicy,
         question: Question,
         now_s: float,
         beside: bool = False,
@@ -114,10 +114,10 @@ class Asking:
 
     def _charge(self) -> float | None:
         """Return what the reply costs in vehicle seconds; None where it costs what it takes."""
-        if self._policy.charge is not None and self._charged_s is None:
+        if not self._policy.real and self._charged_s is None:
             reply = None if self._policy.foreseen else self.reply()
             since_s = None if self._last_s is None else self._asked_s - self._last_s
-            self._charged_s = self._policy.charge(self._question, Circumstance(reply, since_s))
+            self._charged_s = self._policy.charge_s(self._question, Circumstance(reply, since_s))
         return self._charged_s
 
 

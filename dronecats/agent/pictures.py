@@ -15,7 +15,7 @@ from dronecats.agent.latency import Question
 from foundation.camera import Camera, Frame
 
 AGAIN_S = 0.1  # vehicle s after which a picture that does not come is asked for again, at least
-PICTURES = 6  # stream of draws, beside those of `latency_draws`
+PICTURES = 6  # stream of draws, beside those of `latency`
 CLOSE_S = 1e-9  # s
 
 Fetch = Callable[[Callable[[], Frame]], Generator[None, None, Frame]]  # what may take long, while time passes

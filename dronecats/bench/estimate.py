@@ -8,7 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from dronecats.agent.action import NONE_YET
-from dronecats.agent.latency import Circumstance, Question, latency
+from dronecats.agent.latency import Circumstance, Question
 from dronecats.agent.models.http_model import tokens_of
 from dronecats.agent.models.ledger import cost
 from dronecats.agent.models.model import Request
@@ -93,10 +93,9 @@ def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
 
 def _latency_s(flight: FlightSpec) -> float:
     """Return the mean vehicle time of a reply, as far as the policy foresees it."""
-    policy = latency(flight.latency, flight.latency_trace)
-    if policy.charge is None or not policy.foreseen:
+    if not flight.latency.foreseen:
         return LATENCY_S
-    return statistics.fmean(policy.charge(Question((0,), k, 0), Circumstance(None)) for k in range(STEPS))
+    return statistics.fmean(flight.latency.charge_s(Question((0,), k, 0), Circumstance(None)) for k in range(STEPS))
 
 
 def _measured_usd(run: OpenRun, episode: str) -> float | None:

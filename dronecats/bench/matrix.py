@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, get_args, get_type_hints
 
-from dronecats.agent.names import PAPER, STEADY
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.agent.names import PAPER
 from dronecats.flight.run.identity import suite_digest
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.flight.spec.latency_trace import latency_fields
 from dronecats.flight.spec.spec_file import as_kept
 from episodes.records import catalogue, suites
 from episodes.records.record import VERSION, EpisodeRecord
@@ -79,7 +79,7 @@ def entries(
     suite: ChosenSuite,
     *,
     commands: Sequence[str] = ("flat",),
-    latencies: Sequence[str],
+    latencies: Sequence[LatencyPolicy],
     flights: int = 1,
 ) -> list[BenchEntry]:
     """Return every run of the matrix, the first flight of all before the second of any.
@@ -88,23 +88,21 @@ def entries(
     drone, so that episodes of one are flown once, under `flat`. The k-th flight differs from the first in its seed
     alone. Raises UsageError for what has two runs of one name, or no run at all.
     """
-    if "hierarchical" in commands and any(base.agent == STEADY for _, base in pilots):
-        raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
     if strange := next((each for each in commands if each not in COMMANDS), None):
         raise UsageError(f"--command wants one of {', '.join(COMMANDS)}, got '{strange}'")
     fleets = {each for each, record in suite.records.items() if len(record.starts) > 1}
     alone = suite.records.keys() - fleets
-    charged = [latency_fields(each) for each in latencies]
     found: list[BenchEntry] = []
     for number in range(flights):
         for name, base in pilots:
             for command in dict.fromkeys(("flat", *commands)):
+                led = replace(base, seed=base.seed + number, **commanded(command))
                 flown = (*(alone if command == "flat" else ()), *(fleets if command in commands else ()))
-                for fields in charged if flown else ():
-                    flight = replace(base, **fields, seed=base.seed + number, **commanded(command))
+                for latency in latencies if flown else ():
+                    flight = replace(led, latency=latency)
                     found.append(
                         BenchEntry(
-                            name=f"{slug(name)}{_flown_by(base.agent)}-{command}-{slug(flight.latency)}-f{number + 1}",
+                            name=f"{slug(name)}{_flown_by(base.agent)}-{command}-{slug(str(latency))}-f{number + 1}",
                             flight=flight,
                             episodes=tuple(each for each in suite.records if each in flown),
                         )

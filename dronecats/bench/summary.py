@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET
 
-from dronecats.agent.latency import parts_of
+from dronecats.agent.latency import RATE, LatencyPolicy
 from dronecats.bench.audit import cell_of, cell_order
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
@@ -22,7 +22,6 @@ from foundation.run_folder.results import SCORED, Result
 from foundation.run_folder.rows import Decision
 
 QUANTILES = (0.1, 0.5, 0.9)
-RATE = "rate:"  # the latency policy that pins the control rate
 CLOSE_S = 1e-6  # s, as exactly as the log tells a latency
 
 
@@ -87,11 +86,11 @@ def score(setting: str, flight: FlightSpec, folder: Path, result: Result, *, ret
     )
 
 
-def broken_pins(latency: str, decisions: Iterable[Decision]) -> int:
+def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
     """Return how many replies came later than the rate that is pinned; 0 where none is."""
-    if not latency.startswith(RATE) or len(parts_of(latency)) > 1:  # to which something is added, it is not pinned
+    if [part.kind for part in latency.parts] != [RATE]:  # to which something is added, it is not pinned
         return 0
-    pinned_s = 1.0 / float(latency.removeprefix(RATE))
+    pinned_s = 1.0 / latency.parts[0].numbers[0]
     return sum(each.latency_s is not None and each.latency_s > pinned_s + CLOSE_S for each in decisions)
 
 

@@ -1,12 +1,17 @@
 """`dronecats bench`: fly a suite with models and pilots, several flights of each, and go on where it stopped."""
 
 import argparse
+import json
+import sys
 from contextlib import ExitStack
 from pathlib import Path
 
 from dronecats.cli import signals, sitting
-from dronecats.cli.campaign_options import add_part, add_pilots, add_place
-from dronecats.cli.disturbance_options import add_disturbance_options
+from dronecats.cli.bench_spec import DROP_STALLED, MATRIX, NO_RETRY
+from dronecats.cli.options import PART, PILOTS, PLACE, add, add_disturbances, with_folder
+from dronecats.cli.page_options import add_view
+
+EXPORT = "export-parquet"  # in the place of episodes: runs as Parquet files, one a table of docs/query.md
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -19,31 +24,13 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
         metavar="ID|FILE",
         help="these; a .toml file that says all of it (docs/bench.md); or export-parquet RUN…",
     )
-    add_part(what)
-    what.add_argument("--no-retry", action="store_true", help="leave what did not move as it is: docs/bench.md")
-    who = parser.add_argument_group("who flies")
-    add_pilots(who)
-    who.add_argument(
-        "--agent", action="extend", nargs="+", metavar="NAME",
-        help="paper (default), steady, or MODULE:NAME: docs/extending.md",
-    )  # fmt: skip
-    who.add_argument(
-        "--command", action="extend", nargs="+", metavar="HOW", help="of fleets: flat (default), hierarchical, solo"
-    )
-    who.add_argument(
-        "--latency",
-        action="extend",
-        nargs="+",
-        metavar="POLICY",
-        help="what a reply takes (fixed:0.5): docs/latency.md",
-    )
-    who.add_argument(
-        "--rate", action="extend", nargs="+", metavar="HZ", help="pin the control rate: 1/HZ s for a reply"
-    )
-    add_disturbance_options(parser)
+    add(what, (*PART, NO_RETRY))
+    add(parser.add_argument_group("who flies"), (*PILOTS, *MATRIX))
+    add_disturbances(parser)
     where = parser.add_argument_group("run")
-    add_place(where, "runs/bench-SUITE")
-    where.add_argument("--drop-stalled", action="store_true", help="leave unscored what the host has delayed")
+    add(where, with_folder(PLACE, "runs/bench-SUITE"))
+    add_view(where)
+    add(where, [DROP_STALLED])
     parser.set_defaults(run=run)
 
 
@@ -51,10 +38,10 @@ def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when everything was flown, 3 when something broke or the budget is spent."""
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.summary import table
-    from dronecats.cli import bench_export, bench_spec
+    from dronecats.cli import bench_spec
 
-    if args.episodes[:1] == [bench_export.ACTION]:
-        return bench_export.run(args)
+    if args.episodes[:1] == [EXPORT]:
+        return _export(args)
     signals.as_interrupts()
     args = bench_spec.with_file(args)
     sitting.check_address(args)
@@ -68,3 +55,26 @@ def run(args: argparse.Namespace) -> int:
         sat = sitting.sit(bench, args, retry=retry, beside=beside)
         sitting.say(sat, table(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)
     return sitting.status(sat, "bench")
+
+
+def _export(args: argparse.Namespace) -> int:
+    """Write the files and print how many rows each has; status 0, damaged episodes named on standard error.
+
+    The runs are what stands behind the action among the verb's episodes. Raises UsageError.
+    """
+    from dronecats.report.recorded.run import recorded_runs
+    from dronecats.report.results.table_files import write_tables
+    from foundation.errors import UsageError
+
+    runs = [Path(each) for each in args.episodes[1:]]
+    if not runs or args.out is None:
+        raise UsageError(f"{EXPORT} wants run folders, or folders of runs, and --out DIR for the files")
+    rows, damage = write_tables("parquet", recorded_runs(runs), args.out)
+    for said in damage:
+        print(f"dronecats bench: left out but for its row in episodes: {said}", file=sys.stderr)
+    if args.json:
+        print(json.dumps({"rows": rows, "damaged": damage, "out": str(args.out)}))
+    else:
+        for table, count in rows.items():
+            print(f"{args.out / f'{table}.parquet'}  {count} rows")
+    return 0

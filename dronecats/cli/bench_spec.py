@@ -7,31 +7,49 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli import disturbance_options
-from dronecats.cli.disturbance_options import disturbances_of
-from dronecats.cli.model_options import OPTIONS, model_of
+from dronecats.cli.options import (
+    AGENT,
+    COMMAND,
+    DISTURBANCES,
+    LATENCY,
+    MODEL,
+    PART,
+    PILOTS,
+    PLACE,
+    Option,
+    disturbances_of,
+    first_set,
+    is_set,
+    model_of,
+    speed,
+)
 
 if TYPE_CHECKING:
+    from dronecats.agent.latency import LatencyPolicy
     from dronecats.bench.matrix import BenchEntry, ChosenSuite
     from dronecats.flight.spec.flight_spec import FlightSpec
 
-# what a file may say, and of which kind it is there; each is the option of that name
-LISTS = ("suite", "episodes", "model", "pilot", "agent", "command", "latency", "rate")
-DISTURBED = {each.name: each.kind for each in disturbance_options.OPTIONS}
-NUMBERS = ("cost_limit", *(name for name, kind in DISTURBED.items() if kind is float))
-COUNTS = ("flights", "jobs", "limit", "seed", "token_limit", "stop_unreadable")
-WORDS = ("address", "parser", "commander", "commander_url", "engine", "speed", "shard", *OPTIONS,
-         *(name for name, kind in DISTURBED.items() if kind is str))  # fmt: skip
-CHOICES = {
-    "axis": ("xy", "yx"),
-    "schema": ("object", "array", "none"),
-    "parser": ("strict", "lenient"),
-    "engine": ("local", "ray"),
+NO_RETRY = Option(name="no_retry", kind=bool, help="leave what did not move as it is: docs/bench.md")
+MATRIX = (
+    replace(AGENT, many=True),
+    replace(COMMAND, many=True, choices=(), metavar="HOW", help="of fleets: flat (default), hierarchical, solo"),
+    replace(LATENCY, many=True),
+    Option(
+        name="rate", many=True, file="a number", metavar="HZ", help="pin the control rate: 1/HZ s for a reply"
+    ),
+)  # fmt: skip
+DROP_STALLED = Option(name="drop_stalled", kind=bool, help="leave unscored what the host has delayed")
+EPISODES = Option(name="episodes", many=True, help="by id or file")
+# what a file may say, each the option of that name
+FILE_OPTIONS = {
+    option.name: option for option in (EPISODES, *PART, *PILOTS, *MATRIX, NO_RETRY, *DISTURBANCES, *PLACE, DROP_STALLED)
 }
-PATHS = ("out", "cache", "prompt")
-SWITCHES = ("full", "rendered", "no_retry", "drop_stalled", "json")
-KNOWN = (*LISTS, *NUMBERS, *COUNTS, *WORDS, *PATHS, *SWITCHES)
-ROW = ("name", "called", "reasoning", *OPTIONS)  # of a model that is a table; reasoning is reasoning_effort, shorter
+ROW = (
+    "name",
+    "called",
+    "reasoning",
+    *(option.name for option in MODEL),
+)  # of a model that is a table; reasoning is reasoning_effort, shorter
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
 MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}
 
@@ -62,9 +80,9 @@ def filled(args: argparse.Namespace, told: dict[str, Any]) -> argparse.Namespace
     from foundation.errors import UsageError
 
     for name, value in told.items():
-        given = getattr(args, name)
-        if given is None or given is False or given == []:  # a nought is a word like any other
-            setattr(args, name, Path(value) if name in PATHS else value)
+        if not is_set(getattr(args, name)):
+            is_path = name in FILE_OPTIONS and FILE_OPTIONS[name].kind is Path
+            setattr(args, name, Path(value) if is_path else value)
     for name, most in MOST.items():
         value = getattr(args, name)
         if value is not None and not 1 <= value <= most:
@@ -74,7 +92,7 @@ def filled(args: argparse.Namespace, told: dict[str, Any]) -> argparse.Namespace
 
 def read(path: Path) -> dict[str, Any]:
     """Return what a file says, by option. Raises UsageError naming the file, the word and what it should be."""
-    return checked(path, toml(path), KNOWN)
+    return checked(path, toml(path), tuple(FILE_OPTIONS))
 
 
 def toml(path: Path) -> dict[str, Any]:
@@ -112,28 +130,11 @@ def _checked(path: Path, name: str, value: Any) -> Any:
     from dronecats.flight.spec.latency_trace import from_folder
     from foundation.errors import UsageError
 
-    def wants(what: str) -> UsageError:
-        return UsageError(f"{path}: {name} wants {what}, got {value!r:.60}")
-
-    if name in LISTS:
-        each = value if isinstance(value, list) else [value]
-        good: tuple[type, ...] = (int, float) if name == "rate" else (str, dict) if name == "model" else (str,)
-        if not each or not all(isinstance(one, good) and not isinstance(one, bool) for one in each):
-            raise wants("a list of numbers" if name == "rate" else "a list of words")
-        if name == "latency":
-            return [from_folder(one, path.parent) for one in each]
-        return [str(one) for one in each] if name == "rate" else each
-    if name in SWITCHES and not isinstance(value, bool):
-        raise wants("true or false")
-    if name in COUNTS and (not isinstance(value, int) or isinstance(value, bool)):
-        raise wants("a whole number")
-    if name in NUMBERS and (not isinstance(value, int | float) or isinstance(value, bool)):
-        raise wants("a number")
-    if name in (*WORDS, *PATHS) and not isinstance(value, str | int | float):
-        raise wants("a word")
-    if name in CHOICES and value not in CHOICES[name]:
-        raise wants(f"one of {', '.join(CHOICES[name])}")
-    return str(value) if name in (*WORDS, *PATHS) else value
+    try:
+        checked = FILE_OPTIONS[name].read(value)
+    except ValueError as wanted:
+        raise UsageError(f"{path}: {name} wants {wanted}, got {value!r:.60}") from None
+    return [from_folder(each, path.parent) for each in checked] if name == "latency" else checked
 
 
 def suite(args: argparse.Namespace) -> "ChosenSuite":
@@ -164,16 +165,17 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
     return int(part), int(parts)
 
 
-def _latencies(args: argparse.Namespace) -> list[str]:
+def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
     """Return the latency policies; one for every rate that is pinned."""
-    from dronecats.flight.spec.flight_spec import LATENCY
+    from dronecats.flight.spec.flight_spec import LATENCY as DEFAULT
+    from dronecats.flight.spec.latency_trace import latency_policy
     from foundation.errors import UsageError
 
     if args.rate and args.latency:
         raise UsageError("--rate pins what a reply takes, and --latency says it otherwise; leave one of them out")
     if args.rate:
-        return [f"rate:{rate}" for rate in args.rate]
-    return list(args.latency or [LATENCY if args.speed == "max" else "real"])
+        return [latency_policy(f"rate:{rate}") for rate in args.rate]
+    return [latency_policy(text) for text in args.latency or [DEFAULT if args.speed == "max" else "real"]]
 
 
 def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]":
@@ -181,7 +183,6 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
     from dronecats.agent.models.ledger import cost_limit, token_limit
     from dronecats.agent.names import PAPER
     from dronecats.cli.fly_spec import commanded_by, template_of
-    from dronecats.cli.speed import speed
     from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
     from dronecats.pilots import roster
     from foundation.errors import UsageError
@@ -191,12 +192,15 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
     for word in args.model or ():
         asked.append(_model(word, args))
     asked += [(name, {"pilot": roster.check(name)}) for name in args.pilot or ()]
-    if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
-        raise UsageError(f"--{alone.replace('_', '-')} goes with --model PROVIDER/NAME")
+    if not args.model and (alone := first_set(args, MODEL)):
+        raise UsageError(f"{alone.flag} goes with --model PROVIDER/NAME")
     commanders = argparse.Namespace(command="hierarchical", commander=args.commander, commander_url=args.commander_url)
     commanded = commanded_by(commanders) if args.commander else {}
     if args.commander and "hierarchical" not in (args.command or ()):
-        raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
+        raise UsageError(
+            "--commander goes with --command hierarchical (in a study --hold command=hierarchical); add it or leave"
+            " --commander out"
+        )
     accounts = Accounts(
         cost_limit_usd=None if args.cost_limit is None else cost_limit(args.cost_limit),
         token_limit=None if args.token_limit is None else token_limit(args.token_limit),
@@ -216,7 +220,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             prompt=template_of(args.prompt) if args.prompt else None,
             parser=args.parser,
             stop_unreadable=args.stop_unreadable,
-            disturbances=disturbances_of(args, lockstep=factor is None),
+            disturbances=disturbances_of(args),
             seed=args.seed,
             full=args.full,
         )
@@ -235,11 +239,13 @@ def _model(word: Any, args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
         raise UsageError(f"a model of the file has '{stray}', which is none of {', '.join(ROW)}")
     if not isinstance(word.get("name"), str):
         raise UsageError('a model of the file that is a table wants a name = "PROVIDER/NAME"')
-    given = {name: getattr(args, name) for name in OPTIONS}
-    own = {name: str(word[name]) for name in OPTIONS if name in word}
+    given = {option.name: getattr(args, option.name) for option in MODEL}
+    own = {name: str(word[name]) for name in given if name in word}
     if "reasoning" in word:
         own["reasoning_effort"] = str(word["reasoning"])
-    if wrong := next((name for name, value in own.items() if value not in CHOICES.get(name, (value,))), None):
-        raise UsageError(f"{wrong} of {word['name']} wants one of {', '.join(CHOICES[wrong])}, got '{own[wrong]}'")
+    for option in MODEL:
+        if option.choices and own.get(option.name, option.choices[0]) not in option.choices:
+            wanted = f"wants one of {', '.join(option.choices)}, got '{own[option.name]}'"
+            raise UsageError(f"{option.name} of {word['name']} {wanted}")
     model = model_of(word["name"], argparse.Namespace(**{**given, **own}))
     return str(word.get("called", model.title)), {"model": model}

@@ -107,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _flight(args: argparse.Namespace) -> "FlightSpec":
     """Return each flight of the run, but for its episode."""
+    from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster
 
@@ -114,7 +115,7 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
         pilot=args.pilot,
         simulated=Simulated(speed=None, rendered=args.rendered or roster.looks(args.pilot)),
         seed=args.seed,
-        latency=args.latency,
+        latency=LatencyPolicy.parse(args.latency),
         # what a flight says of its declarations is said of the whole time; the oracle's par is settled by its first
         full=args.pilot != "oracle",
     )

@@ -4,15 +4,15 @@ import argparse
 import contextlib
 import json
 import sys
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.models.providers import PROVIDERS
 from dronecats.cli import signals
-from dronecats.cli.disturbance_options import add_disturbance_options
-from dronecats.cli.model_options import add_accounts, add_manners, add_options, told
-from dronecats.cli.sign_option import add_sign
-from dronecats.cli.view_options import add_view, view_of
+from dronecats.cli.fly_spec import PILOT, RUN, VEHICLE, replay_line, spec_of
+from dronecats.cli.options import COMMAND, LATENCY, Option, add, add_disturbances, describe_model
+from dronecats.cli.page_options import add_view, view_of
 from foundation.wording import counted
 
 if TYPE_CHECKING:
@@ -24,92 +24,18 @@ ARM = "ARM"  # what has to be typed
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the verb."""
     parser = verbs.add_parser("fly")
-    vehicle = parser.add_argument_group("vehicle")
-    vehicle.add_argument("--sitl", action="store_true", help="simulate the vehicle, its autopilot and its camera")
-    vehicle.add_argument(
-        "--connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"
-    )
-    add_sign(vehicle, "with --connect: ")
-    vehicle.add_argument(
-        "--camera", metavar="URL", help="with --connect: http://, rtsp://, v4l2:0, a video file or a folder"
-    )
-    vehicle.add_argument(
-        "--calibration", type=Path, metavar="FILE", help="with --connect: the lens, see docs/cameras.md"
-    )
-    vehicle.add_argument(
-        "--world", metavar="EPISODE", help="with --connect: the vehicle simulates itself, and flies this episode or map"
-    )
-    vehicle.add_argument(
-        "--truth", metavar="URL", help="with --world: its true poses, of a PX4 udpin://127.0.0.1:19410"
-    )
-    vehicle.add_argument(
-        "--arm", action="store_true", help="with --connect: arm and take off after a typed yes; without it, you do"
-    )
-    vehicle.add_argument("--dry-run", action="store_true", help="with --connect: decide and draw, but move nothing")
-    vehicle.add_argument("--then", choices=("land", "return", "hold"), help="with --connect: how the flight ends")
-    vehicle.add_argument(
-        "--envelope", type=Path, metavar="FILE", help="limits of the safety envelope: docs/envelope.md"
-    )
-    vehicle.add_argument("--no-envelope", action="store_true", help="with --sitl: no limits at all")
-    vehicle.add_argument("--instruction", metavar="TEXT", help="with --connect: what the pilot is told")
-    vehicle.add_argument(
-        "--target", metavar="LAT,LON[,ALT]", help="with --connect: as surveyed, for the distances: docs/after-flight.md"
-    )
-    vehicle.add_argument("--target-std", type=float, metavar="M", help="with --target: how well, per axis (3)")
-    vehicle.add_argument("--airframe", metavar="NAME", help="with --sitl (default x500)")
-    vehicle.add_argument("--optics", type=Path, metavar="FILE", help="with --sitl: lens, noise, weather")
-    vehicle.add_argument("--autopilot", choices=("ours", "px4"), help="with --sitl: who flies the simulated vehicle")
-    vehicle.add_argument("--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits")
-    vehicle.add_argument(
-        "--keep-ulog", action="store_true", help="with --connect or --px4: keep the log that PX4 writes on board"
-    )
-    pilot = parser.add_argument_group("pilot")
-    add_pilot(pilot)
-    pilot.add_argument(
-        "--command", choices=("flat", "hierarchical", "solo"), help="who decides for a fleet: docs/commanding.md"
-    )
-    pilot.add_argument(
-        "--latency",
-        metavar="POLICY",
-        help="what a reply takes: real (default), fixed:SECONDS (with --speed max: fixed:0.5) …: docs/latency.md",
-    )
-    add_disturbance_options(parser)
+    _add(parser.add_argument_group("vehicle"), VEHICLE)
+    _add(parser.add_argument_group("pilot"), (*PILOT, COMMAND, LATENCY))
+    add_disturbances(parser)
     run_group = parser.add_argument_group("run")
-    run_group.add_argument("--episode", metavar="ID", help="id or file (default: go to the cyan SUV)")
-    run_group.add_argument("--drones", type=int, metavar="N", help="1 to 8 of a commanding episode (default: its four)")
-    run_group.add_argument("--speed", metavar="N|max", help="factor on real time (default 1); max is lockstep")
-    run_group.add_argument("--seed", type=int, help="tells flights of one episode apart (default 0)")
-    run_group.add_argument("--seconds", type=float, help="with --connect: length of the flight (300)")
-    run_group.add_argument(
-        "--patience", type=float, metavar="S", help="with --connect: end the flight after S without a reply (60)"
-    )
-    run_group.add_argument(
-        "--spec", type=Path, metavar="FILE", help="fly what a run.json says, or the flight in it, once more"
-    )
-    run_group.add_argument("--full", action="store_true", help="fly to the cap even when the verdict is decided")
-    run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
-    run_group.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
+    _add(run_group, RUN)
     add_view(run_group)
     parser.set_defaults(run=run)
 
 
-def add_pilot(group: "argparse._ActionsContainer") -> None:
-    """Declare who flies, as every verb has it that flies one flight."""
-    group.add_argument(
-        "--pilot",
-        metavar="NAME",
-        help="vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE; no models",
-    )
-    group.add_argument(
-        "--model",
-        metavar="NAME",
-        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
-    )
-    add_options(group)
-    add_accounts(group)
-    group.add_argument("--ledger", type=Path, metavar="FILE", help="with --model: of several runs (in the folder)")
-    add_manners(group)
-    group.add_argument("--agent", metavar="NAME", help="paper (default), steady, or MODULE:NAME: docs/extending.md")
+def _add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None:
+    """Declare options, which vehicle they go with before their help."""
+    add(group, [replace(each, help=f"with {each.vehicle}: {each.help}") if each.vehicle else each for each in options])
 
 
 def unsaid() -> argparse.Namespace:
@@ -121,16 +47,14 @@ def unsaid() -> argparse.Namespace:
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-    from dronecats.cli.fly_spec import said_of_replay, spec_of
-
     signals.as_interrupts()
     spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:
         _confirm(spec.connected.url)
     if spec.replay:
-        _say(said_of_replay(args, spec.replay.flight))
+        _say(replay_line(args, spec.replay.flight))
     if spec.model:
-        _say(f"Model {told(spec.model)}")
+        _say(f"Model {describe_model(spec.model)}")
     if view is None:
         return _fly(args, spec, args.out)
     from dronecats.view.live.opening import opened

@@ -5,37 +5,134 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.names import STEADY
-from dronecats.cli import disturbance_options
-from dronecats.cli.disturbance_options import disturbances_of
-from dronecats.cli.model_options import OPTIONS, model_of
-from dronecats.cli.sign_option import key_of
-from dronecats.cli.speed import speed
+from dronecats.agent.models.providers import PROVIDERS
+from dronecats.cli.options import (
+    ACCOUNTS,
+    AGENT,
+    COMMAND,
+    DISTURBANCES,
+    LATENCY,
+    MODEL,
+    REPLIES,
+    Option,
+    disturbances_of,
+    first_set,
+    is_set,
+    key_of,
+    model_of,
+    speed,
+)
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import Accounts, FlightSpec
     from hil.link.envelope import Limits
 
-SIMULATED_ONLY = (
-    "speed", "seed", "airframe", "episode", "drones", "command", "full", "optics", "autopilot", "px4", "no_envelope",
-    *disturbance_options.NAMES,
+VEHICLE = (
+    Option(name="sitl", kind=bool, help="simulate the vehicle, its autopilot and its camera"),
+    Option(name="connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"),
+    Option(
+        name="sign", kind=Path, metavar="KEYFILE", vehicle="--connect",
+        help="sign MAVLink messages, believe no others: docs/signing.md",
+    ),
+    Option(
+        name="camera", metavar="URL", vehicle="--connect", beside_spec=True,
+        help="http://, rtsp://, v4l2:0, a video file or a folder",
+    ),
+    Option(
+        name="calibration", kind=Path, metavar="FILE", vehicle="--connect", help="the lens, see docs/cameras.md"
+    ),
+    Option(
+        name="world", metavar="EPISODE", vehicle="--connect",
+        help="the vehicle simulates itself, and flies this episode or map",
+    ),
+    Option(
+        name="truth", metavar="URL", vehicle="--connect",
+        help="with --world: its true poses, of a PX4 udpin://127.0.0.1:19410",
+    ),
+    Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after a typed yes; without it, you do"),
+    Option(name="dry_run", kind=bool, vehicle="--connect", help="decide and draw, but move nothing"),
+    Option(name="then", choices=("land", "return", "hold"), vehicle="--connect", help="how the flight ends"),
+    Option(
+        name="envelope", kind=Path, metavar="FILE", replay="may change",
+        help="limits of the safety envelope: docs/envelope.md",
+    ),
+    Option(name="no_envelope", kind=bool, vehicle="--sitl", replay="may change", help="no limits at all"),
+    Option(name="instruction", metavar="TEXT", vehicle="--connect", help="what the pilot is told"),
+    Option(
+        name="target", metavar="LAT,LON[,ALT]", vehicle="--connect", beside_spec=True,
+        help="as surveyed, for the distances: docs/after-flight.md",
+    ),
+    Option(
+        name="target_std", kind=float, metavar="M", vehicle="--connect", beside_spec=True,
+        help="with --target: how well, per axis (3)",
+    ),
+    Option(name="airframe", metavar="NAME", vehicle="--sitl", replay="may change", help="default x500"),
+    Option(
+        name="optics", kind=Path, metavar="FILE", vehicle="--sitl", replay="may change", help="lens, noise, weather"
+    ),
+    Option(
+        name="autopilot", choices=("ours", "px4"), vehicle="--sitl", replay="may change",
+        help="who flies the simulated vehicle",
+    ),
+    Option(
+        name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
+        help="with --autopilot px4: starts your PX4; without it, waits",
+    ),
+    Option(name="keep_ulog", kind=bool, help="with --connect or --px4: keep the log that PX4 writes on board"),
 )  # fmt: skip
-CONNECTED_ONLY = (
-    "camera", "calibration", "instruction", "seconds", "arm", "dry_run", "then", "patience", "world", "truth",
-    "target", "target_std", "sign",
+PILOT = (
+    Option(
+        name="pilot", metavar="NAME",
+        help="vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE; no models",
+    ),
+    Option(
+        name="model", metavar="NAME",
+        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
+    ),
+    *MODEL,
+    *ACCOUNTS,
+    Option(
+        name="ledger", kind=Path, metavar="FILE", help="with --model: of several runs (in the folder)", beside_spec=True
+    ),
+    *REPLIES,
+    AGENT,
 )  # fmt: skip
-ACCOUNTS = ("cost_limit", "token_limit", "ledger", "cache")
-BESIDE_SPEC = (
-    "episode", "base_url", "commander_url", "camera", "out", "json", "target", "target_std", "spec", "verb", "run",
-    "view", "view_port", "view_stay", *ACCOUNTS,
+RUN = (
+    Option(
+        name="episode", metavar="ID", vehicle="--sitl", replay="may change", beside_spec=True,
+        help="id or file (default: go to the cyan SUV)",
+    ),
+    Option(
+        name="drones", kind=int, metavar="N", vehicle="--sitl", replay="as recorded",
+        help="1 to 8 of a commanding episode (default: its four)",
+    ),
+    Option(
+        name="speed", metavar="N|max", vehicle="--sitl", replay="may change",
+        help="factor on real time (default 1); max is lockstep",
+    ),
+    Option(
+        name="seed", kind=int, vehicle="--sitl", replay="may change",
+        help="tells flights of one episode apart (default 0)",
+    ),
+    Option(name="seconds", kind=float, vehicle="--connect", help="length of the flight (300)"),
+    Option(
+        name="patience", kind=float, metavar="S", vehicle="--connect",
+        help="end the flight after S without a reply (60)",
+    ),
+    Option(
+        name="spec", kind=Path, metavar="FILE", help="fly what a run.json says, or the flight in it, once more",
+        beside_spec=True,
+    ),
+    Option(
+        name="full", kind=bool, vehicle="--sitl", replay="may change",
+        help="fly to the cap even when the verdict is decided",
+    ),
+    Option(name="out", kind=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)", beside_spec=True),
+    Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
 )  # fmt: skip
+OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
+BESIDE_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(each.name for each in OPTIONS if each.beside_spec)}
 REPLAY = "replay:"
-REPLAYED = ("episode", "seed", "latency", "speed", "airframe", "autopilot", "px4", "optics", "envelope", "no_envelope",
-            "full", "prompt", "parser", "stop_unreadable", *disturbance_options.NAMES)  # fmt: skip
-RECORDED = (  # in a replay as they were
-    "axis", "schema", "temperature", "top_p", "max_tokens", "reasoning_effort", "command", "commander", "drones",
-    "agent",
-)  # fmt: skip
 SCRIPTED = "scripted:"  # before the name of a built-in commander
 PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
 
@@ -50,20 +147,16 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
     if args.model and args.pilot:
         raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
-    if not args.model and (alone := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
-        raise UsageError(f"--{_option(alone)} goes with --model PROVIDER/NAME, for example --model local/my-model")
-    if args.agent == STEADY and args.command == "hierarchical":
-        raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
-    if args.commander and args.command != "hierarchical":
-        raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
+    if not args.model and (alone := first_set(args, MODEL)):
+        raise UsageError(f"{alone.flag} goes with --model PROVIDER/NAME, for example --model local/my-model")
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
         raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
-    strays = SIMULATED_ONLY if args.connect else CONNECTED_ONLY
-    stray = next((name for name in strays if _given(getattr(args, name))), None)
-    if stray == "no_envelope":
+    vehicle = "--connect" if args.connect else "--sitl"
+    stray = first_set(args, (each for each in OPTIONS if each.vehicle not in (None, vehicle)))
+    if stray and stray.name == "no_envelope":
         raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
     if stray:
-        raise UsageError(f"--{_option(stray)} goes with {'--sitl' if args.connect else '--connect'}; leave it out")
+        raise UsageError(f"{stray.flag} goes with {stray.vehicle}; leave it out")
     if (args.model or "").startswith(REPLAY):
         return _replayed(args)
     return _connected(args) if args.connect else _simulated(args)
@@ -71,15 +164,10 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
 
 def _simulated(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated
-    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.latency_trace import latency_policy
     from episodes.camera.optics.file import load as load_optics
     from episodes.records import catalogue
-    from foundation.errors import UsageError
 
-    if args.px4 and args.autopilot != "px4":
-        raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
-    if args.keep_ulog and not args.px4:
-        raise UsageError("--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND; add them")
     factor = speed(args.speed or "1")
     vehicle = Simulated(
         airframe=args.airframe or Simulated().airframe,
@@ -93,10 +181,10 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         **_of_pilot(args),
         simulated=vehicle,
         drones=args.drones,
-        **latency_fields(args.latency or (LATENCY if factor is None else "real")),
+        latency=latency_policy(args.latency or (LATENCY if factor is None else "real")),
         parser=args.parser or "strict",
         stop_unreadable=args.stop_unreadable,
-        disturbances=disturbances_of(args, lockstep=factor is None),
+        disturbances=disturbances_of(args),
         seed=args.seed or 0,
         full=args.full,
         envelope=_envelope(args),
@@ -107,7 +195,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
     """Return a recorded flight, but for what is said otherwise."""
     from dronecats.flight.spec.flight_spec import Simulated
-    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.latency_trace import latency_policy
     from dronecats.flight.spec.recording import recorded
     from episodes.camera.optics.file import load as load_optics
     from foundation.errors import UsageError
@@ -119,9 +207,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
     if args.base_url:
         raise UsageError("a replay asks nobody: leave --base-url out")
-    if stray := next((name for name in RECORDED if getattr(args, name) is not None), None):
-        told = f"--{_option(stray)} is as it was on the flight that --model replay:RUN flies again"
-        raise UsageError(f"{told}: leave it out")
+    if stray := first_set(args, (each for each in OPTIONS if each.replay == "as recorded")):
+        raise UsageError(f"{stray.flag} is as it was on the flight that --model replay:RUN flies again: leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):
@@ -134,11 +221,11 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     changes: dict[str, Any] = {"simulated": vehicle, "accounts": _accounts(args), "full": args.full or spec.full}
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
-    changes["disturbances"] = disturbances_of(args, spec.disturbances, lockstep=vehicle.speed is None)
+    changes["disturbances"] = disturbances_of(args, spec.disturbances)
     kept = ("seed", "parser", "stop_unreadable")
     changes |= {name: value for name in kept if (value := getattr(args, name)) is not None}
     if args.latency:
-        changes |= latency_fields(args.latency)
+        changes["latency"] = latency_policy(args.latency)
     if args.prompt:
         changes |= {"prompt": template_of(args.prompt)}
     if args.no_envelope or args.envelope:
@@ -146,10 +233,10 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     return replace(spec, **changes)
 
 
-def said_of_replay(args: argparse.Namespace, flight: str) -> str:
+def replay_line(args: argparse.Namespace, flight: str) -> str:
     """Return what a replay takes from the recorded flight, and what not, a sentence."""
-    given = [f"--{_option(name)}" for name in REPLAYED if _given(getattr(args, name))]
-    other = f", but for {', '.join(given)}" if given else ""
+    changed = [each.flag for each in OPTIONS if each.replay == "may change" and is_set(getattr(args, each.name))]
+    other = f", but for {', '.join(changed)}" if changed else ""
     return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{other}"
 
 
@@ -182,7 +269,7 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
 
 def _connected(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec
-    from dronecats.flight.spec.latency_trace import latency_fields
+    from dronecats.flight.spec.latency_trace import latency_policy
     from foundation.errors import UsageError
     from hil.cameras.lens import load as load_calibration
     from hil.link.envelope import Limits
@@ -203,7 +290,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
         **(_of_world(args.world, args.instruction) if args.world else {"instruction": args.instruction}),
         **_of_pilot(args),
         connected=vehicle,
-        **latency_fields(args.latency or "real"),
+        latency=latency_policy(args.latency or "real"),
         parser=args.parser or "strict",
         stop_unreadable=args.stop_unreadable,
         patience_s=PATIENCE_S if args.patience is None else args.patience,
@@ -218,9 +305,9 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.spec_file import hidden, read
     from foundation.errors import UsageError
 
-    stray = next((n for n, v in vars(args).items() if n not in BESIDE_SPEC and _given(v)), None)
+    stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
     if stray:
-        raise UsageError(f"--spec says what is flown: leave --{_option(stray)} out")
+        raise UsageError(f"--spec says what is flown: leave --{stray.replace('_', '-')} out")
     spec = read(args.spec)
     if args.episode:
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
@@ -314,12 +401,3 @@ def _check_eyes(args: argparse.Namespace) -> None:
         raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
     if not args.world and not (args.camera and args.instruction):
         raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
-
-
-def _option(name: str) -> str:
-    return name.replace("_", "-")
-
-
-def _given(value: Any) -> bool:
-    """Return whether an option was: a nought is a word like any other."""
-    return value is not None and value is not False

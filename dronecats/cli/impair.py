@@ -3,7 +3,13 @@
 import argparse
 from typing import Any
 
+from foundation.declaration import DeclaredNumber, declarations
+from hil.impairment.channel import Impairment
+
 BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
+QUANTITIES: dict[str, DeclaredNumber] = {  # by the field of an impairment; 0 baud: no limit
+    name: each.quantity for name, each in declarations(Impairment).items() if each.quantity
+}
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -12,14 +18,10 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
     parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
     parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
     wire = parser.add_argument_group("the wire", f"Each takes {BOTH}.")
-    wire.add_argument("--loss", default="0", metavar="A[,B]", help="share of frames that never arrive")
-    wire.add_argument("--delay", default="0", metavar="A[,B]", help="seconds")
-    wire.add_argument("--jitter", default="0", metavar="A[,B]", help="seconds, up to so much on top of the delay")
-    wire.add_argument("--duplicate", default="0", metavar="A[,B]", help="share of frames that arrive twice")
-    wire.add_argument("--reorder", default="0", metavar="A[,B]", help="share of frames that others overtake")
-    wire.add_argument("--corrupt", default="0", metavar="A[,B]", help="share of bytes that arrive changed")
-    wire.add_argument("--baud", default="0", metavar="A[,B]", help="bit/s, 10 bits a byte; 0: no limit")
-    wire.add_argument("--queue", default="2048", metavar="A[,B]", help="bytes that wait for the line (2048)")
+    for name, declaration in QUANTITIES.items():
+        default = f"{getattr(Impairment(), name) or 0:g}"
+        text = f"{declaration.help}; {declaration.wanted}, default {default}"
+        wire.add_argument(f"--{declaration.name}", default=default, metavar="A[,B]", help=text)
     wire.add_argument(
         "--cut", action="append", default=[], metavar="FROM:TO", help="the cable is pulled, seconds since the start"
     )
@@ -66,16 +68,12 @@ def run(args: argparse.Namespace) -> int:
 
 def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
     """Return what the words ask for: towards the autopilot, and from it. Raises UsageError."""
-    from hil.impairment.channel import Impairment
-
-    options = {
-        "loss": args.loss, "delay_s": args.delay, "jitter_s": args.jitter, "duplicate": args.duplicate,
-        "reorder": args.reorder, "corrupt": args.corrupt, "baud": args.baud, "queue_bytes": args.queue,
-    }  # fmt: skip
     cuts = tuple(_cut(text) for text in args.cut)
     directions = []
     for direction in (0, 1):
-        values: dict[str, Any] = {name: _pair(name, text)[direction] for name, text in options.items()}
+        values: dict[str, Any] = {
+            name: _pair(of.name, getattr(args, of.name))[direction] for name, of in QUANTITIES.items()
+        }
         values |= {"baud": int(values["baud"]) or None, "queue_bytes": int(values["queue_bytes"])}
         directions.append(Impairment(**values, cuts=cuts))
     return directions[0], directions[1]
@@ -84,13 +82,12 @@ def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
 def _pair(name: str, text: str) -> tuple[float, float]:
     from foundation.errors import UsageError
 
-    option = name.removesuffix("_s").removesuffix("_bytes")
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
         values = []
     if len(values) not in (1, 2) or not all(abs(value) < 1e12 for value in values):
-        raise UsageError(f"--{option} takes {BOTH}; got '{text}'")
+        raise UsageError(f"--{name} takes {BOTH}; got '{text}'")
     return values[0], values[-1]
 
 

@@ -5,7 +5,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from dronecats.agent.models.model import ending_reason
-from dronecats.cli.model_options import add_options, model_of, told
+from dronecats.cli.options import MODEL, add, describe_model, model_of
 
 if TYPE_CHECKING:
     from dronecats.agent.models.probe import ProbeResult
@@ -17,7 +17,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     """Declare the action."""
     parser = actions.add_parser("check", help="send one small picture, and say what came back: some cents at most")
     parser.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
-    add_options(parser)
+    add(parser, MODEL)
     parser.add_argument("--parser", choices=("strict", "lenient"), default="strict", help="how replies are read")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(as_json(result)))
         return 0 if result.order_is_right else 1
-    print(told(spec))
+    print(describe_model(spec))
     for asked in result.asked:
         reply = asked.reply
         tokens = f"{_count(reply.tokens_in)} tokens in, {_count(reply.tokens_out)} out"

@@ -6,7 +6,7 @@ import json
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.model_options import add_options, told, with_options
+from dronecats.cli.options import MODEL, add, describe_model, with_options
 
 if TYPE_CHECKING:
     from dronecats.agent.models.spec import ModelSpec
@@ -18,7 +18,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     """Declare the action."""
     parser = actions.add_parser("show", help="a row, what it comes to, and a request as it would be sent")
     parser.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
-    add_options(parser)
+    add(parser, MODEL)
     parser.add_argument("--lifted", action="store_true", help="the request of a step whose reasoning is lifted")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"row": as_json(row) if row else None, "spec": kept(spec), "request": shown}))
         return 0
-    print(told(spec))
+    print(describe_model(spec))
     print(f"Row {row.name} of {row.file}" if row else _rowless(spec))
     for word in ("source", "note"):
         if row and getattr(row, word):

@@ -8,8 +8,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.options import add_sign, key_of
 from dronecats.cli.output import show
-from dronecats.cli.sign_option import add_sign, key_of
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable

@@ -7,8 +7,8 @@ import tempfile
 from pathlib import Path
 
 from dronecats.cli import signals
-from dronecats.cli.sign_option import add_sign, key_of
-from dronecats.cli.view_options import add_view, view_of
+from dronecats.cli.options import add_sign, key_of
+from dronecats.cli.page_options import add_view, view_of
 
 WIND_MAX = 40.0  # m/s, a hurricane
 LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
@@ -65,7 +65,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until interrupted."""
-    from dronecats.cli.speed import speed
+    from dronecats.cli.options import speed
     from episodes.camera.optics.file import load
     from episodes.records import catalogue
     from foundation.errors import UsageError
@@ -112,7 +112,7 @@ def run(args: argparse.Namespace) -> int:
     print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
     from dronecats.flight.processes.supervisor import Supervisor
     from dronecats.flight.sitl.board_simulator import BoardSimulator
-    from dronecats.flight.sitl.config import CameraConfig, FlightConditions, SimulatorConfig
+    from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
     from dronecats.flight.sitl.px4.simulator import Px4Simulator
     from dronecats.flight.sitl.simulator_process import Simulator
     from dronecats.flight.sitl.sockets import CAMERA_PORT
@@ -128,7 +128,8 @@ def run(args: argparse.Namespace) -> int:
         speed=factor,
         instance=args.instance,
         count=args.count or 1,
-        conditions=FlightConditions(wind_ned=(*wind, 0.0), gusts_w20=args.gusts),
+        wind_ned=(*wind, 0.0),
+        gusts_w20=args.gusts,
         faults=str(args.faults) if args.faults else None,
         state_dir=str(args.state or Path("runs") / f"sitl-{args.instance}"),
         autopilot=args.autopilot,

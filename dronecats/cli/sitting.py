@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import show
-from dronecats.cli.view_options import view_of
+from dronecats.cli.page_options import view_of
 
 if TYPE_CHECKING:
     from dronecats.agent.models.ledger import Spent

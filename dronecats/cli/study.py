@@ -1,12 +1,12 @@
 """`dronecats study ACTION`: what a slow or wavering model, a bad wire or the wind costs.
 
-One file per action, imported when it is asked for.
+One file per action; `study_fly.py` has those that fly.
 """
 
 import argparse
 import importlib
 
-ACTIONS = ("latency", "jitter", "run", "rate", "report", "loop", "load")
+ACTIONS = ("fly", "rate", "report", "loop", "load")
 
 
 def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:

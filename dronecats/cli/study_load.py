@@ -5,8 +5,8 @@ import json
 import sys
 from pathlib import Path
 
+from dronecats.cli.options import level_list
 from dronecats.cli.output import show
-from dronecats.cli.study_options import levels
 
 BUSY = "0,2,4,8"  # processes
 MOST = 256  # processes
@@ -16,12 +16,16 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     """Declare the action."""
     parser = actions.add_parser("load", help="the same flights in lockstep and in real time on a busy host")
     parser.add_argument(
-        "--busy", type=levels, metavar="N,N,…", default=levels(BUSY), help=f"processes that compute beside it ({BUSY})"
+        "--busy",
+        type=level_list,
+        metavar="N,N,…",
+        default=level_list(BUSY),
+        help=f"processes that compute beside it ({BUSY})",
     )
-    parser.add_argument("--episodes", type=levels, metavar="ID,ID,…", help="these, by id or file")
+    parser.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these, by id or file")
     parser.add_argument("--suite", action="append", metavar="NAME", help="quick (default), one-drone, commanding, all")
-    parser.add_argument("--cells", type=levels, metavar="CELL,…", help="the suite's episodes of these cells")
-    parser.add_argument("--maps", type=levels, metavar="MAP,…", help="the suite's episodes on these maps")
+    parser.add_argument("--cells", type=level_list, metavar="CELL,…", help="the suite's episodes of these cells")
+    parser.add_argument("--maps", type=level_list, metavar="MAP,…", help="the suite's episodes on these maps")
     parser.add_argument("--pilot", default="oracle", metavar="NAME", help="built in (default oracle)")
     parser.add_argument("--flights", type=int, default=1, metavar="N", help="of each episode (default 1)")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of vehicle time, of a flight (60)")

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import signals
-from dronecats.cli.fly import add_pilot, unsaid
+from dronecats.cli.fly import unsaid
+from dronecats.cli.fly_spec import PILOT
+from dronecats.cli.options import add, add_sign
 from dronecats.cli.output import show
-from dronecats.cli.sign_option import add_sign
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
@@ -37,7 +38,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
     rig.add_argument("--calibration", type=Path, metavar="FILE", help="the lens, see docs/cameras.md")
     rig.add_argument("--envelope", type=Path, metavar="FILE", help="limits of the safety envelope: docs/envelope.md")
     rig.add_argument("--dry-run", action="store_true", help="has to be said: nothing is ever moved by this verb")
-    add_pilot(parser.add_argument_group("pilot"))
+    add(parser.add_argument_group("pilot"), PILOT)
     run_group = parser.add_argument_group("run")
     run_group.add_argument("--instruction", metavar="TEXT", default=INSTRUCTION, help="what the pilot is told")
     run_group.add_argument(

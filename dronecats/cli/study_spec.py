@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import bench_spec
-from dronecats.cli.disturbance_options import NAMES
-from dronecats.cli.model_options import OPTIONS
+from dronecats.cli.options import DISTURBANCES, MODEL, first_set
 
 if TYPE_CHECKING:
     from dronecats.bench.matrix import ChosenSuite
@@ -56,7 +55,7 @@ def of_file(args: argparse.Namespace) -> AskedStudy:
     told = bench_spec.toml(path)
     own = {word.replace("-", "_"): value for word, value in told.items() if word.replace("-", "_") in OWN}
     others = {word: value for word, value in told.items() if word.replace("-", "_") not in OWN}
-    known = [word for word in bench_spec.KNOWN if word not in NOT_HERE]
+    known = [word for word in bench_spec.FILE_OPTIONS if word not in NOT_HERE]
     _check_factors_here(path, others)
     for word, value in own.items():
         _check(path, word, value)
@@ -111,8 +110,7 @@ def _naming(file: Path | None) -> Iterator[None]:
 
 
 def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file: Path | None = None) -> AskedStudy:
-    from dronecats.study import looked_up
-    from dronecats.study.plan import plan
+    from dronecats.study.plan import check_flights, plan
 
     args = bench_spec.filled(args, DEFAULTS)
     suite = suite_of_options(args)
@@ -127,7 +125,7 @@ def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file
     pilots = _pilots(args, out, {**{axis.name: axis.ends for axis in axes}, **{k: (v,) for k, v in held.items()}})
     with _naming(file):
         resolved = plan(told["name"], pilots, suite, design, held=held, flights=args.flights)
-        looked_up.check(resolved)
+        check_flights(resolved)
     return AskedStudy(args=args, out=out, suite=suite, plan=resolved)
 
 
@@ -218,12 +216,12 @@ def _axis(name: str, value: Any) -> "Axis":
         if len(set(levels)) < len(levels):
             raise UsageError(f"{factor.name} has one of its levels twice")
         return Axis(name=factor.name, levels=levels)
-    if isinstance(value, dict) and set(value) == {"low", "high"} and factor.numeric:
+    if isinstance(value, dict) and set(value) == {"low", "high"} and factor.quantity:
         low, high = (float(factor.level(value[end])) for end in ("low", "high"))
         if low >= high:
             raise UsageError(f"{factor.name} wants a low that is below its high, got {low:g} and {high:g}")
-        return Axis(name=factor.name, low=low, high=high, whole=factor.whole)
-    ranges = ", or { low = …, high = … }" if factor.numeric else ""
+        return Axis(name=factor.name, low=low, high=high, whole=factor.quantity.whole)
+    ranges = ", or { low = …, high = … }" if factor.quantity else ""
     raise UsageError(f"{factor.name} wants a list of levels{ranges}, got {value!r:.60}; one level goes under held")
 
 
@@ -251,28 +249,27 @@ def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
     """Return who flies, but for what `levels` of factors say: where that is the pilot itself, one without a name."""
+    from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import LATENCY
     from foundation.errors import UsageError
     from foundation.protocol import CAP_S
 
-    if both := next((name for name in NAMES if name in levels and getattr(args, name) is not None), None):
-        raise UsageError(f"--{both.replace('_', '-')} is one of the factors, or held; leave one of them out")
+    if both := first_set(args, (option for option in DISTURBANCES if option.name in levels)):
+        raise UsageError(f"{both.flag} is one of the factors, or held; leave one of them out")
     who = next((name for name in WHO if name in levels), None)
     if who and (args.pilot or args.model):
         raise UsageError(f"{who} is one of the factors; leave --{'pilot' if args.pilot else 'model'} out")
-    if who and (option := next((name for name in OPTIONS if getattr(args, name) is not None), None)):
+    if who and (option := first_set(args, MODEL)):
         raise UsageError(
-            f"--{option.replace('_', '-')} is of one --model, and {who} is one of the factors, or held; leave it out:"
+            f"{option.flag} is of one --model, and {who} is one of the factors, or held; leave it out:"
             " a row of models.toml has its own"
         )
     if who == "pilot" and args.rendered:
         raise UsageError("--rendered goes with --pilot: of pilots that are a factor, those that look have pictures")
     args.agent, args.command = None, list(levels.get("command", ()))
-    if args.commander and "hierarchical" not in args.command:
-        raise UsageError("--commander goes with --hold command=hierarchical; add it or leave --commander out")
     if who:
         setattr(args, who, [levels[who][0]])
-    latency = LATENCY if args.speed == "max" else "real"
+    latency = LatencyPolicy.parse(LATENCY if args.speed == "max" else "real")
     seconds = CAP_S if args.seconds is None else float(args.seconds)
     return [
         ("" if who else name, replace(flight, latency=latency, seconds=seconds))

@@ -9,7 +9,7 @@ from typing import Any
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.study import folder as folders
-from dronecats.study.factor import said
+from dronecats.study.factors import said
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
 from foundation.run_folder import layout

@@ -1,136 +1,76 @@
 """The registry of factors: everything that a study can vary, and how it is set on a flight.
 
-They are set in the registry's order, so that of those that refine one another (a rate, then its jitter; a wind, then
-its direction) the one that is refined comes first.
+Those of pictures, wire and vehicle are made from the declarations of `dronecats/flight/disturbances.py`. Factors are
+set in the registry's order, so that a rate is there before its jitter.
 """
 
 import difflib
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from dronecats.agent.latency import CAP, FASTEST_HZ, parts_of
-from dronecats.agent.latency_draws import LONGEST_S
+from dronecats.agent.latency import CAP, FIXED, JITTER, KINDS, RATE, STALL, split_policy
 from dronecats.agent.models.rows import model_of
 from dronecats.bench.matrix import COMMANDS, commanded
+from dronecats.flight import disturbances
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.flight.spec.latency_trace import carried, latency_fields
+from dronecats.flight.spec.latency_trace import carried, latency_policy
 from dronecats.pilots import roster
-from dronecats.study.factor import Factor, said
+from foundation.declaration import DeclaredNumber
 from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level
-
-Put = Callable[[FlightSpec, Level], FlightSpec]
 
 WHO_FLIES = ("pilot", "model", "agent", "command")  # factors that are no disturbance but an entrant
 REPLY_TIME, WHO = "what a reply takes", "who flies"
 POLICY = "latency_policy"  # the factor whose levels may name a file
-# kinds of latency policies: rate:HZ, jitter:HZ,CV or jitter:HZ,CV,RHO around it; beside others cap:HZ, and stall:P,D
-RATE, JITTERED, HANGING = "rate", "jitter", "stall"
-ADDED = {"rate_cap": CAP, "reply_stall_share": HANGING}  # factors that are a part of a policy
+ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factors that are a part of a latency policy
+SLOWEST_HZ = 0.01  # of the factors that are rates of replies
+SAID = ".12g"  # as numbers are written into names and policies
 
 
-def _frame(field: str) -> Put:
-    return _disturbed("frame", field)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Factor:
+    """Something about a flight that a study sets to one level after another.
+
+    `put` is pure: a flight and a level give the flight at that level, or UsageError.
+    """
+
+    name: str  # as files and options have it
+    help: str  # its meaning, one line
+    sets: str  # what of a flight it decides: of the factors that set the same, a study has one
+    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: one of the disturbances, set together
+    get: Callable[[FlightSpec], float | None] = lambda flight: None  # the number that a flight has; None: it has none
+    quantity: DeclaredNumber | None = None  # of a number; …
+    words: Sequence[str] | None = None  # … and what a word may be. None of both: any word
+    refines: str = ""  # another factor: where that is 0, this one has no effect
+    beside: bool = False  # that other factor has to be set, too
+    real_time: bool = False  # has no effect in lockstep
+
+    @property
+    def unit(self) -> str:
+        """Unit of its levels, "" where they have none."""
+        return self.quantity.unit if self.quantity else ""
+
+    def level(self, value: object) -> Level:
+        """Return a value as a level. Raises UsageError for what is none, in one sentence."""
+        if self.quantity is not None:
+            return self.quantity.read(value)
+        if not isinstance(value, str) or not value or (self.words is not None and value not in self.words):
+            wanted = f"one of {', '.join(self.words)}" if self.words else "a word"
+            raise UsageError(f"{self.name} wants {wanted}, got {value!r:.60}")
+        return value
+
+    def at(self, flight: FlightSpec, level: Level) -> FlightSpec:
+        """Return the flight at a level. Raises UsageError naming the factor where that does not go with the rest."""
+        try:
+            return self.put(flight, level) if self.put else flight
+        except UsageError as wrong:
+            raise UsageError(f"{self.name} at {said(level)}: {wrong}") from None
 
 
-def _vehicle(field: str) -> Put:
-    return _disturbed("vehicle", field)
-
-
-def _disturbed(part: str, field: str) -> Put:
-    def put(flight: FlightSpec, level: Level) -> FlightSpec:
-        now = flight.disturbances
-        return replace(flight, disturbances=replace(now, **{part: replace(getattr(now, part), **{field: level})}))
-
-    return put
-
-
-def _link(field: str) -> Put:
-    """Return what sets a field of the wire, each way."""
-
-    def put(flight: FlightSpec, level: Level) -> FlightSpec:
-        wire = flight.disturbances.link
-        told: dict[str, Any] = {field: level}
-        changed = replace(
-            wire, to_vehicle=replace(wire.to_vehicle, **told), from_vehicle=replace(wire.from_vehicle, **told)
-        )
-        return replace(flight, disturbances=replace(flight.disturbances, link=changed))
-
-    return put
-
-
-def _fixed(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, latency=f"fixed:{said(level)}", latency_trace=None)
-
-
-def _policy(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, **latency_fields(str(level), flight.latency_trace))
-
-
-def _rate(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, latency=f"{RATE}:{said(level)}", latency_trace=None)
-
-
-def _jittered(place: int) -> Put:
-    """Return what sets one of the numbers of `jitter:HZ,CV,RHO`, which keeps those before it."""
-
-    def put(flight: FlightSpec, level: Level) -> FlightSpec:
-        parts = parts_of(flight.latency)
-        paced = next((part for part in parts if _kind(part) in (RATE, JITTERED)), None)
-        before = paced.partition(":")[2].split(",") if paced else []
-        if len(before) < place:
-            wanted = "jitter_cv" if before else "a rate"
-            raise UsageError(f"it goes with {wanted}: vary that too, or hold it at one level")
-        jitter = f"{JITTERED}:{','.join([*before[:place], said(level)])}"
-        return replace(flight, latency="+".join(jitter if part is paced else part for part in parts))
-
-    return put
-
-
-def _capped(flight: FlightSpec, level: Level) -> FlightSpec:
-    return _with_part(flight, CAP, said(level))
-
-
-def _hung(flight: FlightSpec, level: Level) -> FlightSpec:
-    return _with_part(flight, HANGING, f"{said(level)},1")
-
-
-def _hung_for(flight: FlightSpec, level: Level) -> FlightSpec:
-    hanging = next((part for part in parts_of(flight.latency) if _kind(part) == HANGING), None)
-    if hanging is None:
-        raise UsageError("it goes with reply_stall_share: vary that too, or hold it at one level")
-    return _with_part(flight, HANGING, f"{hanging.partition(':')[2].partition(',')[0]},{said(level)}")
-
-
-def _with_part(flight: FlightSpec, kind: str, numbers: str) -> FlightSpec:
-    """Return the flight with a part of its policy, the last one, in the place of one of that kind that it has."""
-    others = [part for part in parts_of(flight.latency) if _kind(part) != kind]
-    return replace(flight, latency="+".join([*others, f"{kind}:{numbers}"]))
-
-
-def _kind(part: str) -> str:
-    return part.partition(":")[0]
-
-
-def _wind(flight: FlightSpec, level: Level) -> FlightSpec:
-    return _blowing(flight, float(level), 0.0)
-
-
-def _wind_towards(flight: FlightSpec, level: Level) -> FlightSpec:
-    """Return the flight with its wind turned. It blows north until then: with this factor goes `wind`."""
-    speed, _, _ = flight.disturbances.vehicle.wind_ned
-    return _blowing(flight, speed, math.radians(float(level)))
-
-
-def _blowing(flight: FlightSpec, speed: float, towards: float) -> FlightSpec:
-    """Return the flight in a level wind: m/s, rad from north."""
-    north, east = (round(speed * each(towards), 6) for each in (math.cos, math.sin))
-    if math.hypot(north, east) > speed:  # the strongest wind must not be rounded beyond what a flight bears
-        north, east = (math.trunc(speed * each(towards) * 1e6) / 1e6 for each in (math.cos, math.sin))
-    wind = (north + 0.0, east + 0.0, 0.0)  # no nought has a sign
-    return _vehicle("wind_ned")(flight, wind)  # type: ignore[arg-type]  # the one level that is three numbers
+def said(level: Level) -> str:
+    """Return a level as a name or a policy has it."""
+    return level if isinstance(level, str) else format(level, SAID)
 
 
 def _agent(flight: FlightSpec, level: Level) -> FlightSpec:
@@ -157,12 +97,71 @@ def _seeing(flight: FlightSpec, looks: bool) -> FlightSpec:
     return replace(flight, simulated=replace(flight.simulated, rendered=looks or flight.simulated.speed is not None))
 
 
-def _number(name: str, unit: str, what: str, put: Put, low: float, high: float, **more: Any) -> Factor:
-    return Factor(name=name, unit=unit, what=what, put=put, span=(low, high), **{"sets": name, **more})
+def _word(name: str, text: str, put: Callable[[FlightSpec, Level], FlightSpec], **more: Any) -> Factor:
+    return Factor(name=name, help=text, put=put, **{"sets": name, **more})
 
 
-def _word(name: str, what: str, put: Put, **more: Any) -> Factor:
-    return Factor(name=name, unit="", what=what, put=put, **{"sets": name, **more})
+def _policy(flight: FlightSpec, level: Level) -> FlightSpec:
+    return replace(flight, latency=latency_policy(str(level), flight.latency.trace))
+
+
+def _latency(
+    name: str, text: str, kind: str, place: int, put: Callable[[FlightSpec, Level], FlightSpec], **more: Any
+) -> Factor:
+    """Return the factor that is a number of a kind of latency policy."""
+    bounds = {key: more.pop(key) for key in ("low",) if key in more}
+    quantity = replace(KINDS[kind].quantities[place], name=name, help=text, **bounds)
+    numbers = {"get": lambda flight: dict(enumerate(flight.latency.numbers(kind))).get(place)}
+    return Factor(name=name, help=text, put=put, quantity=quantity, **{"sets": name, **numbers, **more})
+
+
+def _alone(kind: str) -> Callable[[FlightSpec, Level], FlightSpec]:
+    """Return what sets a policy of one kind and nothing else."""
+    return lambda flight, level: replace(flight, latency=latency_policy(f"{kind}:{said(level)}"))
+
+
+def _jittered(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
+    """Return what sets one of the numbers of `jitter:HZ,CV,RHO`, which keeps those before it."""
+
+    def put(flight: FlightSpec, level: Level) -> FlightSpec:
+        paced = next((part for part in flight.latency.parts if part.kind in (RATE, JITTER)), None)
+        before = paced.text.partition(":")[2].split(",") if paced else []
+        if len(before) < place:
+            wanted = "jitter_cv" if before else "a rate"
+            raise UsageError(f"it goes with {wanted}: vary that too, or hold it at one level")
+        text = f"{JITTER}:{','.join([*before[:place], said(level)])}"
+        return replace(flight, latency=flight.latency.with_part(text, (RATE, JITTER)))
+
+    return put
+
+
+def _capped(flight: FlightSpec, level: Level) -> FlightSpec:
+    return replace(flight, latency=flight.latency.with_part(f"{CAP}:{said(level)}"))
+
+
+def _hung(flight: FlightSpec, level: Level) -> FlightSpec:
+    return replace(flight, latency=flight.latency.with_part(f"{STALL}:{said(level)},1"))
+
+
+def _hung_for(flight: FlightSpec, level: Level) -> FlightSpec:
+    hanging = flight.latency.part(STALL)
+    if hanging is None:
+        raise UsageError("it goes with reply_stall_share: vary that too, or hold it at one level")
+    share = hanging.text.partition(":")[2].partition(",")[0]
+    return replace(flight, latency=flight.latency.with_part(f"{STALL}:{share},{said(level)}"))
+
+
+def _disturbance(level: disturbances.DisturbanceLevel) -> Factor:
+    return Factor(
+        name=level.name,
+        help=level.help,
+        sets=level.name,
+        get=lambda flight: flight.disturbances.level(level.name),
+        quantity=level,
+        refines=level.refines,
+        beside=level.beside,
+        real_time=level.real_time,
+    )
 
 
 _ALL = (
@@ -170,48 +169,33 @@ _ALL = (
     _word("model", "a row of `dronecats models list`, or PROVIDER/NAME", _model, sets=WHO),
     _word("agent", "`paper`, or another of the agents", _agent),
     _word("command", "how a fleet is commanded", _command, words=COMMANDS),
-    _number("latency", "s", "what every reply takes", _fixed, 0.0, LONGEST_S, sets=REPLY_TIME),
+    _latency("latency", "what every reply takes", FIXED, 0, _alone(FIXED), sets=REPLY_TIME),
     _word(POLICY, "what a reply takes, as `--latency` has it", _policy, sets=REPLY_TIME),
-    _number("rate", "Hz", "the rate at which replies are served", _rate, 0.01, FASTEST_HZ, sets=REPLY_TIME),
-    _number("jitter_cv", "", "the replies' times around that rate, deviation over mean", _jittered(1), 0.0, 3.0),
-    _number("jitter_rho", "", "the correlation of one reply's time with the next one's", _jittered(2), -0.99, 0.99),
-    _number("rate_cap", "Hz", "no reply comes sooner after the last one", _capped, 0.01, FASTEST_HZ),
-    _number("reply_stall_share", "", "share of replies that hang (for 1 s, unless the next says)", _hung, 0.0, 1.0),
-    _number("reply_stall_length", "s", "for so long", _hung_for, 0.0, LONGEST_S),
-    _number("frame_delay", "s", "from the shutter until the agent has the picture", _frame("delay_s"), 0.0, 60.0),
-    _number("frame_drop", "", "share of pictures that never come", _frame("dropped"), 0.0, 0.95),
-    _number("frame_stale", "", "share of questions that get the picture before", _frame("stale"), 0.0, 1.0),
-    _number("frame_rate", "Hz", "how often pictures are taken", _frame("rate_hz"), 0.1, 100.0),
-    _number("link_delay", "s", "of every message on the wire, each way", _link("delay_s"), 0.0, 60.0),
-    _number("link_jitter", "s", "up to so much on top of the delay", _link("jitter_s"), 0.0, 60.0),
-    _number("link_loss", "", "share of messages that are lost, each way", _link("loss"), 0.0, 0.95),
-    _number("link_duplicate", "", "share of messages that arrive twice", _link("duplicate"), 0.0, 1.0),
-    _number("link_reorder", "", "share of messages that are overtaken", _link("reorder"), 0.0, 1.0),
-    _number("link_baud", "bit/s", "of a serial line, each way", _link("baud"), 300, 100_000_000, whole=True),
-    _number("wind", "m/s", "steady and level; towards the north unless `wind_towards` says", _wind, 0.0, 30.0),
-    _number("wind_towards", "°", "where the wind blows to, from north over east", _wind_towards, 0.0, 360.0),
-    _number("gusts", "m/s", "Dryden gusts, the wind speed 20 ft above the ground", _vehicle("gusts_w20"), 0.0, 30.0),
-    _number("payload", "kg", "a load that the autopilot was not tuned for", _vehicle("payload_kg"), 0.0, 20.0),
-    _number("gps_delay", "s", "on top of the receiver's own", _vehicle("gps_delay_s"), 0.0, 1.4),
-    _number("gps_noise", "×", "the receiver's own noise", _vehicle("gps_noise"), 0.0, 100.0),
-    _number("sensor_noise", "×", "noise of gyroscope, accelerometer, compass, barometer",
-            _vehicle("estimator_noise"), 0.0, 100.0),
-    _number("setpoint_rate", "Hz", "how often the agent sends its setpoint", _vehicle("setpoint_hz"), 2.0, 50.0),
-    _number("stall_share", "", "share of seconds in which the host holds the simulator up", _vehicle("stalled"),
-            0.0, 1.0, real_time=True),
-    _number("stall_length", "s", "for so long", _vehicle("stall_s"), 0.0, 10.0, real_time=True),
+    _latency("rate", "the rate at which replies are served", RATE, 0, _alone(RATE), sets=REPLY_TIME, low=SLOWEST_HZ),
+    _latency("jitter_cv", "the replies' times around that rate, deviation over mean", JITTER, 1, _jittered(1)),
+    _latency(
+        "jitter_rho", "the correlation of one reply's time with the next one's", JITTER, 2, _jittered(2),
+        refines="jitter_cv",
+    ),
+    _latency("rate_cap", "no reply comes sooner after the last one", CAP, 0, _capped, low=SLOWEST_HZ),
+    _latency(
+        "reply_stall_share", "share of replies that hang (for 1 s, unless the next says)", STALL, 0, _hung,
+        refines="reply_stall_length",
+    ),
+    _latency("reply_stall_length", "for so long", STALL, 1, _hung_for, refines="reply_stall_share"),
+    *(_disturbance(level) for _, _, level in disturbances.LEVELS),
 )  # fmt: skip
 FACTORS: Mapping[str, Factor] = {factor.name: factor for factor in _ALL}
 
 
 def factor_of(name: str) -> Factor:
     """Return the factor of a name. Raises UsageError for any other, naming the nearest."""
-    found = FACTORS.get(name.replace("-", "_"))
-    if found is None:
+    factor = FACTORS.get(name.replace("-", "_"))
+    if factor is None:
         near = difflib.get_close_matches(name, FACTORS, 1)
         meant = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(FACTORS)}"
         raise UsageError(f"no factor is called '{name:.60}'{meant}")
-    return found
+    return factor
 
 
 def check_together(names: list[str]) -> None:
@@ -238,22 +222,31 @@ def at_levels(flight: FlightSpec, levels: Mapping[str, Level]) -> FlightSpec:
     So the same levels once more change nothing, and other levels of the same factors leave nothing of these. Raises
     UsageError for levels that contradict.
     """
-    _check_beside(levels)
-    if "frame_rate" in levels:  # the delay must agree with the rate to come, not with the one before
-        flight = _frame("rate_hz")(flight, None)  # type: ignore[arg-type]  # no level: pictures whenever they are asked for
+    lockstep = flight.simulated is not None and flight.simulated.speed is None
+    _check_beside(levels, lockstep=lockstep)
     for name, factor in FACTORS.items():
         if name in levels:
             flight = factor.at(flight, levels[name])
-    return flight
+    disturbed = {
+        name: level for name, level in levels.items() if isinstance(level, int | float) and not FACTORS[name].put
+    }
+    # all at once: a delay must agree with the rate to come, not with the one before
+    return replace(flight, disturbances=flight.disturbances.with_levels(disturbed)) if disturbed else flight
 
 
-def _check_beside(levels: Mapping[str, Level]) -> None:
-    """Raise UsageError for a factor without the one that it refines, and for one that a policy's words say, too."""
-    if "wind_towards" in levels and "wind" not in levels:
-        raise UsageError(
-            f"wind_towards at {said(levels['wind_towards'])}: it goes with wind: vary that too, or hold it at one level"
-        )
+def _check_beside(levels: Mapping[str, Level], *, lockstep: bool) -> None:
+    """Raise UsageError for a factor without the one that it refines, for one that a policy's words say, too, and more.
+
+    In lockstep a factor that has an effect in real time only is refused.
+    """
+    for name, level in levels.items():
+        factor = FACTORS[name]
+        if factor.beside and factor.refines not in levels:
+            wanted = f"it goes with {factor.refines}: vary that too, or hold it at one level"
+            raise UsageError(f"{name} at {said(level)}: {wanted}")
+        if factor.real_time and lockstep:
+            raise UsageError(f"{name} goes with --speed N: {disturbances.LOCKSTEP}")
     policy = str(levels.get(POLICY, ""))
-    told = {_kind(part) for part in parts_of(policy)}
-    if both := next((name for name, kind in ADDED.items() if name in levels and kind in told), None):
+    kinds = {part.partition(":")[0] for part in split_policy(policy)}
+    if both := next((name for name, kind in ADDED.items() if name in levels and kind in kinds), None):
         raise UsageError(f"{both} and {POLICY} {policy} both say {ADDED[both]}; leave one of them out")

@@ -1,14 +1,18 @@
-"""A study resolved: every pilot at every point of the design, so many flights of each, as runs of a campaign."""
+"""A study resolved: every pilot at every point of the design, so many flights of each, as runs of a campaign.
+
+`check_flights` refuses a study of which one flight cannot be flown, before the first is.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, slug
+from dronecats.flight.run.agents import agent_maker
+from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.study import mute
 from dronecats.study.design import Design, DesignPoint
-from dronecats.study.factor import said
-from dronecats.study.factors import FACTORS, as_told, at_levels, check_together
+from dronecats.study.factors import FACTORS, as_told, at_levels, check_together, said
+from dronecats.study.no_effect import check_effects
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
@@ -54,7 +58,7 @@ def plan(
     points = [as_told(point) for point in design.points]
     if len({tuple(point.items()) for point in points}) < len(points):
         raise UsageError("two levels of latency_policy are the same recorded latencies; leave one of them out")
-    mute.check(pilots[0][1], design.points, held)
+    check_effects(pilots[0][1], design.points, held)
     names = _names([pilot for pilot, _ in pilots], points)
     entries, runs = [], []
     for number in range(1, flights + 1):
@@ -82,7 +86,7 @@ def plan(
 
 def _factor(name: str, points: Sequence[DesignPoint]) -> StudyFactor:
     levels = dict.fromkeys(point[name] for point in points)
-    ordered = sorted(levels, key=float) if FACTORS[name].numeric else list(levels)
+    ordered = sorted(levels, key=float) if FACTORS[name].quantity else list(levels)
     return StudyFactor(name=name, unit=FACTORS[name].unit, levels=tuple(ordered))
 
 
@@ -118,3 +122,33 @@ def _names(
 def _in_name(level: Level) -> str:
     """Return a level as a folder's name has it, where a minus alone would be lost."""
     return f"minus-{said(-level)}" if not isinstance(level, str) and level < 0 else said(level)
+
+
+def check_flights(plan: StudyPlan) -> None:
+    """Raise UsageError for the first flight that cannot be; where others can, by the levels at which it is.
+
+    No model is asked whether it answers.
+    """
+    first: tuple[str, str] | None = None  # what is wrong, and with which levels
+    others = False  # something else is wrong elsewhere, or nothing
+    for entry, run in zip(plan.entries, plan.study.runs, strict=True):
+        if run.flight_number > 1:  # it has another seed and nothing else
+            continue
+        wrong = _wrong(entry.flight)
+        if wrong is not None and first is None:
+            first = wrong, ", ".join(f"{name} {said(level)}" for name, level in run.levels.items())
+        others |= wrong is None or (first is not None and wrong != first[0])
+        if first and others:
+            raise UsageError(f"at {first[1]}: {first[0]}")
+    if first:
+        raise UsageError(first[0])
+
+
+def _wrong(flight: FlightSpec) -> str | None:
+    """Return why a flight cannot be, None where it can. Its ledger is made with the folder, and not here."""
+    try:
+        look_up(replace(flight, accounts=replace(flight.accounts, ledger=None)))
+        agent_maker(flight.agent)
+    except UsageError as wrong:
+        return str(wrong)
+    return None

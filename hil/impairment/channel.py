@@ -10,38 +10,67 @@ import random
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 
+from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import UsageError
 
 LATE_S = 0.1  # s that a unit out of order comes late: two ticks of the agent, so others do overtake it
 BITS_A_BYTE = 10  # 8N1: a start bit, eight, a stop bit
+LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {what}" for what in ("lost", "doubled", "out of order"))
+
+
+def _cut_words(cuts: tuple[tuple[float, float], ...]) -> str:
+    return " and ".join(f"a cut from {start:g} to {end:g} s" for start, end in cuts)
 
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """One direction of a wire. The defaults are a perfect one."""
+    """One direction of a wire. The defaults are a perfect one. A unit is a frame."""
 
-    loss: float = 0.0  # share of units that never arrive
-    delay_s: float = 0.0  # s, of every unit
-    jitter_s: float = 0.0  # s, up to so much on top of the delay; keeps the order
-    duplicate: float = 0.0  # share of units that arrive twice
-    reorder: float = 0.0  # share of units that come LATE_S late, overtaken by those behind
-    corrupt: float = 0.0  # share of bytes that arrive as another byte
-    baud: int | None = None  # bit/s of a serial line, ten bits a byte; None: no limit
-    queue_bytes: int = 2048  # what waits for the line; a unit that does not fit any more is dropped
-    cuts: tuple[tuple[float, float], ...] = ()  # s since the wire began, from … to: the cable is pulled
+    loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words=LOST)
+    delay_s: float = number(
+        0.0, "delay", "time that every frame takes", high=60.0, unit="s", words="a delay of {value:g} s", first=True
+    )
+    jitter_s: float = number(
+        0.0,
+        "jitter",
+        "up to so much on top of the delay; the order stays",
+        high=60.0,
+        unit="s",
+        words="jitter of {value:g} s",
+        first=True,
+    )
+    duplicate: float = number(0.0, "duplicate", "share of frames that arrive twice", high=1.0, words=DOUBLED)
+    reorder: float = number(
+        0.0, "reorder", f"share of frames that arrive {LATE_S:g} s late, after others", high=1.0, words=REORDERED
+    )
+    corrupt: float = number(
+        0.0, "corrupt", "share of bytes that arrive as another byte", high=1.0, words="{percent:g} % of bytes wrong"
+    )
+    baud: int | None = number(  # None: no limit
+        None,
+        "baud",
+        "speed of a serial line, 10 bits a byte",
+        low=300,
+        high=100_000_000,
+        unit="bit/s",
+        whole=True,
+        words="{value} baud and a queue of {owner.queue_bytes} bytes",
+    )
+    queue_bytes: int = number(  # at least one MAVLink frame
+        2048,
+        "queue",
+        "what waits for the line; a frame that does not fit is dropped",
+        low=280,
+        high=10**12,
+        unit="bytes",
+        whole=True,
+    )
+    # s since the wire began, from … to: the cable is pulled
+    cuts: tuple[tuple[float, float], ...] = declared((), Declaration(words=_cut_words))
 
     def __post_init__(self) -> None:
         """Raise UsageError for what no wire can be."""
-        for name in ("loss", "duplicate", "reorder", "corrupt"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise UsageError(f"{name} is a share from 0 to 1, got {getattr(self, name):g}")
-        for name in ("delay_s", "jitter_s"):
-            if not 0.0 <= getattr(self, name) <= 60.0:
-                raise UsageError(f"{name.removesuffix('_s')} is 0 to 60 seconds, got {getattr(self, name):g}")
-        if self.baud is not None and not 300 <= self.baud <= 100_000_000:
-            raise UsageError(f"baud is 300 to 100,000,000 bit/s, got {self.baud}")
-        if self.queue_bytes < 280:
-            raise UsageError(f"queue has to hold one MAVLink frame, 280 bytes, got {self.queue_bytes}")
+        check_bounds(self)
         for start, end in self.cuts:
             if not 0.0 <= start < end < math.inf:
                 raise UsageError(f"a cut lasts from 0 s or later to a later moment, got {start:g} to {end:g}")

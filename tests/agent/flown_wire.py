@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.open import open_model
@@ -125,7 +125,7 @@ def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None,
     model = open_model(ModelSpec(provider=provider, name="maker/model-1", base_url=endpoint.url))
     log = LineLog(folder / "decisions.jsonl")
     asked = Questions(
-        model, prompt or Prompt.load(None), "go to the cyan SUV", latency("fixed:0"), axis_order=axis_order
+        model, prompt or Prompt.load(None), "go to the cyan SUV", LatencyPolicy.parse("fixed:0"), axis_order=axis_order
     )
     cockpit = Cockpit(
         aircraft=vehicles, camera=views, camera_model=CAMERA, log=log,

@@ -5,7 +5,7 @@ import itertools
 import json
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import Latency, Question, latency
+from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
@@ -14,6 +14,7 @@ from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.reading import ReplyParser
 from foundation.run_folder.writing import LineLog
 from tests.agent.flown_wire import CAMERA, Clock, Views
+from tests.support.charged import Charged
 
 
 class Noting:
@@ -51,17 +52,17 @@ def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
 
 
 def test_all_under_one_decider_are_asked_for_at_once(tmp_path):
-    decisions, asked = fly(tmp_path / "run", None, latency("fixed:0.5"))
+    decisions, asked = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"))
     assert set(asked) == {3}
     assert [d["drone"] for d in decisions[:6]] == [0, 1, 2, 0, 1, 2]
     assert [d["step"] for d in decisions[:6]] == [0, 0, 0, 1, 1, 1]
 
 
 def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
-    def charge(question, measured_s):
+    def charge(question):
         return 1.0 + 2.0 * question.drone
 
-    decisions, asked = fly(tmp_path / "run", [[0], [1], [2]], Latency("by drone", charge))
+    decisions, asked = fly(tmp_path / "run", [[0], [1], [2]], Charged((), charge))
     assert set(asked) == {1}
     counts = [sum(d["drone"] == drone for d in decisions) for drone in range(3)]
     assert counts[0] > counts[1] > counts[2] > 2  # who answers sooner is asked more often
@@ -70,13 +71,13 @@ def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
     for drone in range(3):
         own = [d for d in decisions if d["drone"] == drone]
         for before, after in itertools.pairwise(own):  # it has turned by 30° at 60°/s before it is asked again
-            assert after["t_decided"] - before["t_decided"] > 0.5 + charge(Question((0,), 0, drone), 0.1) - 0.06
+            assert after["t_decided"] - before["t_decided"] > 0.5 + charge(Question((0,), 0, drone)) - 0.06
 
 
 def test_a_cap_holds_every_decider_to_its_rate(tmp_path):
     """One decision in 4 s, though a turn and its reply are over in one: not before, and not much later."""
     for name, groups in (("together", None), ("apart", [[0], [1, 2]])):
-        decisions, _ = fly(tmp_path / name, groups, latency("fixed:0.3+cap:0.25"))
+        decisions, _ = fly(tmp_path / name, groups, LatencyPolicy.parse("fixed:0.3+cap:0.25"))
         for drone in range(3):
             decided = [d["t_decided"] for d in decisions if d["drone"] == drone]
             assert decided[0] < 1.0  # before the first there is nothing to hold it to
@@ -87,7 +88,7 @@ def test_a_cap_holds_every_decider_to_its_rate(tmp_path):
 
 def test_what_is_drawn_of_a_drone_is_its_own(tmp_path):
     """Drones that are asked for apart wait for replies and lose pictures each by its own draws."""
-    replies, _ = fly(tmp_path / "replies", [[0], [1], [2]], latency("lognormal:1,0.7"))
+    replies, _ = fly(tmp_path / "replies", [[0], [1], [2]], LatencyPolicy.parse("lognormal:1,0.7"))
     drawn = [tuple(d["latency_s"] for d in replies if d["drone"] == drone)[:4] for drone in range(3)]
     assert len(set(drawn)) == 3
 
@@ -98,12 +99,12 @@ def test_what_is_drawn_of_a_drone_is_its_own(tmp_path):
             asked.append((question.drone, drone))
             return super().drawn(question, drone)
 
-    fly(tmp_path / "pictures", [[0], [1, 2]], latency("fixed:0.5"), pictures=Noted(dropped=0.2))
+    fly(tmp_path / "pictures", [[0], [1, 2]], LatencyPolicy.parse("fixed:0.5"), pictures=Noted(dropped=0.2))
     assert set(asked) == {(0, 0), (1, 1), (1, 2)}
 
 
 def test_one_alone_beside_two_together(tmp_path):
-    decisions, asked = fly(tmp_path / "run", [[0], [1, 2]], latency("fixed:0.5"))
+    decisions, asked = fly(tmp_path / "run", [[0], [1, 2]], LatencyPolicy.parse("fixed:0.5"))
     assert set(asked) == {1, 2}
     together = [d for d in decisions if d["drone"] > 0]
     assert [d["drone"] for d in together[:4]] == [1, 2, 1, 2]
@@ -129,7 +130,7 @@ def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_pa
             aircraft=[Clock() for _ in range(2)], camera=Views(90, 160), camera_model=CAMERA, log=log,
             frames_dir=tmp_path, executor=InlineExecutor(), t0_us=0,
         )  # fmt: skip
-        policy = latency("fixed:0.5")
+        policy = LatencyPolicy.parse("fixed:0.5")
         PaperAgent(Questions(Sloppy(), Prompt.load(None), "go", policy, parser=parser), cockpit, None).fly(5.0)
         log.close()
         first, second = (json.loads(line) for line in (tmp_path / f"{parser}.jsonl").read_text().splitlines()[:2])
@@ -151,9 +152,9 @@ class Updated(Noting):
 
 
 def test_what_answers_is_told_when_it_changes_and_at_no_other_step(tmp_path):
-    decisions, _ = fly(tmp_path / "run", None, latency("fixed:0.5"), model=Updated())
+    decisions, _ = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"), model=Updated())
     told = [d.get("served") for d in decisions if d["drone"] == 0]
     assert told[:6] == [None, "noting fp_1", None, "noting fp_2", "noting", None]
     assert [d.get("served") for d in decisions if d["drone"] == 2] == told
-    plain, _ = fly(tmp_path / "plain", None, latency("fixed:0.5"))
+    plain, _ = fly(tmp_path / "plain", None, LatencyPolicy.parse("fixed:0.5"))
     assert not [d for d in plain if "served" in d]

@@ -14,7 +14,7 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
 from dronecats.agent.commanding.commander import CommandQuestions
 from dronecats.agent.commanding.hierarchy import Hierarchy
-from dronecats.agent.latency import Latency, latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
@@ -25,6 +25,7 @@ from foundation.run_folder.reading import exchanges
 from foundation.run_folder.writing import LineLog, PromptLog
 from foundation.setpoints import Hold
 from tests.agent.flown_wire import CAMERA, Clock, Views
+from tests.support.charged import Charged
 from tests.support.json_lines import rows
 
 GO, TURN, DONE = (
@@ -92,7 +93,7 @@ def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5",
         aircraft=vehicles, camera=Timed(vehicles), camera_model=CAMERA, log=log, prompts=prompts,
         frames_dir=folder, executor=executor or InlineExecutor(), t0_us=0, commander_log=folder / "commander.jsonl",
     )  # fmt: skip
-    charge = latency(policy) if isinstance(policy, str) else policy
+    charge = LatencyPolicy.parse(policy) if isinstance(policy, str) else policy
     command = CommandQuestions(commander, CommandPrompt.load(), "find it", charge)
     agent = Hierarchy(Questions(pilot, Prompt.load(None), "find it", charge), command, cockpit)
     try:
@@ -303,7 +304,7 @@ def test_a_reply_that_is_too_late_is_kept_as_such_and_one_that_never_comes_is_an
 def test_a_drone_that_is_not_answered_before_the_end_is_nobodys_fault_where_others_were(tmp_path):
     """The third drone's only question is under way at the cap; the numbers of the steps have no gap."""
     pilot = Said(lambda request: GO)
-    policy = Latency("by drone", lambda question, _: 100.0 if question.drone == 2 else 0.5)
+    policy = Charged((), lambda question: 100.0 if question.drone == 2 else 0.5)
     decisions, *_ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy=policy, seconds=8.0)
     assert {d["drone"] for d in decisions} == {0, 1}
     assert {request.drone for request in pilot.asked} == {0, 1, 2}

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.host_pace import HostPace
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
@@ -144,7 +144,7 @@ def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_p
         aircraft=[vehicle], camera=Late(wall), camera_model=CAMERA, log=log, frames_dir=tmp_path,
         executor=InlineExecutor(), t0_us=0, on_tick=on_tick, host=pace,
     )  # fmt: skip
-    policy = latency("fixed:2.0")  # slower than any host in this test
+    policy = LatencyPolicy.parse("fixed:2.0")  # slower than any host in this test
     PaperAgent(Questions(Slow(lambda asked: None), Prompt.load(None), "go", policy), cockpit).fly(14.0)
     log.close()
     told = list(rows(tmp_path / "decisions.jsonl", Decision))
@@ -162,7 +162,9 @@ def test_where_no_clock_is_held_nothing_is_said_of_the_host(tmp_path) -> None:
         aircraft=[Clock()], camera=Views(), camera_model=CAMERA, log=log, frames_dir=tmp_path,
         executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
-    PaperAgent(Questions(Slow(lambda asked: None), Prompt.load(None), "go", latency("fixed:0.5")), cockpit).fly(5.0)
+    PaperAgent(
+        Questions(Slow(lambda asked: None), Prompt.load(None), "go", LatencyPolicy.parse("fixed:0.5")), cockpit
+    ).fly(5.0)
     log.close()
     assert "host" not in (tmp_path / "decisions.jsonl").read_text()
     assert "frame_wait" not in (tmp_path / "decisions.jsonl").read_text()

@@ -10,8 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from dronecats.agent.latency import COMMANDER, KINDS, Circumstance, Question, latency, parts_of, trace_name
-from dronecats.agent.latency_draws import LONGEST_S
+from dronecats.agent.latency import (
+    COMMANDER,
+    KINDS,
+    LONGEST_S,
+    Circumstance,
+    LatencyPolicy,
+    Question,
+    split_policy,
+    trace_name,
+)
 from dronecats.agent.model_call import Asking, InlineExecutor
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.pictures import PicturePath
@@ -28,9 +36,8 @@ SEEDS, STEPS = 400, 5
 
 
 def charged(policy: str, question: Question, reply: Reply | None = None, since_s: float | None = None) -> float:
-    charge = latency(policy, RECORDED if TRACE in policy else None).charge
-    assert charge is not None
-    return charge(question, Circumstance(reply, since_s))
+    read = LatencyPolicy.parse(policy, RECORDED if TRACE in policy else None)
+    return read.charge_s(question, Circumstance(reply, since_s))
 
 
 def draws(policy: str, seeds: int = SEEDS, steps: int = STEPS) -> Any:
@@ -137,7 +144,7 @@ class Said:
 @pytest.mark.parametrize(("last_s", "due_s"), [(None, 10.3), (9.5, 14.5), (2.0, 10.3), (5.3, 10.3)])
 def test_a_capped_rate_holds_a_reply_back_until_so_long_after_the_last_one(last_s, due_s):
     asking = Asking(
-        Said(Reply("{}", 0.0)), Request("p", (b"",), False), InlineExecutor(), latency("fixed:0.3+cap:0.2"),
+        Said(Reply("{}", 0.0)), Request("p", (b"",), False), InlineExecutor(), LatencyPolicy.parse("fixed:0.3+cap:0.2"),
         Question((0,), 4, 0), 10.0, False, last_s,
     )  # fmt: skip
     assert not asking.due(due_s - 0.01)
@@ -202,7 +209,7 @@ def test_no_two_draws_of_a_flight_are_one():
         assert not streams[one] & streams[other], (one, other)
 
 
-BOUNDS = {name: kind.bounds for name, kind in KINDS.items() if kind.bounds}
+BOUNDS = {name: [(each.low, each.high) for each in kind.quantities] for name, kind in KINDS.items() if kind.quantities}
 
 
 @st.composite
@@ -218,9 +225,9 @@ def policies(draw: Any) -> list[str]:
 @given(policies(), st.integers(0, 2**31 - 1), st.integers(0, 40), st.integers(0, 255))
 def test_every_policy_within_its_bounds_is_read_and_charges_what_is_its_sum(words, seed, step, drone):
     text = "+".join(words)
-    assert parts_of(text) == words
-    policy, question, reply = latency(text), Question((seed, 1), step, drone), Reply("abc", 1.0)
-    assert policy.name == text
+    assert split_policy(text) == words
+    policy, question, reply = LatencyPolicy.parse(text), Question((seed, 1), step, drone), Reply("abc", 1.0)
+    assert str(policy) == text
     assert policy.foreseen == ("tokens" not in text)
     own = [charged(word, question, reply) for word in words]
     assert all(0.0 <= each <= LONGEST_S for each in own)
@@ -238,10 +245,10 @@ def test_every_policy_within_its_bounds_is_read_and_charges_what_is_its_sum(word
 )  # fmt: skip
 def test_whatever_is_no_policy_is_refused_and_what_is_one_charges(text):
     try:
-        charge = latency(text).charge
+        policy = LatencyPolicy.parse(text)
     except UsageError:
         return
-    assert charge is None or charge(Question((0,), 0, 0), Circumstance(Reply("", 0.0))) >= 0.0
+    assert policy.real or policy.charge_s(Question((0,), 0, 0), Circumstance(Reply("", 0.0))) >= 0.0
 
 
 def test_what_is_wrong_with_a_policy_is_said():
@@ -255,10 +262,10 @@ def test_what_is_wrong_with_a_policy_is_said():
         ("measured:1", "--latency measured"),
         ("trace:runs/x", "file"),
     ]:
-        assert word in refusal(latency, text)
+        assert word in refusal(LatencyPolicy.parse, text)
 
 
 def test_a_trace_that_is_another_or_none_is_refused():
     for trace, word in (((0.4,), trace_name((0.4,))), ((), "10,000"), ((301.0,), "300"), ((math.nan,), "300")):
-        assert word in refusal(latency, TRACE, trace)
-    assert "latency_trace" in refusal(latency, "fixed:1", RECORDED)
+        assert word in refusal(LatencyPolicy.parse, TRACE, trace)
+    assert "latency_trace" in refusal(LatencyPolicy.parse, "fixed:1", RECORDED)

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import DaemonExecutor
 from dronecats.agent.models.model import Reply
@@ -47,7 +47,9 @@ def test_a_camera_that_hangs_ends_the_flight(tmp_path):
         aircraft=[Clock()], camera=camera, camera_model=CameraModel(), log=LineLog(tmp_path / "d.jsonl"),
         frames_dir=tmp_path, executor=DaemonExecutor(), t0_us=0,
     )  # fmt: skip
-    agent = PaperAgent(Questions(Model(), Prompt.load(None), "go", latency("real"), patience_s=5.0), cockpit)
+    agent = PaperAgent(
+        Questions(Model(), Prompt.load(None), "go", LatencyPolicy.parse("real"), patience_s=5.0), cockpit
+    )
     with pytest.raises(CameraError, match="5 s"):
         agent.fly(300.0)
     assert agent.now_s < 6.0

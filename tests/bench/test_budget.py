@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
@@ -24,7 +25,11 @@ def test_an_episode_that_cost_too_much_is_flown_again_under_a_greater_limit(tmp_
     server = PilotServer(roster.answer("vision"), "vision").start()
     model = ModelSpec(provider="local", name="vision", base_url=server.base_url)
     spec = FlightSpec(
-        model=model, simulated=Simulated(speed=None), seed=3, latency="fixed:0.5", accounts=Accounts(token_limit=2000)
+        model=model,
+        simulated=Simulated(speed=None),
+        seed=3,
+        latency=LatencyPolicy.parse("fixed:0.5"),
+        accounts=Accounts(token_limit=2000),
     )
 
     def flown(each):

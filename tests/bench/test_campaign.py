@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
@@ -23,7 +24,7 @@ from tests.bench.scripted_engine import BROKEN, MOVED, NEAR, REJECTED, SOLVED, S
 ORACLE = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
 FOUR = ["residential-approaching-01", "residential-approaching-02", "campus-tracking-01", "campus-tracking-02"]
 FLEET = "blocks-commanding-01"
-POLICY = ("fixed:0.5",)
+POLICY = (LatencyPolicy.parse("fixed:0.5"),)
 
 
 def bench(out, episodes=FOUR, flights=1, retry=True, **part):
@@ -182,9 +183,16 @@ def test_shards_flown_apart_are_one_benchmark_when_they_are_put_together(tmp_pat
 
 
 def test_a_matrix_is_every_pilot_under_every_latency_and_command():
+    latencies = [LatencyPolicy.parse(text) for text in ("fixed:0.5", "rate:2")]
     suite = suite_of([*FOUR, FLEET], [])
     two = [("oracle", ORACLE), ("vision", FlightSpec(pilot="vision", simulated=Simulated(speed=None), seed=7))]
-    runs = entries(two, suite, commands=("flat", "solo"), latencies=("fixed:0.5", "rate:2"), flights=2)
+    runs = entries(
+        two,
+        suite,
+        commands=("flat", "solo"),
+        latencies=latencies,
+        flights=2,
+    )
     assert len({run.name for run in runs}) == len(runs) == 2 * 2 * 2 * 2
     assert {run.episodes for run in runs if run.flight.command == "solo"} == {(FLEET,)}
     assert {run.episodes for run in runs if run.flight.command == "flat"} == {(*FOUR, FLEET)}

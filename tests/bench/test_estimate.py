@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, OpenRun
@@ -65,7 +66,7 @@ def test_more_drones_longer_replies_and_no_price(run):
     assert one > 0.0
     assert foreseen_usd(replace(FLIGHT, command="solo"), four) == pytest.approx(4 * one)
     assert one < foreseen_usd(FLIGHT, four) < 4 * one  # one question with four pictures
-    assert foreseen_usd(replace(FLIGHT, latency="fixed:3"), record) < one
+    assert foreseen_usd(replace(FLIGHT, latency=LatencyPolicy.parse("fixed:3")), record) < one
     unpriced = replace(run, entry=replace(run.entry, flight=replace(FLIGHT, model=replace(PRICED, input_usd=None))))
     estimate = CostEstimate([unpriced], [("run-f1", IDS[0])])
     assert (estimate.left_usd(), estimate.unpriced) == (None, "local/m")

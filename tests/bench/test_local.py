@@ -13,6 +13,7 @@ import threading
 import psutil
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
 from dronecats.bench.engine import Sortie
@@ -85,7 +86,13 @@ def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path, capsys
 @pytest.mark.slow("flights with pictures, together and alone")
 def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
     """Whatever a process keeps for all of its flights must not move one of them."""
-    seen = FlightSpec(pilot="vision", simulated=Simulated(speed=None), latency="fixed:0.1", seconds=6.0, full=True)
+    seen = FlightSpec(
+        pilot="vision",
+        simulated=Simulated(speed=None),
+        latency=LatencyPolicy.parse("fixed:0.1"),
+        seconds=6.0,
+        full=True,
+    )
     # one map twice, a fleet, and a target that moves
     episodes = [EASY, "residential-tracking-01", "blocks-commanding-01"]
     together, alone = (batch_of(tmp_path / name, seen) for name in ("together", "alone"))
@@ -106,7 +113,9 @@ def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
 
 def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
     alone = dataclasses.replace(SHORT, episode=TWO[0], drones=1, seconds=3.0)
-    pinned, charged = (dataclasses.replace(alone, latency=policy) for policy in ("rate:2", "fixed:0.5"))
+    pinned, charged = (
+        dataclasses.replace(alone, latency=LatencyPolicy.parse(policy)) for policy in ("rate:2", "fixed:0.5")
+    )
     two = [flown_bytes(fly_once(spec).run / TWO[0]) for spec in (pinned, charged)]
     assert two[0] == two[1]
     assert b'"latency_s": 0.5' in two[0]["decisions.jsonl"]
@@ -183,7 +192,7 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
     threading.Thread(target=swallow, daemon=True).start()
     silent = ModelSpec(provider="local", name="silent", base_url=f"http://127.0.0.1:{server.getsockname()[1]}/v1")
     seen = Simulated(speed=None)
-    flight = FlightSpec(model=silent, simulated=seen, latency="fixed:0.5", seconds=6.0, drones=1)
+    flight = FlightSpec(model=silent, simulated=seen, latency=LatencyPolicy.parse("fixed:0.5"), seconds=6.0, drones=1)
     batch = batch_of(tmp_path / "run", flight)
 
     class Impatient(LocalEngine):

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.agent.latency import Circumstance, Question, latency
+from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.model import Reply
 from dronecats.bench.progress import Progress
@@ -73,7 +73,7 @@ def test_the_table_counts_what_a_second_count_counts(flown, drop):
     assert ("cut off" in told) == explained
 
 
-FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency="rate:2")
+FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("rate:2"))
 
 
 def test_a_score_is_what_its_folder_says(tmp_path):
@@ -87,7 +87,7 @@ def test_a_score_is_what_its_folder_says(tmp_path):
     found = score("x", FLIGHT, tmp_path, result, retried=False)
     assert (found.rates_hz, found.broken_pins, found.stalled) == ((0.333333, 0.2), 1, True)
     assert score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="success"), retried=True).stalled is False
-    unpinned = replace(FLIGHT, latency="real")
+    unpinned = replace(FLIGHT, latency=LatencyPolicy.parse("real"))
     assert score("x", unpinned, tmp_path, result, retried=False).broken_pins == 0
     (tmp_path / "decisions.jsonl").write_text("{}\n")
     assert score("x", FLIGHT, tmp_path, result, retried=False).rates_hz == ()
@@ -119,17 +119,16 @@ def test_the_interval_on_the_way_is_that_of_the_table():
 
 
 def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
-    policy = latency("rate:3")
-    assert policy.charge is not None
-    charged_s = policy.charge(Question((0,), 0, 0), Circumstance(Reply("", 17.0)))
+    policy = LatencyPolicy.parse("rate:3")
+    charged_s = policy.charge_s(Question((0,), 0, 0), Circumstance(Reply("", 17.0)))
     assert charged_s == pytest.approx(1 / 3)
     kept = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=None, latency_s=round(charged_s, 6))
-    assert broken_pins("rate:3", [kept]) == 0
-    assert broken_pins("rate:3", [kept, replace(kept, latency_s=0.5)]) == 1
-    assert broken_pins("rate:3+stall:0.1,5", [kept, replace(kept, latency_s=0.5)]) == 0
+    assert broken_pins(policy, [kept]) == 0
+    assert broken_pins(policy, [kept, replace(kept, latency_s=0.5)]) == 1
+    assert broken_pins(LatencyPolicy.parse("rate:3+stall:0.1,5"), [kept, replace(kept, latency_s=0.5)]) == 0
     for wrong in ("rate:0", "rate:-1", "rate:21", "rate:nan", "rate:", "rate:1,2"):
         with pytest.raises(UsageError, match="--latency rate:HZ"):
-            latency(wrong)
+            LatencyPolicy.parse(wrong)
 
 
 def test_the_line_says_how_far_it_is_and_what_it_has_cost():

@@ -8,11 +8,9 @@ from pathlib import Path
 import pytest
 
 from dronecats.cli import bench_spec
-from dronecats.cli.disturbance_options import OPTIONS
-from dronecats.cli.fly_spec import said_of_replay, spec_of
+from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances, FrameFaults
-from dronecats.flight.spec.disturbed import disturbed
+from dronecats.flight.disturbances import OPTIONS, UNDISTURBED, Disturbances, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
@@ -47,9 +45,9 @@ def test_every_option_is_told_in_the_help_and_on_its_page():
 
 def test_what_cannot_be_is_refused_in_one_sentence(capsys):
     for words, parts in (
-        (["--sitl", "--frame-drop", "1"], "pictures .*0 .*0.95, .*1"),
+        (["--sitl", "--frame-drop", "1"], "frame_drop .*0 .*0.95, .*1"),
         (["--sitl", "--frame-delay", "-1"], "delay .*0 .*60 s"),
-        (["--sitl", "--frame-rate", "0.1", "--frame-delay", "9"], "delay .*period .*0 .*15 s"),
+        (["--sitl", "--frame-rate", "0.1", "--frame-delay", "9"], "delay .*period .*15 s"),
         (["--connect", "udpin://0.0.0.0:14540", "--frame-delay", "1"], "--frame-delay .*--sitl"),
     ):
         assert main(["fly", *words]) == 2, words
@@ -72,7 +70,7 @@ def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherw
     assert spec_of(parse(["fly", *words])).disturbances == flown.disturbances
     other = parse(["fly", *words, "--frame-delay", "0"])
     assert spec_of(other).disturbances == Disturbances(frame=replace(FRAME, delay_s=0.0))
-    assert said_of_replay(other, EASY).endswith("--frame-delay")
+    assert replay_line(other, EASY).endswith("--frame-delay")
     assert main(["fly", "--spec", str(kept / "run.json"), "--frame-delay", "1"]) == 2
     assert "--frame-delay" in capsys.readouterr().err
 
@@ -80,20 +78,20 @@ def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherw
 def test_a_connected_vehicle_has_disturbances_of_its_own():
     from dronecats.flight.spec.flight_spec import Connected
 
-    with pytest.raises(ValueError, match=r"disturbances .*simulated"):
+    with pytest.raises(UsageError, match=r"disturbances .*simulated"):
         FlightSpec(
             pilot="vision", instruction="go", connected=Connected(url="x"), disturbances=Disturbances(frame=FRAME)
         )
 
 
 def test_what_is_done_is_said_in_words():
-    assert disturbed(UNDISTURBED) is None
+    assert UNDISTURBED.words is None
     for disturbances, values in (
         (Disturbances(frame=FRAME), ["4", "0.5", "10", "20"]),
         (Disturbances(vehicle=replace(UNDISTURBED.vehicle, wind_ned=(3.0, -4.0, 0.0), payload_kg=0.2)),
          ["3", "-4", "0.2"]),
     ):  # fmt: skip
-        assert re.findall(r"-?\d[\d.]*", disturbed(disturbances) or "") == values
+        assert re.findall(r"-?\d[\d.]*", disturbances.words or "") == values
 
 
 def test_a_trace_that_a_bench_flies_is_named_after_its_numbers(tmp_path, monkeypatch):
@@ -103,8 +101,8 @@ def test_a_trace_that_a_bench_flies_is_named_after_its_numbers(tmp_path, monkeyp
         parse(["bench", "--suite", "quick", "--pilot", "oracle", "--latency", "trace:x.csv", "cap:0.5"])
     )
     entries = bench_spec.runs(args, bench_spec.suite(args), Path("out"))
-    assert [entry.flight.latency_trace for entry in entries] == [(0.5, 1.5), None]
-    assert [entry.name for entry in entries] == [f"oracle-flat-{entries[0].flight.latency.replace(':', '-')}-f1",
+    assert [entry.flight.latency.trace for entry in entries] == [(0.5, 1.5), None]
+    assert [entry.name for entry in entries] == [f"oracle-flat-{str(entries[0].flight.latency).replace(':', '-')}-f1",
                                                  "oracle-flat-cap-0.5-f1"]  # fmt: skip
     assert entries[0].flight.simulated == Simulated(speed=None, rendered=False)
     args.latency = ["trace:none.csv"]

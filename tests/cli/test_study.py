@@ -16,7 +16,7 @@ import pytest
 
 from dronecats.cli import sitting, study_spec
 from dronecats.cli.main import main, parse
-from dronecats.cli.study_options import levels
+from dronecats.cli.options import level_list as levels
 from dronecats.report.recorded.run import recorded_runs
 from dronecats.study import folder
 from foundation.errors import UsageError
@@ -112,7 +112,7 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monke
         ),
         (
             ["latency", "--cells", "commanding", "--pilot", "oracle", "--hold", "agent=steady", "--hold", HIERARCHICAL],
-            "command .*hierarchical: agent steady .*flat .*solo",
+            "command .*hierarchical: --agent steady .*flat .*solo",
         ),
         (["latency", "--episodes", TWO, "--pilot", "oracle", "--seed", "-1"], "study: --seed .*-1"),
         (["run", "no-such.toml"], "no-such.toml"),
@@ -158,10 +158,10 @@ def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsy
             "my.toml: wind_towards .*wind .*0 ",
         ),
         ("temperature = 0.5\n[factors]\nwind = [0, 9]", "--temperature .*--model"),
-        ("[factors]\nlatency_policy = ['fixed:1', 'real']", "my.toml: .*latency_policy real: --latency real "),
+        ("[factors]\nlatency_policy = ['fixed:1', 'real']", "my.toml: .*latency_policy at real: --latency real "),
         ("[factors]\npayload = [0, 20]", "my.toml: .*payload 20: .*'x500' .*20 kg"),
         ("[factors]\nagent = ['paper', 'no:one']", "my.toml: .*agent no:one: --agent no:one "),
-        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: .*rate_cap 0.1: --latency real "),
+        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: .*rate_cap at 0.1: --latency real "),
         ("suite = ", "my.toml"),
     ):
         monkeypatch.chdir(tmp_path)
@@ -189,7 +189,7 @@ def test_a_file_says_what_is_flown(tmp_path, monkeypatch):
     assert {entry.flight.seconds for entry in asked.plan.entries} == {30.0}
     assert {entry.flight.seed for entry in asked.plan.entries} == {7, 8}
     gale = next(e for e in asked.plan.entries if e.name == "oracle-latency-2-wind-6-gusts-3-f2").flight
-    assert (gale.latency, gale.pilot, gale.seed) == ("fixed:2", "oracle", 8)
+    assert (str(gale.latency), gale.pilot, gale.seed) == ("fixed:2", "oracle", 8)
     vehicle = gale.disturbances.vehicle
     assert (vehicle.wind_ned, vehicle.gusts_w20, vehicle.payload_kg) == ((0.0, 6.0, 0.0), 3.0, 0.2)
 
@@ -215,7 +215,7 @@ def test_jitter_is_around_a_rate_that_is_held(tmp_path):
     )
     held = {"rate": args.rate, "jitter_rho": args.rho}
     made = study_spec.of_options(args, "jitter", {"jitter_cv": levels(args.cv)}, held)
-    assert {entry.flight.latency for entry in made.plan.entries} == {"jitter:4,0,0.5", "jitter:4,1,0.5"}
+    assert {str(entry.flight.latency) for entry in made.plan.entries} == {"jitter:4,0,0.5", "jitter:4,1,0.5"}
 
 
 def test_a_pilot_may_be_a_factor():

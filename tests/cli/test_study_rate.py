@@ -15,7 +15,7 @@ def test_what_cannot_be_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch
     for words, parts in (
         (MODEL, "--dry-run"),
         ([*MODEL, "--dry-run", "--questions", "4"], "--questions .*5 .*10,000, .*4"),
-        ([*MODEL, "--dry-run", "--seconds", "-1"], "--seconds .*0 .*300, .*-1"),
+        ([*MODEL, "--dry-run", "--seconds", "-1"], "--seconds .*0, .*300 .*-1"),
         ([*MODEL, "--dry-run", "--cache", "kept"], "--cache"),
         ([*MODEL, "--dry-run", "--pilot", "vision"], "--pilot .*--model"),
         (["--dry-run", "--model", "replay:runs/x"], "--model replay:RUN .*--sitl"),

@@ -7,28 +7,32 @@ from typing import Any
 
 import pytest
 
-from dronecats.cli.disturbance_options import add_disturbance_options, disturbances_of
-from dronecats.cli.link_option import link_faults
-from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
-from dronecats.flight.spec.disturbed import disturbed
+from dronecats.cli.fly_spec import spec_of
+from dronecats.cli.main import parse
+from dronecats.cli.options import add_disturbances, disturbances_of
+from dronecats.flight.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
 from foundation.errors import UsageError
 from hil.impairment.channel import Impairment
 
 
-def parsed(*words: str, lockstep: bool = False) -> Disturbances:
+def parsed(*words: str) -> Disturbances:
     parser = argparse.ArgumentParser()
-    add_disturbance_options(parser)
-    return disturbances_of(parser.parse_args(words), lockstep=lockstep)
+    add_disturbances(parser)
+    return disturbances_of(parser.parse_args(words))
+
+
+def wire(text: str) -> LinkFaults:
+    return parsed("--link", text).link
 
 
 def test_a_wire_is_said_in_a_word_and_one_way_overrides_both() -> None:
     both = Impairment(delay_s=0.1, loss=0.05, baud=57_600)
-    assert link_faults("delay=0.1,loss=0.05,baud=57600") == LinkFaults(to_vehicle=both, from_vehicle=both)
-    assert link_faults("to.loss=1,delay=0.2,from.delay=0.3, to.queue=4096") == LinkFaults(
+    assert wire("delay=0.1,loss=0.05,baud=57600") == LinkFaults(to_vehicle=both, from_vehicle=both)
+    assert wire("to.loss=1,delay=0.2,from.delay=0.3, to.queue=4096") == LinkFaults(
         to_vehicle=Impairment(delay_s=0.2, loss=1.0, queue_bytes=4096), from_vehicle=Impairment(delay_s=0.3)
     )
     every = "jitter=0.1,duplicate=0.2,reorder=0.3,corrupt=0.01"
-    assert link_faults(every).from_vehicle == Impairment(jitter_s=0.1, duplicate=0.2, reorder=0.3, corrupt=0.01)
+    assert wire(every).from_vehicle == Impairment(jitter_s=0.1, duplicate=0.2, reorder=0.3, corrupt=0.01)
 
 
 def test_every_option_reaches_its_field() -> None:
@@ -62,10 +66,10 @@ def test_what_cannot_be_is_told_in_one_sentence() -> None:
         ("--wind 30,30", "wind .*0 .*30 m/s"),
         ("--gusts 31", "gusts .*0 .*30 m/s"),
         ("--payload -1", "payload .*0 .*20 kg"),
-        ("--gps-delay 2", r"GPS delay .*0 .*1\.4 s"),
-        ("--setpoint-rate 1", "rate .*2 .*50 Hz"),
+        ("--gps-delay 2", r"gps_delay .*0 .*1\.4 s"),
+        ("--setpoint-rate 1", "setpoint_rate .*2 .*50 Hz"),
         ("--host-stalls 0.1", "--host-stalls .*0.1"),
-        ("--host-stalls 2,1", "share .*0 .*1"),
+        ("--host-stalls 2,1", "stall_share .*0 .*1"),
     ):
         with pytest.raises(UsageError) as told:
             parsed(*words.split(" ", 1))
@@ -75,7 +79,7 @@ def test_what_cannot_be_is_told_in_one_sentence() -> None:
 
 def test_a_host_cannot_stall_in_lockstep() -> None:
     with pytest.raises(UsageError, match=r"--host-stalls .*--speed"):
-        parsed("--host-stalls", "0.1,0.5", lockstep=True)
+        spec_of(parse(["fly", "--sitl", "--speed", "max", "--host-stalls", "0.1,0.5"]))
 
 
 def test_what_is_done_is_said_with_its_values() -> None:
@@ -85,23 +89,23 @@ def test_what_is_done_is_said_with_its_values() -> None:
         (("--gps-delay", "0.2", "--gps-noise", "3"), ["0.2", "3"]),
         (("--host-stalls", "0.1,0.5"), ["0.5", "10"]),
     ):
-        assert re.findall(r"\d[\d.]*", disturbed(parsed(*words)) or "") == values, words
+        assert re.findall(r"\d[\d.]*", parsed(*words).words or "") == values, words
 
 
 def test_nothing_that_is_done_is_left_unsaid() -> None:
-    told = [disturbed(UNDISTURBED)]
+    told = [UNDISTURBED.words]
     wires: dict[str, Any] = {
         "loss": 0.1, "delay_s": 0.1, "jitter_s": 0.1, "duplicate": 0.1, "reorder": 0.1, "corrupt": 0.1, "baud": 300,
         "cuts": ((1.0, 2.0),),
     }  # fmt: skip
     assert {*wires, "queue_bytes"} == {field.name for field in fields(Impairment)}
     for name, value in wires.items():
-        wire = Impairment(**{name: value})
-        told += [disturbed(Disturbances(link=LinkFaults(**{way: wire}))) for way in ("to_vehicle", "from_vehicle")]
+        bad = Impairment(**{name: value})
+        told += [Disturbances(link=LinkFaults(**{way: bad})).words for way in ("to_vehicle", "from_vehicle")]
     faults: dict[str, Any] = {
         "wind_ned": (0.0, 0.0, 1.0), "gusts_w20": 1.0, "payload_kg": 1.0, "gps_delay_s": 0.1, "gps_noise": 0.0,
         "estimator_noise": 0.0, "setpoint_hz": 20.0, "stalled": 0.1,
     }  # fmt: skip
     assert {*faults, "stall_s"} == {field.name for field in fields(VehicleFaults)}
-    told += [disturbed(Disturbances(vehicle=VehicleFaults(**{name: value}))) for name, value in faults.items()]
+    told += [Disturbances(vehicle=VehicleFaults(**{name: value})).words for name, value in faults.items()]
     assert len(set(told)) == 1 + 2 * len(wires) + len(faults)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.prompt import Prompt
@@ -70,7 +70,9 @@ def flown(folder, drones, groups, replies):
         aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, prompts=prompts,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
-    agent = PaperAgent(Questions(model, Prompt.load(None), "find it", latency("fixed:0.5")), cockpit, groups)
+    agent = PaperAgent(
+        Questions(model, Prompt.load(None), "find it", LatencyPolicy.parse("fixed:0.5")), cockpit, groups
+    )
     agent.fly(stop=lambda decision: len(model.asked) == len(replies))
     log.close()
     prompts.close()

@@ -7,16 +7,16 @@ import pytest
 from hypothesis import example, given, reject
 from hypothesis import strategies as st
 
-from dronecats.agent.latency import latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
-from dronecats.study.factor import said
-from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of
+from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, said
+from foundation.declaration import shown
 from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level
 
-FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency="rate:2")
-NUMBERS = [factor for factor in FACTORS.values() if factor.numeric]
+FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("rate:2"))
+NUMBERS = [factor for factor in FACTORS.values() if factor.quantity]
 WORDS = {"pilot": "blind:ring", "model": "openai/gpt", "agent": "steady", "command": "solo", "latency_policy": "real"}
 OTHER_WORDS = {
     "pilot": ["oracle", "noisy"], "model": ["openai/gpt", "openai/other"], "agent": ["paper", "steady"],
@@ -50,9 +50,9 @@ PLACES = {
 
 def between(factor, share):
     """Return the level at a share of a factor's range."""
-    low, high = factor.span
+    low, high = factor.quantity.low, factor.quantity.high
     value = low + (high - low) * share
-    return factor.level(round(value) if factor.whole else value)
+    return factor.level(round(value) if factor.quantity.whole else value)
 
 
 def flat(value, path=""):
@@ -65,7 +65,7 @@ def test_a_factor_is_set_on_its_place_and_nowhere_else():
     for name in FACTORS:
         factor = FACTORS[name]
         base = at_levels(FLIGHT, NEEDS.get(name, {}))
-        level = between(factor, 0.125) if factor.numeric else factor.level(WORDS[name])
+        level = between(factor, 0.125) if factor.quantity else factor.level(WORDS[name])
         flight = at_levels(FLIGHT, {**NEEDS.get(name, {}), name: level})
         before, after = flat(as_json(base)), flat(as_json(flight))
         moved = [key for key in {**before, **after} if before.get(key) != after.get(key)]
@@ -91,7 +91,7 @@ def levels_twice(draw):
 
 
 def level_of(draw, factor):
-    if factor.numeric:
+    if factor.quantity:
         return between(factor, draw(st.floats(0.0, 1.0)))
     return factor.level(draw(st.sampled_from(OTHER_WORDS[factor.name])))
 
@@ -99,7 +99,7 @@ def level_of(draw, factor):
 def same_twice(name):
     """Return an example of each factor, with whatever it wants beside it."""
     factor = FACTORS[name]
-    ends = factor.span or OTHER_WORDS[name][:2]
+    ends = (factor.quantity.low, factor.quantity.high) if factor.quantity else OTHER_WORDS[name][:2]
     return tuple({**NEEDS.get(name, {}), name: factor.level(end)} for end in ends)
 
 
@@ -131,13 +131,13 @@ def check_nothing_is_left(twice, flight):
 
 def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond():
     for factor in NUMBERS:
-        assert factor.span is not None
-        low, high = factor.span
+        assert factor.quantity
+        low, high = factor.quantity.low, factor.quantity.high
         for end in (low, high):
             flight = at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: factor.level(end)})
-            assert latency(flight.latency).name == flight.latency, factor.name  # the policy checks its own bounds
+            assert LatencyPolicy.parse(str(flight.latency)) == flight.latency, factor.name  # it checks its own bounds
         for beyond in (low - 0.01, high + 1, "much", None, True, [1], float("nan")):
-            with pytest.raises(UsageError, match=f"^{factor.name} .*{re.escape(f'{high:g}')}"):
+            with pytest.raises(UsageError, match=f"^{factor.name} .*{re.escape(shown(high))}"):
                 factor.level(beyond)
 
 
@@ -160,7 +160,7 @@ def test_what_a_reply_takes_is_written_as_a_policy():
         ({"reply_stall_length": 20.0, "reply_stall_share": 0.1, "latency": 1.0}, "fixed:1+stall:0.1,20"),
         ({"reply_stall_share": 0.1, "jitter_cv": 1.0, "rate_cap": 2.0}, "jitter:2,1+cap:2+stall:0.1,1"),
     ):
-        assert at_levels(FLIGHT, levels).latency == policy, levels
+        assert str(at_levels(FLIGHT, levels).latency) == policy, levels
 
 
 @given(st.floats(0.1, 30.0), st.integers(0, 360))

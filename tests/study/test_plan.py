@@ -167,7 +167,7 @@ def test_the_same_recorded_latencies_are_one_level(tmp_path):
         planned([axis])
     held = planned([WIND], held={"latency_policy": axis.levels[0]})
     assert held.study.held["latency_policy"].startswith("trace:t.csv@")
-    assert held.entries[0].flight.latency_trace == (0.5,)
+    assert held.entries[0].flight.latency.trace == (0.5,)
 
 
 def test_what_is_held_is_in_every_flight_and_in_no_level():

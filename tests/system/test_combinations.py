@@ -10,6 +10,7 @@ from functools import partial
 import jsonschema
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models import turns
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Ledger
@@ -157,7 +158,9 @@ def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):
         return vision(body)
 
     busy = say(answer(503, b"busy"))  # tells of its close: else the next question may meet it on a wire that is going
-    result, folder = flown(tmp_path / "run", serve(slow, busy), episode=EASY, latency="measured", seconds=9.0)
+    result, folder = flown(
+        tmp_path / "run", serve(slow, busy), episode=EASY, latency=LatencyPolicy.parse("measured"), seconds=9.0
+    )
     assert (result["reason"], result["error"]) == ("cap", None)
     decisions = rows(folder / "decisions.jsonl")
     assert len(decisions) >= 2

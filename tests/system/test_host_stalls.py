@@ -8,6 +8,7 @@ import threading
 import psutil
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -58,7 +59,8 @@ def test_who_was_late_is_told_step_by_step(tmp_path):
     with PilotServer(answer, "slow") as server:
         model = ModelSpec(provider="local", name="slow", base_url=server.base_url)
         spec = FlightSpec(
-            episode="residential-approaching-01", model=model, simulated=Simulated(speed=SPEED), latency="real",
+            episode="residential-approaching-01", model=model, simulated=Simulated(speed=SPEED),
+            latency=LatencyPolicy.parse("real"),
             seconds=20.0, full=True,
         )  # fmt: skip
         result = fly(spec, tmp_path / "run", say)

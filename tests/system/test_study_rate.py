@@ -13,7 +13,7 @@ import pytest
 
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.flight.spec.latency_trace import latency_policy
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import is_first_question
 from tests.support.json_lines import rows
@@ -142,7 +142,7 @@ def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown
         FlightSpec(
             episode="residential-approaching-01", pilot="oracle", seconds=40.0,
             simulated=Simulated(speed=None, rendered=False),
-            **latency_fields(f"trace:{tmp_path / 'run' / 'trace.csv'}"),
+            latency=latency_policy(f"trace:{tmp_path / 'run' / 'trace.csv'}"),
         ),
         tmp_path / "flown",
         lambda line: None,

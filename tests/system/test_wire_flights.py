@@ -7,6 +7,7 @@ from functools import partial
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models import turns
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Ledger
@@ -25,7 +26,9 @@ from tests.support.json_lines import rows
 
 LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
 EASY = "residential-approaching-01"
-LOCKSTEP = FlightSpec(episode=EASY, simulated=Simulated(speed=None), pilot="vision", seed=3, latency="fixed:0.5")
+LOCKSTEP = FlightSpec(
+    episode=EASY, simulated=Simulated(speed=None), pilot="vision", seed=3, latency=LatencyPolicy.parse("fixed:0.5")
+)
 
 
 def logs(folder):
@@ -82,7 +85,12 @@ def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_pa
 
 def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recording(serve, tmp_path, capsys):
     wire = serve()
-    spec = asking(wire, latency="measured", seconds=12.0, accounts=Accounts(cache=str(tmp_path / "replies.sqlite")))
+    spec = asking(
+        wire,
+        latency=LatencyPolicy.parse("measured"),
+        seconds=12.0,
+        accounts=Accounts(cache=str(tmp_path / "replies.sqlite")),
+    )
     result, first = flown(spec, tmp_path / "first")
     assert result["reason"] == "cap"
     asked = wire.served
@@ -113,7 +121,9 @@ def test_what_a_router_tells_is_in_the_record_and_flown_again(serve, tmp_path, c
 
 
 def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
-    _, first = flown(replace(LOCKSTEP, latency="lognormal:1,0.5", seconds=12.0, full=True), tmp_path / "first")
+    _, first = flown(
+        replace(LOCKSTEP, latency=LatencyPolicy.parse("lognormal:1,0.5"), seconds=12.0, full=True), tmp_path / "first"
+    )
     result, again = replayed(capsys, first, tmp_path / "again")
     assert logs(again) == logs(first)
     assert result["pilot"] == "replay of vision"
@@ -135,7 +145,7 @@ def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
 def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
     unseen = Simulated(speed=None, rendered=False)
     spec = replace(LOCKSTEP, episode="residential-commanding-02", pilot="oracle", command="hierarchical", full=True)
-    spec = replace(spec, simulated=unseen, seconds=60.0, latency="lognormal:1,0.5")
+    spec = replace(spec, simulated=unseen, seconds=60.0, latency=LatencyPolicy.parse("lognormal:1,0.5"))
     _, first = flown(spec, tmp_path / "first")
     commanded = rows(first / "commander.jsonl")
     assert any(row["confirms"] for row in commanded)

@@ -13,7 +13,7 @@ from dronecats.agent.action import Finished
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt, Post, roster
 from dronecats.agent.commanding.orders import FleetOrders, OrdersError, parse_orders
-from dronecats.agent.latency import COMMANDER, Latency, Question
+from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
 from dronecats.agent.loop import Tally, keep_pictures, newest_frames
 from dronecats.agent.model_call import Asking, await_reply
 from dronecats.agent.models.model import Model, Request
@@ -30,7 +30,7 @@ class CommandQuestions:
     model: Model
     prompt: CommandPrompt
     instruction: str  # the episode's
-    latency: Latency
+    latency: LatencyPolicy
     patience_s: float | None = None  # as `Questions` has them
     last_reply: bool = True
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from dronecats.agent.latency_draws import LONGEST_S
+from dronecats.agent.latency import LONGEST_S
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError
 

@@ -23,7 +23,7 @@ from dronecats.bench.bridges import spaces
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.bench.bridges.spaces import Acted, Seen
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
-from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.flight.spec.latency_trace import latency_policy
 from episodes.records import catalogue, suites
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S
@@ -92,7 +92,7 @@ class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
             episode=name,
             simulated=Simulated(speed=None),
             outside=Outside(harness="gymnasium", name=self._policy),
-            **latency_fields(self._latency),
+            latency=latency_policy(self._latency),
             seconds=self._seconds,
             seed=drawn,
         )

@@ -34,7 +34,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
-from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.flight.spec.latency_trace import latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue, suites
 from foundation.errors import InfrastructureError, UsageError
@@ -120,7 +120,7 @@ def flight(
                 harness="inspect", name=str(model), axis_order="yx" if axis_order == "yx" else "xy", lifted=lifted
             ),
             agent=agent,
-            **latency_fields(latency),
+            latency=latency_policy(latency),
             seconds=seconds,
             seed=seed + state.epoch - 1,
             full=full,

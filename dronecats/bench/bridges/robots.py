@@ -27,7 +27,7 @@ from dronecats.agent.models.model import Request
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.bench.bridges.spaces import KINDS, PICTURE_SHAPE, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
-from dronecats.flight.spec.latency_trace import latency_fields
+from dronecats.flight.spec.latency_trace import latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue, suites
 from foundation.errors import UsageError
@@ -79,7 +79,7 @@ class DroneEmbodiment(EmbodimentBase):
             episode=str(scene.metadata.get("episode", scene.id)),
             simulated=Simulated(speed=None),
             outside=Outside(harness="inspect-robots", name=self._policy),
-            **latency_fields(self._latency),
+            latency=latency_policy(self._latency),
             seconds=self._seconds,
             seed=(seed or 0) % 2**31,
         )

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.run.pilot import OpenPilot, commanded, opened
 from dronecats.flight.sitl.scenario import origin
-from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.parts import TRUTH_HZ
 from dronecats.flight.stages.stage import TruthfulStage

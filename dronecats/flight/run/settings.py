@@ -5,7 +5,6 @@ from typing import Any
 from dronecats.agent.commanding.command_prompt import CommandPrompt
 from dronecats.flight.run.agents import agent_maker
 from dronecats.flight.run.identity import code_digest, protocol_numbers
-from dronecats.flight.spec.disturbed import disturbed
 from dronecats.flight.spec.flight import Flight, map_digest
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.spec.spec_file import as_kept
@@ -17,7 +16,7 @@ def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
     Raises UsageError for an agent that there is not.
     """
     agent_maker(flight.spec.agent)
-    of_map, on_purpose = map_digest(flight.record), disturbed(flight.spec.disturbances)
+    of_map, on_purpose = map_digest(flight.record), flight.spec.disturbances.words
     return {
         "flight": as_kept(flight.spec),
         **({"disturbed": on_purpose} if on_purpose else {}),

@@ -17,6 +17,7 @@ from hil.link.transport import connect
 from hil.simulator.board import BoardLine, sensor_period_us
 from hil.simulator.interface import Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
 from vehicles.sensors import Suite
+from vehicles.wind import Wind
 
 SILENCE_S = 0.5  # wall seconds after which a motor controller that hears nothing stops
 
@@ -93,8 +94,7 @@ class BoardSimulator:
             airframe=config.airframe,
             seed=config.seed,
             count=1,
-            payload_kg=config.payload_kg,
-            conditions=config.conditions,
+            wind=Wind(config.wind_ned, config.gusts_w20),
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles, on the first run of an installation

@@ -6,44 +6,19 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from dronecats.flight.disturbances import VehicleFaults
 from foundation.frames import Vec3
 from foundation.truth import KEPT
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightConditions:
-    """The same for all vehicles of a simulation. The defaults are those of the benchmark."""
-
-    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, the direction the air moves to
-    gusts_w20: float = 0.0  # m/s, the wind at 20 ft that the turbulence belongs to
-    gps_delay_s: float = 0.0  # s by which fixes are older than they say
-    gps_noise: float = 1.0  # × the errors of a fix
-    sensor_noise: float = 1.0  # × noise and drift of accelerometer, gyroscope, compass and barometer
-
-
-AS_EVER = FlightConditions()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HostStalls:
-    """How often, and for how long."""
-
-    share: float = 0.0  # of the vehicle's seconds, each of which may begin with one
-    seconds: float = 0.5  # s of wall time
-
-    def __bool__(self) -> bool:
-        return self.share > 0.0 and self.seconds > 0.0
-
-
-NO_STALLS = HostStalls()
 
 
 class Staller:
     """Stops whoever calls it, from `begin` on: which seconds those are is the seed's."""
 
-    def __init__(self, stalls: HostStalls, seed: int, stop: Callable[[float], None] = time.sleep) -> None:
+    def __init__(
+        self, disturbances: VehicleFaults | None, seed: int, stop: Callable[[float], None] = time.sleep
+    ) -> None:
         """`stop` lets the wall seconds pass that it is given."""
-        self._stalls, self._stop = stalls, stop
+        self._stalls, self._stop = disturbances or VehicleFaults(), stop
         self._fate = random.Random(f"{seed} host")
         self._due_us: int | None = None
         self.count = 0
@@ -54,12 +29,12 @@ class Staller:
 
     def turn(self, time_us: int) -> None:
         """Return at once, or after a stall when a second of vehicle time begins that has one."""
-        if not self._stalls or self._due_us is None or time_us < self._due_us:
+        if not (self._stalls.stalled and self._stalls.stall_s) or self._due_us is None or time_us < self._due_us:
             return
         self._due_us += 1_000_000
-        if self._fate.random() < self._stalls.share:
+        if self._fate.random() < self._stalls.stalled:
             self.count += 1
-            self._stop(self._stalls.seconds)
+            self._stop(self._stalls.stall_s)
 
 
 AIRFRAME = "x500"  # if none is named
@@ -75,11 +50,10 @@ class SimulatorConfig:
     speed: float | None = 1.0  # × real time; None: nobody paces it
     instance: int | None = None  # added to every port; None: ports that the system chose
     count: int | None = None  # vehicles; None: as many as the record has starts
-    payload_kg: float = 0.0
     least_charge: float | None = None  # 0 … 1, below which no battery is drained; None: as real ones
-    conditions: FlightConditions = AS_EVER  # from boot
-    disturbed: FlightConditions | None = None  # from the episode's beginning on; None: the same
-    stalls: HostStalls = NO_STALLS  # of a simulator that is paced
+    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, from boot, the direction that the air moves to
+    gusts_w20: float = 0.0  # m/s, from boot, the wind at 20 ft that the gusts belong to
+    disturbances: VehicleFaults | None = None  # a payload from boot, the others from the episode's beginning on
     faults: str | None = None  # file of a fault script
     state_dir: str | None = None  # where parameters, plans and logs stay; None: nowhere
     autopilot: Literal["ours", "px4"] = "ours"

@@ -4,11 +4,12 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 
-from dronecats.flight.sitl.config import AIRFRAME, AS_EVER, FlightConditions, SimulatorConfig
+from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.px4.simulator import Px4Lockstep, Px4Simulator
 from dronecats.flight.sitl.scenario import build
 from episodes.world.world import World
+from vehicles.wind import CALM, Wind
 
 
 @contextmanager
@@ -17,7 +18,7 @@ def one_vehicle(
     *,
     airframe: str = AIRFRAME,
     seed: int = 0,
-    conditions: FlightConditions = AS_EVER,
+    wind: Wind = CALM,
     px4: str | None = None,
     log_dir: Path | None = None,
 ) -> Iterator[Lockstep | Px4Lockstep]:
@@ -27,11 +28,11 @@ def one_vehicle(
     Raises UsageError for an airframe or command that cannot fly, InfrastructureError where PX4 ends.
     """
     if px4 is None:
-        yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, conditions=conditions))
+        yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, wind=wind))
         return
     config = SimulatorConfig(
-        episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1, conditions=conditions, px4=px4,
-        log_dir=str(log_dir) if log_dir else None,
+        episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1, wind_ned=wind.mean_ned,
+        gusts_w20=wind.w20, px4=px4, log_dir=str(log_dir) if log_dir else None,
     )  # fmt: skip
     with closing(Px4Simulator(config, say=lambda line: None, world=world)) as simulator:
         yield Px4Lockstep(simulator)

@@ -7,8 +7,9 @@ from typing import Unpack
 
 import numpy as np
 
+from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.collisions import Traffic
-from dronecats.flight.sitl.config import AIRFRAME, AS_EVER, FlightConditions
+from dronecats.flight.sitl.config import AIRFRAME
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation, V
 from dronecats.flight.sitl.vehicle import Physics
 from episodes.maps.assets.multirotor import outline
@@ -20,6 +21,7 @@ from foundation.airframe import Airframe
 from foundation.truth import Origin
 from vehicles import airframe as airframes
 from vehicles.faults import Fault
+from vehicles.wind import CALM, Wind
 
 
 def origin(world: World) -> Origin:
@@ -43,9 +45,8 @@ def build(
     seed: int = 0,
     count: int | None = None,
     state_dir: Path | None = None,
-    payload_kg: float = 0.0,
-    conditions: FlightConditions = AS_EVER,
-    disturbed: FlightConditions | None = None,
+    wind: Wind = CALM,
+    disturbances: VehicleFaults | None = None,
     faults: Sequence[Fault] = (),
 ) -> Simulation[SimulatedVehicle]:
     """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
@@ -60,9 +61,8 @@ def build(
         airframe=airframe,
         seed=seed,
         count=count,
-        payload_kg=payload_kg,
-        conditions=conditions,
-        disturbed=disturbed,
+        wind=wind,
+        disturbances=disturbances,
         faults=faults,
     )
 
@@ -74,17 +74,15 @@ def built_of(
     airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
-    payload_kg: float = 0.0,
-    conditions: FlightConditions = AS_EVER,
-    disturbed: FlightConditions | None = None,
+    wind: Wind = CALM,
+    disturbances: VehicleFaults | None = None,
     faults: Sequence[Fault] = (),
 ) -> Simulation[V]:
     """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
 
-    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All carry
-    the same, are in the same conditions, and in the same others once the episode has begun where these are `disturbed`,
-    and have the same faults. Raises UsageError for an unknown airframe, a payload that it cannot
-    carry or an impossible fault.
+    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All boot in the same
+    wind, have the same disturbances once the episode has begun (a payload from boot) and the same faults. Raises
+    UsageError for an unknown airframe, a payload that it cannot carry or an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
@@ -103,14 +101,14 @@ def built_of(
                 origin=origin(world),
                 terrain=world.scene.terrain,
                 obstacles=solid,
-                payload_kg=payload_kg,
-                conditions=conditions,
+                wind=wind,
+                payload_kg=disturbances.payload_kg if disturbances else 0.0,
                 faults=faults,
             )
             for index, pose in enumerate(poses[:count])
         ],
         Traffic(world.target_upright) if solid.moving else None,
-        disturbed,
+        disturbances,
     )
 
 

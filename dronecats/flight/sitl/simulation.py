@@ -6,9 +6,9 @@ from typing import Generic, TypeVar, Unpack
 
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
+from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.bus import TruthBus
 from dronecats.flight.sitl.collisions import Encounters, Traffic
-from dronecats.flight.sitl.config import FlightConditions
 from dronecats.flight.sitl.failures import Failures
 from dronecats.flight.sitl.fused import Fused
 from dronecats.flight.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
@@ -139,11 +139,11 @@ class Simulation(Generic[V]):
     """A fleet on one clock, what moves in its world, and the bus its truth goes out on."""
 
     def __init__(
-        self, vehicles: Sequence[V], traffic: Traffic | None = None, disturbed: FlightConditions | None = None
+        self, vehicles: Sequence[V], traffic: Traffic | None = None, disturbances: VehicleFaults | None = None
     ) -> None:
-        """`disturbed`: in what the vehicles are from the episode's beginning on, None: what they booted in."""
+        """`disturbances`: of every vehicle from the episode's beginning on; None: nothing changes then."""
         self.vehicles = tuple(vehicles)
-        self._disturbed = disturbed
+        self._disturbances = disturbances
         self.bus = TruthBus()
         self.traffic = traffic
         self._plants = tuple(vehicle.plant for vehicle in vehicles)
@@ -153,9 +153,9 @@ class Simulation(Generic[V]):
         """From this vehicle time on the target moves, and what is to be disturbed is."""
         if self.traffic:
             self.traffic.begin(t0_us)
-        if self._disturbed:
+        if self._disturbances:
             for vehicle in self.vehicles:
-                vehicle.meet(self._disturbed)
+                vehicle.meet(self._disturbances)
 
     @property
     def time_us(self) -> int:

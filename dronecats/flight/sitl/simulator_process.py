@@ -13,6 +13,7 @@ from dronecats.flight.sitl.sockets import Ports
 from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script
+from vehicles.wind import Wind
 
 WORK_SHARE = 0.1  # of a tick, twice in each, for what clients send
 
@@ -30,9 +31,8 @@ class Simulator:
             seed=config.seed,
             count=config.count,
             state_dir=Path(config.state_dir) if config.state_dir else None,
-            payload_kg=config.payload_kg,
-            conditions=config.conditions,
-            disturbed=config.disturbed,
+            wind=Wind(config.wind_ned, config.gusts_w20),
+            disturbances=config.disturbances,
             faults=fault_script.load(Path(script), rotors) if script else (),
         )
         if config.least_charge is not None:
@@ -47,7 +47,7 @@ class Simulator:
         self.speed = 1.0 if config.speed is None else config.speed
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
         self.pace = PaceReport(self._keeper)
-        self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
+        self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
 
     def ready(self) -> dict[str, Any]:
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)

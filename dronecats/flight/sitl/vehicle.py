@@ -6,8 +6,8 @@ from typing import Required, TypedDict, Unpack
 
 import numpy as np
 
+from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.collisions import CollisionReport
-from dronecats.flight.sitl.config import AS_EVER, FlightConditions
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
@@ -19,7 +19,7 @@ from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.payload import laden
 from vehicles.sensors import Suite
-from vehicles.wind import Wind
+from vehicles.wind import CALM, Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
@@ -41,7 +41,7 @@ class Physics(TypedDict, total=False):
     terrain: HeightField
     obstacles: Obstacles
     payload_kg: float
-    conditions: FlightConditions
+    wind: Wind
     faults: Sequence[Fault]
     suite: Suite
 
@@ -55,7 +55,6 @@ class Vehicle:
         self.airframe = airframe  # as those who fly it know it
         self.origin = physics["origin"]
         self._suite = physics.get("suite", Suite())
-        conditions = physics.get("conditions", AS_EVER)
         self.plant = Multirotor(
             laden(airframe, physics.get("payload_kg", 0.0)),
             seed=physics["seed"],
@@ -65,8 +64,8 @@ class Vehicle:
             camera_frd=CameraModel().offset_frd,
             position_ned=pose.position_ned,
             yaw=pose.yaw,
-            wind=_wind(conditions),
-            suite=self._sensing(conditions),
+            wind=physics.get("wind", CALM),
+            suite=self._suite,
             faults=physics.get("faults", ()),
         )
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
@@ -74,14 +73,15 @@ class Vehicle:
         self._numbers = np.frombuffer(self.plant.truth, np.float64)[1:17]
         self._collisions = CollisionReport(self.plant)
 
-    def meet(self, conditions: FlightConditions) -> None:
-        """From now on fly in these. Raises UsageError for sensors that cannot be."""
-        self.plant.meet(_wind(conditions))
-        self.plant.sense(self._sensing(conditions))
-
-    def _sensing(self, conditions: FlightConditions) -> Suite:
-        return self._suite.worsened(
-            gps_delay_s=conditions.gps_delay_s, gps_noise=conditions.gps_noise, noise=conditions.sensor_noise
+    def meet(self, disturbances: VehicleFaults) -> None:
+        """From now on be disturbed by wind, gusts and worse sensors. Raises UsageError for sensors that cannot be."""
+        self.plant.meet(Wind(disturbances.wind_ned, disturbances.gusts_w20))
+        self.plant.sense(
+            self._suite.worsened(
+                gps_delay_s=disturbances.gps_delay_s,
+                gps_noise=disturbances.gps_noise,
+                noise=disturbances.estimator_noise,
+            )
         )
 
     def advance(self) -> None:
@@ -108,7 +108,3 @@ class Vehicle:
         """Return a STATUSTEXT about what was hit since the last call as bytes, empty when nothing was."""
         message = self._collisions.message()
         return self._packer.pack(message) if message else b""
-
-
-def _wind(conditions: FlightConditions) -> Wind:
-    return Wind(conditions.wind_ned, conditions.gusts_w20)

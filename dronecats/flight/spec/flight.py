@@ -6,31 +6,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.latency import Latency, latency
 from dronecats.agent.models.cache import ReplyCache
-from dronecats.agent.models.ledger import Budget, Ledger, cost_limit, token_limit
+from dronecats.agent.models.ledger import Budget, Ledger
 from dronecats.agent.models.model import Model
 from dronecats.agent.models.open import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, FlightSpec
-from dronecats.flight.spec.free_flight import free_flight
 from dronecats.pilots import roster
 from episodes import maps
 from episodes.camera.optics.file import optics_of
 from episodes.camera.optics.options import Optics
 from episodes.records import catalogue
 from episodes.records import record as records
-from episodes.records.record import EpisodeRecord
+from episodes.records.record import VERSION, EpisodeRecord, StartPose, TargetRecord
 from foundation import extras
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from foundation.protocol import CAP_S
 from vehicles import airframe as airframes
 from vehicles.payload import laden
 
-SEED_MAX = 2**31 - 1
-SPEEDS = (0.01, 100.0)  # × real time
-PATIENCE_S = (1.0, CAP_S)
+FREE_HEIGHT_M = 2.5  # of the start of a flight on a map over the map's spawn: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
 
@@ -42,7 +37,6 @@ class Flight:
     spec: FlightSpec
     record: EpisodeRecord | None  # None: a connected vehicle without our world
     prompt: Prompt
-    latency: Latency
     optics: Optics | None
     outside: Model | None = None  # who answers, where that is somebody outside
 
@@ -76,7 +70,6 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     """
     if spec.outside is not None and outside is None and not spec.replay:
         raise UsageError(f"only {spec.outside.harness} can ask {spec.outside.name}; --model replay:RUN flies it again")
-    _check_numbers(spec)
     if spec.simulated or (spec.connected and spec.connected.truth):
         extras.require("numba", "embreex")
     _check_accounts(spec)
@@ -89,8 +82,6 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
         )
     if spec.scripted_commander:
         roster.check_commander(spec.scripted_commander)
-    if spec.drones is not None and not spec.simulated:
-        raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
     simulated = spec.simulated
     if simulated:
         laden(airframes.load(simulated.airframe), spec.disturbances.vehicle.payload_kg)
@@ -99,15 +90,8 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
             raise UsageError(
                 "only oracle, noisy, blind and failing pilots fly without rendering; every other looks at the frames"
             )
-        if simulated.px4 and simulated.autopilot != "px4":
-            raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
         if simulated.autopilot == "px4":
             airframes.quadrotor(airframes.load(simulated.airframe))
-    policy = latency(spec.latency, spec.latency_trace)
-    if policy.charge is None and simulated and simulated.speed is None:
-        raise UsageError(
-            "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
-        )
     record = _record(spec)
     if spec.pilot and not spec.replay:
         roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])
@@ -117,34 +101,13 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
         spec=spec,
         record=record,
         prompt=Prompt.load() if spec.prompt is None else Prompt.of(spec.prompt, "the prompt"),
-        latency=policy,
         optics=optics_of(simulated.optics, "optics") if simulated and simulated.optics else None,
         outside=outside,
     )
 
 
-def _check_numbers(spec: FlightSpec) -> None:
-    if not 0 <= spec.seed <= SEED_MAX:
-        raise UsageError(f"--seed wants a whole number from 0 to {SEED_MAX}, got {spec.seed}")
-    if not (math.isfinite(spec.seconds) and 0.0 < spec.seconds <= CAP_S):
-        raise UsageError(f"--seconds wants more than 0 and at most {CAP_S:g}, got {spec.seconds:g}")
-    if spec.stop_unreadable is not None and spec.stop_unreadable < 1:
-        raise UsageError(f"--stop-unreadable wants a whole number from 1, got {spec.stop_unreadable}")
-    least, most = PATIENCE_S
-    if spec.patience_s is not None and not least <= spec.patience_s <= most:
-        raise UsageError(f"--patience wants {least:g} to {most:g} seconds, got {spec.patience_s:g}")
-    slowest, fastest = SPEEDS
-    speed = spec.simulated.speed if spec.simulated else None
-    if speed is not None and not slowest <= speed <= fastest:
-        raise UsageError(f"--speed wants max or a factor from {slowest:g} to {fastest:g}, got '{speed:g}'")
-
-
 def _check_accounts(spec: FlightSpec) -> None:
     accounts = spec.accounts
-    if accounts.cost_limit_usd is not None:
-        cost_limit(accounts.cost_limit_usd)
-    if accounts.token_limit is not None:
-        token_limit(accounts.token_limit)
     asked = [model for model in (spec.model, spec.commander) if model]
     if not asked or spec.replay:
         given = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
@@ -161,7 +124,7 @@ def _check_accounts(spec: FlightSpec) -> None:
 
 def _record(spec: FlightSpec) -> EpisodeRecord | None:
     if spec.map is not None:
-        return free_flight(spec.map, spec.instruction or "")
+        return _free_flight(spec.map, spec.instruction or "")
     if spec.episode is not None:
         record = catalogue.load(spec.episode)
     elif spec.record is not None:
@@ -173,6 +136,36 @@ def _record(spec: FlightSpec) -> EpisodeRecord | None:
     from episodes.records.formation import flown_by  # checks records, which needs what simulating needs
 
     return flown_by(record, spec.drones)
+
+
+def _free_flight(name: str, instruction: str) -> EpisodeRecord:
+    """Return a record of a map, beginning over its spawn. Raises UsageError for an unknown map.
+
+    A record cannot be without a target, so some thing of the map itself is named as one: the picture stays the map's.
+    """
+    scene = maps.build(name)
+    spawn, yaw = scene.spawn_ned, scene.spawn_yaw
+    things = [i for i in scene.instances if i.kind != "ground" and i.solid and not i.movable]
+    if not things:
+        raise UsageError(f"map '{name}' has nothing on it but its ground, and an empty field cannot be flown by sight")
+    thing = min(things, key=lambda i: math.dist(i.position_ned, spawn))
+    north, east, down = (a - b for a, b in zip(thing.position_ned, spawn, strict=True))
+    return EpisodeRecord(
+        version=VERSION,
+        id=f"free-{name}",
+        map=name,
+        map_seed=1,
+        cell="approaching",
+        instruction=instruction,
+        target=TargetRecord(
+            thing.kind, position_ned=thing.position_ned, yaw_deg=math.degrees(thing.yaw), native=thing.name
+        ),
+        starts=(StartPose((spawn[0], spawn[1], spawn[2] - FREE_HEIGHT_M), math.degrees(yaw)),),
+        start_distance_m=math.hypot(north, east, down + FREE_HEIGHT_M),
+        bearing_deg=math.degrees(math.atan2(east, north)) % 360.0,
+        visible_at_start=True,
+        seed=0,
+    )
 
 
 def map_digest(record: EpisodeRecord | None) -> str | None:

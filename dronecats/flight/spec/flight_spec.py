@@ -1,5 +1,8 @@
 """Everything that decides what is flown, by whom and on what, as one value: it pickles, and it is JSON.
 
+The rules between options are here and nowhere else: the command line, files and studies make a flight, and a flight
+that contradicts itself raises UsageError.
+
 It names nothing that only one machine has, but for a script that is played, a map of one's own and the accounts' files:
 what a file says is in it, not the file's name. So it is all that a worker needs, wherever that is.
 """
@@ -7,11 +10,15 @@ what a file says is in it, not the file's name. So it is all that a worker needs
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.agent.models.ledger import cost_limit, token_limit
 from dronecats.agent.models.replay import FlightRecording
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
-from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances
+from dronecats.flight.disturbances import UNDISTURBED, Disturbances
+from foundation.declaration import ABOVE_0, Declaration, DeclaredNumber, check_bounds, declared, number
+from foundation.errors import UsageError
 from foundation.protocol import CAP_S
 from hil.cameras.lens import Calibration
 from hil.link.envelope import SIMULATED, Limits
@@ -19,6 +26,10 @@ from hil.link.envelope import SIMULATED, Limits
 SCRIPTED = "scripted:divide"  # who commands built-in pilots unless somebody is named
 ON_CLUSTER = "ray:"  # before the name of a ledger that an actor of a cluster keeps
 LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
+DEFAULT_LATENCY = LatencyPolicy.parse(LATENCY)
+SEED_MAX = 2**31 - 1
+COUNT_MAX = 10**9
+SPEED = DeclaredNumber(name="--speed", low=0.01, high=100.0, unit="× real time, or max", help="factor on real time")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -28,9 +39,15 @@ class Simulated:
     airframe: str = "x500"
     autopilot: Literal["ours", "px4"] = "ours"
     px4: str | None = None  # the command that starts a PX4; None: it is waited for
-    speed: float | None = 1.0  # × real time; None: lockstep, as fast as it goes
+    speed: float | None = declared(1.0, Declaration(quantity=SPEED))  # × real time; None: lockstep
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
     optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/cameras.md); None: as in the benchmark
+
+    def __post_init__(self) -> None:
+        """Raise UsageError for what cannot be simulated."""
+        check_bounds(self)
+        if self.px4 and self.autopilot != "px4":
+            raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +80,13 @@ class Accounts:
     ledger: str | None = None  # file, or ON_CLUSTER and a name; None: a file in the run folder
     cache: str | None = None  # file of replies; None: every question is sent
 
+    def __post_init__(self) -> None:
+        """Raise UsageError for limits that are none."""
+        if self.cost_limit_usd is not None:
+            cost_limit(self.cost_limit_usd)
+        if self.token_limit is not None:
+            token_limit(self.token_limit)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outside:
@@ -78,7 +102,7 @@ class Outside:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSpec:
-    """One flight; or, without an episode, each flight of a run. Raises ValueError for what contradicts itself."""
+    """One flight; or, without an episode, each flight of a run. Raises UsageError for what contradicts itself."""
 
     episode: str | None = None  # id of one that ships
     record: dict[str, Any] | None = None  # or one's own, as its file holds it
@@ -97,41 +121,62 @@ class FlightSpec:
     scripted: str | None = None  # … or a built-in commander, no model; None of a built-in pilot: the one that divides
     prompt: str | None = None  # a template; None: the one that ships
     agent: str = PAPER  # who flies: another of `dronecats.flight.run.agents`, or MODULE:NAME of one of one's own
-    latency: str = LATENCY
-    latency_trace: tuple[float, ...] | None = None  # s, of a `trace:`, as they were recorded one after the other
+    latency: LatencyPolicy = DEFAULT_LATENCY
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
-    stop_unreadable: int | None = None  # replies in a row that are no actions and end the flight; None: none do
-    patience_s: float | None = None  # s without a frame or a reply after which the flight ends; None: theirs
+    stop_unreadable: int | None = number(  # replies in a row that are no actions and end the flight; None: none do
+        None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
+    )
+    patience_s: float | None = number(  # s without a frame or a reply after which the flight ends; None: theirs
+        None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
+    )
     disturbances: Disturbances = UNDISTURBED  # of pictures, wire and vehicle, on purpose
-    seed: int = 0  # tells flights of one episode apart
-    seconds: float = CAP_S  # s of vehicle time, the length of the flight
+    seed: int = number(0, "--seed", "tells flights of one episode apart", high=SEED_MAX, whole=True)
+    seconds: float = number(CAP_S, "--seconds", "vehicle time, the flight's length", low=ABOVE_0, high=CAP_S, unit="s")
     full: bool = False  # fly to its end although the verdict is decided
     envelope: Limits | None = SIMULATED  # None: no limits at all
     keep_ulog: bool = False  # keep the log that a PX4 writes on board in the episode's folder
 
     def __post_init__(self) -> None:
-        """Look that it is one flight."""
-        _one("simulated or connected", self.simulated, self.connected)
-        _one("pilot, model or outside", self.pilot, self.model, self.outside)
+        """Raise UsageError for numbers out of bounds, and for what does not go together."""
+        check_bounds(self)
+        _check_one("a vehicle, simulated or connected: --sitl, or --connect URL", self.simulated, self.connected)
+        pilots = "a pilot, model or outside: --pilot NAME, or --model PROVIDER/NAME"
+        _check_one(pilots, self.pilot, self.model, self.outside)
         if sum(place is not None for place in (self.episode, self.record, self.map)) > 1:
-            raise ValueError("it wants one of episode, record or map, and has more")
-        if self.commander and self.scripted:
-            raise ValueError("it wants one commander, and has two")
-        if (self.commander or self.scripted) and self.command != "hierarchical":
-            raise ValueError(f"a commander goes with command hierarchical, not {self.command}")
-        if self.command == "hierarchical" and self.agent == STEADY:
-            raise ValueError(f"agent {STEADY} goes with command flat or solo, not hierarchical")
-        if self.command != "flat" and self.connected:
-            raise ValueError(f"command {self.command} goes with simulated: a vehicle that is connected is one")
-        if self.envelope is None and self.connected:
-            raise ValueError("a vehicle that is not simulated wants an envelope")
-        if self.disturbances != UNDISTURBED and self.connected:
-            raise ValueError("disturbances go with simulated: what is connected has its own")
-        if self.disturbances.vehicle.stalled and self.simulated and self.simulated.speed is None:
-            raise ValueError("a host can stall only in real time: in lockstep everything waits for everything")
+            raise UsageError("a flight wants one of episode, record or map, and has more; leave the others out")
+        self._check_commander()
+        if self.connected:
+            self._check_connected()
+        if self.simulated:
+            self._check_simulated(self.simulated)
 
-        if self.keep_ulog and self.simulated and not (self.simulated.autopilot == "px4" and self.simulated.px4):
-            raise ValueError("keep_ulog goes with connected, or with autopilot px4 and the command that starts it")
+    def _check_commander(self) -> None:
+        if self.commander and self.scripted:
+            raise UsageError("a flight wants one commander, and has two: commander and scripted; leave one of them out")
+        if (self.commander or self.scripted) and self.command != "hierarchical":
+            raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
+        if self.command == "hierarchical" and self.agent == STEADY:
+            raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
+
+    def _check_connected(self) -> None:
+        if self.command != "flat":
+            raise UsageError(f"--command {self.command} goes with --sitl: a vehicle that is connected is one")
+        if self.drones is not None:
+            raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
+        if self.envelope is None:
+            raise UsageError("a vehicle that is not simulated wants an envelope; --envelope FILE moves its limits")
+        if self.disturbances != UNDISTURBED:
+            raise UsageError("disturbances go with simulated: what is connected has its own")
+
+    def _check_simulated(self, simulated: Simulated) -> None:
+        lockstep = simulated.speed is None
+        self.disturbances.check_clock(lockstep=lockstep)
+        if lockstep and self.latency.real:
+            raise UsageError(
+                "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
+            )
+        if self.keep_ulog and not (simulated.autopilot == "px4" and simulated.px4):
+            raise UsageError("--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND; add them")
 
     @property
     def scripted_commander(self) -> str | None:
@@ -148,6 +193,6 @@ class FlightSpec:
         return f"replay of {name}" if self.replay else name
 
 
-def _one(names: str, *values: object) -> None:
+def _check_one(wanted: str, *values: object) -> None:
     if sum(value is not None for value in values) != 1:
-        raise ValueError(f"it wants one of {names}")
+        raise UsageError(f"a flight wants {wanted}; choose one")

@@ -3,11 +3,10 @@
 import csv
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.agent.latency import TRACE, TRACE_MAX, latency, parts_of, trace_name
+from dronecats.agent.latency import TRACE, TRACE_MAX, LatencyPolicy, split_policy, trace_name
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import rows
@@ -18,22 +17,17 @@ BYTES_MAX = 4_000_000
 AT = "@"  # between a file's name and what its latencies are known by
 
 
-def latency_fields(text: str, recorded: Sequence[float] | None = None) -> dict[str, Any]:
-    """Return the two fields of a flight whose latency is asked for in these words; `trace:FILE` is read.
+def latency_policy(text: str, recorded: Sequence[float] | None = None) -> LatencyPolicy:
+    """Return the policy of a text; the file of a `trace:FILE` is read.
 
-    `recorded`: latencies (s) that are there already, for words that `carried` gave of them: no file is read then.
+    `recorded`: latencies (s) that are there already, for a text that `carried` gave of them: no file is read then.
     Raises UsageError for a policy that is none, and for a file that holds no latencies.
     """
     file = _file(text)
     if file is None:
-        trace = None
-    elif recorded is not None and trace_name(recorded) == digest_of(text):
-        trace = tuple(recorded)
-    else:
-        trace = read_trace(Path(file))
-    name = text if trace is None else _instead(text, trace_name(trace))
-    latency(name, trace)
-    return {"latency": name, "latency_trace": trace}
+        return LatencyPolicy.parse(text)
+    trace = recorded if recorded is not None and trace_name(recorded) == digest_of(text) else read_trace(Path(file))
+    return LatencyPolicy.parse(_instead(text, trace_name(trace)), trace)
 
 
 def carried(text: str) -> str:
@@ -61,11 +55,11 @@ def digest_of(text: str) -> str | None:
 
 
 def _file(text: str) -> str | None:
-    return next((part.partition(":")[2] for part in parts_of(text) if part.startswith(f"{TRACE}:")), None)
+    return next((part.partition(":")[2] for part in split_policy(text) if part.startswith(f"{TRACE}:")), None)
 
 
 def _instead(text: str, name: str) -> str:
-    parts = parts_of(text)
+    parts = split_policy(text)
     return "+".join(f"{TRACE}:{name}" if part == f"{TRACE}:{_file(text)}" else part for part in parts)
 
 

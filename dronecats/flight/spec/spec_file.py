@@ -7,7 +7,8 @@ from typing import Any
 
 import msgspec
 
-from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec
 from foundation.errors import UsageError
 from foundation.redaction import HIDDEN, redacted_url
 from hil.cameras.address import shown
@@ -17,7 +18,11 @@ BYTES_MAX = 4_000_000
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
     """Return the whole spec as JSON values. It may hold a key, in an address: for a pipe, never for a file."""
-    return dict(msgspec.to_builtins(spec))
+    latency = {"latency": str(spec.latency), "latency_trace": spec.latency.trace}
+    values = ((name, value) for name, value in msgspec.to_builtins(spec).items())
+    return {
+        key: each for name, value in values for key, each in (latency if name == "latency" else {name: value}).items()
+    }
 
 
 def as_kept(spec: FlightSpec) -> dict[str, Any]:
@@ -35,12 +40,23 @@ def as_kept(spec: FlightSpec) -> dict[str, Any]:
 def from_json(value: Any, where: str) -> FlightSpec:
     """Return the spec that JSON values hold, `where` naming them. Raises UsageError for what is none."""
     try:
-        spec = msgspec.convert(value, FlightSpec)
-    except msgspec.ValidationError as wrong:
+        spec = _flight(value)
+    except (msgspec.ValidationError, UsageError) as wrong:
         raise UsageError(f"{where} holds no flight: {wrong}") from None
     if stray := _unknown(value, as_json(spec)):
         raise UsageError(f"{where} holds no flight: '{stray}' is not known")
     return spec
+
+
+def _flight(value: Any) -> FlightSpec:
+    """Return the spec that JSON values hold: of its latency the text, and the numbers of a recorded one beside it."""
+    if not isinstance(value, dict) or not {"latency", "latency_trace"} & value.keys():
+        return msgspec.convert(value, FlightSpec)
+    text = msgspec.convert(value.get("latency", LATENCY), str)
+    trace = msgspec.convert(value.get("latency_trace"), tuple[float, ...] | None)
+    policy = msgspec.to_builtins(LatencyPolicy.parse(text, trace))
+    others = {name: each for name, each in value.items() if name != "latency_trace"}
+    return msgspec.convert({**others, "latency": policy}, FlightSpec)
 
 
 def read(path: Path) -> FlightSpec:

@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 from typing import Protocol
 
+from dronecats.flight.disturbances import UNDISTURBED
 from dronecats.flight.sitl.scenario import noise_seed
-from dronecats.flight.spec.disturbances import UNHINDERED
 from dronecats.flight.spec.flight import Flight
 from hil.impairment.channel import Impairment
 from hil.link.conversation import SILENCE_S
@@ -36,7 +36,7 @@ class DisturbedLinks:
     @property
     def wired(self) -> bool:
         """Whether the links need wires that can be impaired."""
-        return self._disturbances.link != UNHINDERED
+        return self._disturbances.link != UNDISTURBED.link
 
     @property
     def silence_s(self) -> float:

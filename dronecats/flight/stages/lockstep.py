@@ -17,7 +17,7 @@ from dronecats.flight.sitl.simulation import SimulatedVehicle, VehiclePort
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.stages.disturbed import DisturbedLinks
-from dronecats.flight.stages.parts import conditions_of, simulator_config, truth_kept
+from dronecats.flight.stages.parts import simulator_config, truth_kept
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
@@ -44,14 +44,12 @@ class LockstepStage:
             self._px4 = Px4Simulator(simulator_config(flight.spec, simulated, folder), world=world)
             clock = Px4Lockstep(self._px4)
         else:
-            faults = spec.disturbances.vehicle
             clock = Lockstep(
                 build(
                     world,
                     airframe=simulated.airframe,
                     seed=spec.seed,
-                    payload_kg=faults.payload_kg,
-                    disturbed=conditions_of(faults),
+                    disturbances=spec.disturbances.vehicle,
                 )
             )
             ours = clock.simulation.vehicles

@@ -3,10 +3,10 @@
 import math
 from pathlib import Path
 
+from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.logger.config import EstimateLoggerConfig, LoggerConfig
 from dronecats.flight.processes.supervisor import ChildKind
-from dronecats.flight.sitl.config import CameraConfig, FlightConditions, HostStalls, SimulatorConfig, TruthBridgeConfig
-from dronecats.flight.spec.disturbances import FrameFaults, VehicleFaults
+from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots.pilot_process import PilotConfig
 from foundation.run_folder import layout
@@ -33,20 +33,7 @@ def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> Si
         px4=simulated.px4,
         log_dir=str(folder),
         keep_ulogs=str(folder) if spec.keep_ulog else None,
-        payload_kg=spec.disturbances.vehicle.payload_kg,
-        disturbed=conditions_of(spec.disturbances.vehicle),
-        stalls=HostStalls(share=spec.disturbances.vehicle.stalled, seconds=spec.disturbances.vehicle.stall_s),
-    )
-
-
-def conditions_of(faults: VehicleFaults) -> FlightConditions:
-    """Return in what they are flown from the episode's beginning on."""
-    return FlightConditions(
-        wind_ned=faults.wind_ned,
-        gusts_w20=faults.gusts_w20,
-        gps_delay_s=faults.gps_delay_s,
-        gps_noise=faults.gps_noise,
-        sensor_noise=faults.estimator_noise,
+        disturbances=spec.disturbances.vehicle,
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from dronecats.agent.latency import trace_name
+from dronecats.agent.latency import LatencyPolicy, trace_name
 from dronecats.agent.names import PAPER
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.latency_trace import digest_of
@@ -110,8 +110,9 @@ def _traces(runs: Sequence[RecordedRun]) -> dict[str, tuple[float, ...]]:
 
 def _at_levels(flight: FlightSpec, levels: Mapping[str, Level], traces: Mapping[str, tuple[float, ...]]) -> FlightSpec:
     """Return a flight at some levels, whichever of the study's recorded latencies they name."""
-    recorded = traces.get(digest_of(str(levels.get(POLICY, ""))) or "")
-    return at_levels(replace(flight, latency_trace=recorded) if recorded else flight, levels)
+    recorded = traces.get(name := digest_of(str(levels.get(POLICY, ""))) or "")
+    traced = replace(flight, latency=LatencyPolicy.parse(f"trace:{name}", recorded)) if recorded else flight
+    return at_levels(traced, levels)
 
 
 def _entrants(

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.run.settings import settings
 from dronecats.flight.spec.flight import look_up
@@ -139,7 +140,7 @@ def spec(plan: LoadPlan, clock: Clock, number: int) -> FlightSpec:
     return FlightSpec(
         pilot=plan.pilot,
         simulated=Simulated(speed=speed, rendered=plan.rendered),
-        latency=plan.latency,
+        latency=LatencyPolicy.parse(plan.latency),
         seconds=plan.seconds,
         seed=number - 1,
         full=True,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from dronecats.agent.latency_draws import LONGEST_S
+from dronecats.agent.latency import LONGEST_S
 from dronecats.flight.spec.latency_trace import COLUMN
 from dronecats.study.rate.chain import DIGITS, QuestionTimes
 from foundation.errors import InfrastructureError, UsageError

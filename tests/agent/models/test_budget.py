@@ -64,20 +64,24 @@ def test_tokens_that_an_endpoint_does_not_count_are_counted(ledger):
 
 def test_what_cannot_be_held_is_refused_before_anything_flies():
     for accounts, fields, *words in (
-        (Accounts(cost_limit_usd=1.0), {"model": ModelSpec(provider="local", name="m", base_url="http://h/v1")},
+        ({"cost_limit_usd": 1.0}, {"model": ModelSpec(provider="local", name="m", base_url="http://h/v1")},
          "--cost-limit", "local/m"),
-        (Accounts(cost_limit_usd=0.0), {"model": PRICED}, "--cost-limit", "'0.0'"),
-        (Accounts(cost_limit_usd=float("nan")), {"model": PRICED}, "--cost-limit", "'nan'"),
-        (Accounts(token_limit=0), {"model": PRICED}, "--token-limit", "'0'"),
-        (Accounts(token_limit=5), {"pilot": "vision"}, "--token-limit", "--model"),
-        (Accounts(cache="replies"), {"pilot": "vision"}, "--cache", "--model"),
-        (Accounts(cache="/proc/version"), {"model": PRICED}, "/proc/version", "cache"),
-        (Accounts(ledger="/proc/version"), {"model": PRICED}, "/proc/version", "ledger"),
-        (Accounts(cost_limit_usd=1.0), {"model": PRICED, "command": "hierarchical", "commander": UNPRICED},
+        ({"cost_limit_usd": 0.0}, {"model": PRICED}, "--cost-limit", "'0.0'"),
+        ({"cost_limit_usd": float("nan")}, {"model": PRICED}, "--cost-limit", "'nan'"),
+        ({"token_limit": 0}, {"model": PRICED}, "--token-limit", "'0'"),
+        ({"token_limit": 5}, {"pilot": "vision"}, "--token-limit", "--model"),
+        ({"cache": "replies"}, {"pilot": "vision"}, "--cache", "--model"),
+        ({"cache": "/proc/version"}, {"model": PRICED}, "/proc/version", "cache"),
+        ({"ledger": "/proc/version"}, {"model": PRICED}, "/proc/version", "ledger"),
+        ({"cost_limit_usd": 1.0}, {"model": PRICED, "command": "hierarchical", "commander": UNPRICED},
          "--cost-limit", "local/c"),
-        (Accounts(cost_limit_usd=1.0), {"pilot": "oracle", "command": "hierarchical", "commander": UNPRICED},
+        ({"cost_limit_usd": 1.0}, {"pilot": "oracle", "command": "hierarchical", "commander": UNPRICED},
          "--cost-limit", "local/c"),
     ):  # fmt: skip
-        spec = FlightSpec(episode="residential-approaching-01", simulated=Simulated(), accounts=accounts, **fields)
-        message = refusal(look_up, spec)
+
+        def flight(accounts=accounts, fields=fields):
+            given = {"accounts": Accounts(**accounts), **fields}
+            return look_up(FlightSpec(episode="residential-approaching-01", simulated=Simulated(), **given))
+
+        message = refusal(flight)
         assert [word for word in words if word not in message] == [], message

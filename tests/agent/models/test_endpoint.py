@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import Question, latency
+from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import Asking, DaemonExecutor, InlineExecutor
 from dronecats.agent.models import endpoint as endpoints
@@ -178,7 +178,9 @@ def test_retry_after_as_a_date():
 
 def test_the_time_of_attempts_that_failed_is_no_latency(serve):
     busy = say(b"HTTP/1.1 429 Busy\r\nRetry-After: 0.2\r\nContent-Length: 0\r\nConnection: close\r\n\r\n")
-    asking = Asking(model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), latency("real"), FIRST, 100.0)
+    asking = Asking(
+        model(serve(busy, say(completion("x")))), REQUEST, InlineExecutor(), LatencyPolicy.parse("real"), FIRST, 100.0
+    )
     reply = asking.reply()
     assert reply.waited_s >= 0.2
     took_s = 10.0 * (reply.latency_s + reply.waited_s)  # the vehicle's clock at ten times the wall's
@@ -187,7 +189,12 @@ def test_the_time_of_attempts_that_failed_is_no_latency(serve):
 
 def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QUICK, on_tick=lambda: None):
     asked = Questions(
-        model(wire, patience), Prompt.load(None), "go", latency("fixed:0"), patience_s=patience_s, last_reply=last_reply
+        model(wire, patience),
+        Prompt.load(None),
+        "go",
+        LatencyPolicy.parse("fixed:0"),
+        patience_s=patience_s,
+        last_reply=last_reply,
     )
     cockpit = Cockpit(
         aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=LineLog(folder / "decisions.jsonl"),

@@ -9,7 +9,7 @@ import pytest
 
 from dronecats.agent.action import Go, Rotate
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.latency import Latency, latency
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
@@ -21,6 +21,7 @@ from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog
 from hil.link.course import Track
 from hil.link.offboard import GRACE_US, OffboardStream, PositionSetpoint
+from tests.support.charged import Charged
 
 CAMERA = CameraModel(width=64, height=36)
 TICK_US = 50_000
@@ -129,7 +130,9 @@ def flown(folder, model, policy, seconds=20.0, drones=1, groups=None):
 
 @pytest.mark.parametrize("slow_s", [0.5, 2.0, 4.0, 8.0])
 def test_a_go_is_flown_without_standing_still_once_replies_are_known(tmp_path, slow_s):
-    decisions, (one,), _ = flown(tmp_path, Says(GO), latency(f"fixed:{slow_s}"), seconds=20.0 * max(2.5, slow_s))
+    decisions, (one,), _ = flown(
+        tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=20.0 * max(2.5, slow_s)
+    )
     assert decisions[0]["t_decided"] == pytest.approx(slow_s, abs=0.06)
     assert min(one.speeds[round(slow_s * 20) + 3 :]) > 0.2  # the second picture waits for the first stride
     known = round(decisions[6]["t_decided"] * 20)
@@ -141,14 +144,14 @@ def test_a_go_is_flown_without_standing_still_once_replies_are_known(tmp_path, s
 
 @pytest.mark.parametrize("slow_s", [0.5, 2.0, 4.0])
 def test_from_picture_to_picture_a_stride_is_flown_as_the_history_says(tmp_path, slow_s):
-    _, _, camera = flown(tmp_path, Says(GO), latency(f"fixed:{slow_s}"), seconds=40.0)
+    _, _, camera = flown(tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=40.0)
     strides = [math.dist(a, b) for (_, a, _), (_, b, _) in itertools.pairwise(camera.taken)]
     assert min(strides) >= 2.65
     assert strides[5:] == pytest.approx([1.2 * max(2.5, slow_s)] * len(strides[5:]), abs=0.25)
 
 
 def test_without_latency_it_asks_when_the_papers_agent_does(tmp_path):
-    decisions, _, _ = flown(tmp_path, Says(GO, TURN, CAREFUL, THINK), latency("fixed:0"))
+    decisions, _, _ = flown(tmp_path, Says(GO, TURN, CAREFUL, THINK), LatencyPolicy.parse("fixed:0"))
     gaps = [b["t_decided"] - a["t_decided"] for a, b in itertools.pairwise(decisions)]
     assert gaps[0] == pytest.approx(2.5, abs=0.06)
     assert gaps[1] == pytest.approx(1.0, abs=0.3)  # 60° at 60°/s, until the nose is there
@@ -158,7 +161,7 @@ def test_without_latency_it_asks_when_the_papers_agent_does(tmp_path):
 
 def test_a_declaration_is_that_of_the_picture_it_was_asked_about(tmp_path):
     """The vehicle has gone on for two seconds since: the log names the frame and its time, not the newest."""
-    decisions, (one,), camera = flown(tmp_path, Says(GO, GO, FINISHED), latency("fixed:2"), seconds=14.0)
+    decisions, (one,), camera = flown(tmp_path, Says(GO, GO, FINISHED), LatencyPolicy.parse("fixed:2"), seconds=14.0)
     said = decisions[2]
     assert said["action"] == FINISHED
     taken_s, place, _ = camera.taken[2]
@@ -171,7 +174,9 @@ def test_a_declaration_is_that_of_the_picture_it_was_asked_about(tmp_path):
 
 def test_a_place_is_where_it_was_seen_whatever_was_flown_since(tmp_path):
     """A short stride counts from its picture: what has been flown meanwhile is not flown again."""
-    decisions, (one,), camera = flown(tmp_path, Says(GO, GO, CAREFUL, THINK), latency("fixed:2"), seconds=12.0)
+    decisions, (one,), camera = flown(
+        tmp_path, Says(GO, GO, CAREFUL, THINK), LatencyPolicy.parse("fixed:2"), seconds=12.0
+    )
     _, place, _ = camera.taken[2]
     goal = place[0] + 0.6 * 2.5
     assert decisions[2]["action"] == CAREFUL
@@ -185,7 +190,7 @@ def decisions_place(one, camera, decision):
 
 def test_the_end_of_a_short_stride_is_looked_at_before_the_next(tmp_path):
     """So that strides add up, which two that overlap would not; however the place moves, never beyond where it was."""
-    _, _, camera = flown(tmp_path, Says(CAREFUL), latency("fixed:2"), seconds=20.0)
+    _, _, camera = flown(tmp_path, Says(CAREFUL), LatencyPolicy.parse("fixed:2"), seconds=20.0)
     places = [place[0] for _, place, _ in camera.taken]
     assert len(places) >= 5
     strides = [b - a for a, b in itertools.pairwise(places)]
@@ -196,7 +201,9 @@ def test_the_end_of_a_short_stride_is_looked_at_before_the_next(tmp_path):
 def test_far_aside_it_turns_before_it_moves_and_else_on_the_way(tmp_path):
     for name, x, stands_s in (("aside", 900.0, 38.7 / 60.0), ("little", 650.0, 0.0)):  # 38.7° and 16.7° off
         (tmp_path / name).mkdir()
-        _, (one,), _ = flown(tmp_path / name, Says({**GO, "point": [x, 500.0]}, THINK), latency("fixed:0"), 2.4)
+        _, (one,), _ = flown(
+            tmp_path / name, Says({**GO, "point": [x, 500.0]}, THINK), LatencyPolicy.parse("fixed:0"), 2.4
+        )
         moved_s = 0.05 * next(k for k, speed in enumerate(one.speeds) if speed > 0.0)
         assert moved_s == pytest.approx(stands_s, abs=0.15)
         wanted = math.atan2(x - 500.0, 500.0)
@@ -205,7 +212,7 @@ def test_far_aside_it_turns_before_it_moves_and_else_on_the_way(tmp_path):
 
 def test_nothing_is_flown_for_longer_than_its_validity(tmp_path):
     """The second reply takes for ever: the first go fades after its 2.5 s and is over after 5 s."""
-    policy = Latency("stalls", lambda question, measured_s: 0.0 if question.step == 0 else 200.0)
+    policy = Charged((), lambda question: 0.0 if question.step == 0 else 200.0)
     _, (one,), _ = flown(tmp_path, Says(GO), policy, seconds=30.0)
     begun = next(k for k, speed in enumerate(one.speeds) if speed > 0.0)
     assert one.speeds[begun : begun + 50] == pytest.approx([1.2] * 50, abs=0.03)
@@ -232,7 +239,7 @@ def test_whoever_stops_steering_stops_flying_before_the_leg_is_invalid(steered_s
 
 
 def test_what_is_looked_for_by_turning_is_asked_about_after_the_turn(tmp_path):
-    decisions, _, camera = flown(tmp_path, Says(TURN), latency("fixed:2"), seconds=20.0)
+    decisions, _, camera = flown(tmp_path, Says(TURN), LatencyPolicy.parse("fixed:2"), seconds=20.0)
     yaws = [yaw for _, _, yaw in camera.taken]
     assert [b - a for a, b in itertools.pairwise(yaws[:3])] == pytest.approx([math.radians(60)] * 2, abs=0.03)
     assert all(b["t_decided"] - a["t_decided"] >= 3.0 for a, b in itertools.pairwise(decisions))
@@ -242,7 +249,7 @@ def test_a_fleet_is_asked_about_together_or_each_alone(tmp_path):
     for name, groups in (("flat", None), ("solo", [[0], [1], [2]])):
         (tmp_path / name).mkdir()
         model = Says(GO)
-        decisions, aircraft, _ = flown(tmp_path / name, model, latency("fixed:2"), 12.0, 3, groups)
+        decisions, aircraft, _ = flown(tmp_path / name, model, LatencyPolicy.parse("fixed:2"), 12.0, 3, groups)
         assert {d["drone"] for d in decisions} == {0, 1, 2}
         assert len(decisions) // 3 >= 4
         assert model.asked == pytest.approx(len(decisions) / 3 if groups is None else len(decisions), abs=3.0)

@@ -87,5 +87,5 @@ def test_an_answer_that_cannot_be_had_is_an_error_of_the_infrastructure(tmp_path
 def test_nobody_else_can_fly_it():
     with pytest.raises(UsageError, match=r"three words.*--model replay:RUN"):
         look_up(spec())
-    with pytest.raises(ValueError, match="pilot, model or outside"):
+    with pytest.raises(UsageError, match="pilot, model or outside"):
         spec(pilot="vision")

@@ -5,6 +5,7 @@ import json
 import pytest
 
 from dronecats.agent.commanding.command_prompt import CommandPrompt
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.cli.main import main
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
@@ -27,7 +28,7 @@ def flown(out, command, **more):
 
 
 def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
-    result, folder = flown(tmp_path / "first", "hierarchical", latency="lognormal:0.4,0.5")
+    result, folder = flown(tmp_path / "first", "hierarchical", latency=LatencyPolicy.parse("lognormal:0.4,0.5"))
     assert (result["outcome"], result["declarations"]) == ("success", 1)
     told, decisions = exchanges(folder), rows(folder / "decisions.jsonl")
     assert {order.drone: commander.place_in_goal(order.goal) for order in told[0].orders} == {0: 1, 1: 2, 2: 3, 3: 4}
@@ -77,7 +78,8 @@ def test_who_has_found_the_wrong_one_is_sent_on(tmp_path):
 @pytest.mark.slow("flies a fleet in real time")
 def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
     spec = FlightSpec(
-        pilot="blind", episode=EPISODE, command="hierarchical", drones=2, seconds=30.0, latency="real",
+        pilot="blind", episode=EPISODE, command="hierarchical", drones=2, seconds=30.0,
+        latency=LatencyPolicy.parse("real"),
         simulated=Simulated(speed=1.0),
     )  # fmt: skip
     result = fly(spec, tmp_path / "run", lambda line: None)

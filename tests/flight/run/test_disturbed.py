@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.flight.disturbances import Disturbances, LinkFaults, VehicleFaults
 from dronecats.flight.run.fly import fly
-from dronecats.flight.spec.disturbances import Disturbances, LinkFaults, VehicleFaults
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
@@ -29,7 +30,7 @@ def spec(disturbances: Disturbances, **changes: Any) -> FlightSpec:
         episode="residential-approaching-01",
         pilot="oracle",
         simulated=Simulated(speed=None, rendered=False),
-        latency="fixed:0.5",
+        latency=LatencyPolicy.parse("fixed:0.5"),
         disturbances=disturbances,
         **changes,
     )
@@ -100,7 +101,7 @@ def test_a_disturbed_flight_is_a_value() -> None:
 def test_what_cannot_be_flown_is_refused_before_anything_is_started() -> None:
     with pytest.raises(UsageError, match=r"0\.8 kg"):
         look_up(spec(Disturbances(vehicle=VehicleFaults(payload_kg=0.8))))
-    with pytest.raises(ValueError, match="real time"):
+    with pytest.raises(UsageError, match=r"host-stalls .*--speed"):
         spec(Disturbances(vehicle=VehicleFaults(stalled=0.1)))
     six = replace(spec(Disturbances()), simulated=Simulated(airframe="hexa", autopilot="px4"))
     with pytest.raises(UsageError, match=r"hexa.* 6 "):

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from episodes.camera.optics.options import Optics, Sensor
@@ -22,7 +23,7 @@ SPEC = FlightSpec(
 def first_picture(folder, seed, speed=None):
     """Fly, and return the bytes of the first picture that was decided on."""
     assert SPEC.simulated is not None
-    latency = "fixed:0.5" if speed is None else "real"
+    latency = LatencyPolicy.parse("fixed:0.5" if speed is None else "real")
     seconds = 2.0 if speed is None else 20.0  # the first reply has to come within
     simulated = replace(SPEC.simulated, speed=speed)
     spec = replace(SPEC, seed=seed, latency=latency, seconds=seconds, simulated=simulated)

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from tests.support.json_lines import rows
@@ -13,7 +14,8 @@ EPISODE = "residential-tracking-05"  # of which the paper's agent stays 5.5 m be
 
 def steady_flight(folder, seconds=60.0):
     spec = FlightSpec(
-        pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), latency="fixed:2",
+        pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False),
+        latency=LatencyPolicy.parse("fixed:2"),
         seconds=seconds, agent="steady",
     )  # fmt: skip
     result = fly(spec, folder, lambda line: None)

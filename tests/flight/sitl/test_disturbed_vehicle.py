@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl.config import AS_EVER, FlightConditions
+from dronecats.flight.disturbances import UNDISTURBED, VehicleFaults
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.frames import GRAVITY, quat_to_euler, wrap_pi
@@ -57,9 +57,9 @@ class Aloft:
         self.errors.append(self._error() - self._off)
 
 
-def aloft(payload_kg: float = 0.0, disturbed: FlightConditions = AS_EVER, wired: bool = True) -> Aloft:
+def aloft(payload_kg: float = 0.0, disturbances: VehicleFaults = UNDISTURBED.vehicle, wired: bool = True) -> Aloft:
     vehicle = SimulatedVehicle(0, X500, BootPose((0.0, 0.0, 0.0), 0.0), seed=5, origin=ORIGIN, payload_kg=payload_kg)
-    lockstep = Lockstep(Simulation([vehicle], disturbed=disturbed))
+    lockstep = Lockstep(Simulation([vehicle], disturbances=disturbances))
     wire = lockstep.wire(0, seed=5)
     transport = wire if wired else lockstep.transport(0)
     link = Link(transport, simulated=True, silence_s=1e9)
@@ -166,7 +166,7 @@ def test_the_hover_is_learnt_with_a_payload_and_the_height_is_held() -> None:
 
 def test_it_leans_against_the_wind_by_its_drag_from_the_beginning_on() -> None:
     north = 7.0
-    flight = aloft(disturbed=FlightConditions(wind_ned=(north, 0.0, 0.0)))
+    flight = aloft(disturbances=VehicleFaults(wind_ned=(north, 0.0, 0.0)))
     assert abs(quat_to_euler(tuple(flight.vehicle.plant.truth["attitude"].tolist()))[1]) < math.radians(1.5)
     flight.begin()
     flight.link.wait(12.0)
@@ -182,7 +182,7 @@ def test_it_leans_against_the_wind_by_its_drag_from_the_beginning_on() -> None:
 
 def test_late_fixes_put_the_estimate_behind_by_the_way_flown_meanwhile() -> None:
     def behind(delay_s: float) -> float:
-        flight = aloft(disturbed=FlightConditions(gps_delay_s=delay_s))
+        flight = aloft(disturbances=VehicleFaults(gps_delay_s=delay_s))
         flight.begin()
         flight.link.fly(Velocity(2.0, None), 30.0)
         flight.link.wait(12.0)

@@ -15,7 +15,6 @@ from pyulog import ULog
 from scipy.stats import chi2
 
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, VELOCITY_TEST
-from dronecats.flight.sitl.config import FlightConditions
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.frames import Vec3, quat_multiply
@@ -24,9 +23,10 @@ from hil.link.autopilots import PX4
 from hil.link.link import Link
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from vehicles import airframe
+from vehicles.wind import Wind
 
 ORIGIN = (47.397742, 8.545594, 488.0)
-WIND = FlightConditions(wind_ned=(4.0, -3.0, 0.0), gusts_w20=7.7)  # 5 m/s steady; MIL-F-8785C's light turbulence on top
+WIND = Wind((4.0, -3.0, 0.0), 7.7)  # 5 m/s steady; MIL-F-8785C's light turbulence on top
 HEIGHT = 12.0  # m
 STILL = (0.0, 0.0, 0.0)
 # (seconds, body velocity forward, right, down in m/s, yaw rate in rad/s); a lap lasts 48 s and is turned by a bit over
@@ -68,7 +68,7 @@ def fly(seed: int, folder: Path) -> Flight:
         BootPose((0.0, 0.0, 0.0), 0.7),
         seed=seed,
         origin=ORIGIN,
-        conditions=WIND,
+        wind=WIND,
         state_dir=folder,
     )
     lockstep = Lockstep(Simulation([vehicle]))

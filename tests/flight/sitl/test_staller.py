@@ -4,14 +4,15 @@ import time
 
 import pytest
 
-from dronecats.flight.sitl.config import HostStalls, SimulatorConfig, Staller
+from dronecats.flight.disturbances import VehicleFaults
+from dronecats.flight.sitl.config import SimulatorConfig, Staller
 from dronecats.flight.sitl.simulator_process import Simulator
 
 
 def stalled_at(share: float, seed: int, seconds: int = 1000) -> list[int]:
     """Return the vehicle times (µs) at which it stood still."""
     now, stops = [0], list[int]()
-    staller = Staller(HostStalls(share=share, seconds=0.7), seed, lambda seconds: stops.append(now[0]))
+    staller = Staller(VehicleFaults(stalled=share, stall_s=0.7), seed, lambda seconds: stops.append(now[0]))
     staller.begin(500_000)
     for now[0] in range(0, seconds * 1_000_000, 10_000):
         staller.turn(now[0])
@@ -31,7 +32,9 @@ def test_the_share_of_seconds_that_begin_with_a_stall_is_as_asked_for_and_which_
 
 def test_the_simulator_stands_still_and_the_wall_does_not() -> None:
     simulator = Simulator(
-        SimulatorConfig(episode="residential-approaching-01", speed=100.0, stalls=HostStalls(share=1.0, seconds=0.4))
+        SimulatorConfig(
+            episode="residential-approaching-01", speed=100.0, disturbances=VehicleFaults(stalled=1.0, stall_s=0.4)
+        )
     )
     try:
         simulator.ready()

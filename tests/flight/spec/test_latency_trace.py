@@ -9,7 +9,7 @@ from dronecats.agent.latency import trace_name
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.latency_trace import latency_fields, read_trace
+from dronecats.flight.spec.latency_trace import latency_policy, read_trace
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
 from tests.support.refusal import refusal
@@ -54,20 +54,20 @@ def test_what_holds_no_latencies_is_refused(tmp_path):
         ("nan\n", "300"),
     ]:
         (tmp_path / "x.csv").write_text(text)
-        assert word in refusal(latency_fields, f"trace:{tmp_path / 'x.csv'}"), text[:20]
+        assert word in refusal(latency_policy, f"trace:{tmp_path / 'x.csv'}"), text[:20]
 
 
 def test_a_file_that_is_not_there_or_is_no_text_is_refused(tmp_path):
     with pytest.raises(UsageError, match=r"none\.csv"):
-        latency_fields(f"trace:{tmp_path / 'none.csv'}")
+        latency_policy(f"trace:{tmp_path / 'none.csv'}")
     (tmp_path / "x.csv").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(UsageError, match="CSV"):
-        latency_fields(f"trace:{tmp_path / 'x.csv'}")
+        latency_policy(f"trace:{tmp_path / 'x.csv'}")
 
 
 def test_what_is_no_file_is_not_read():
     with pytest.raises(UsageError, match="/dev/zero"):
-        latency_fields("trace:/dev/zero")
+        latency_policy("trace:/dev/zero")
 
 
 def test_the_flight_has_the_numbers_and_no_file_and_is_json(tmp_path):
@@ -75,9 +75,10 @@ def test_the_flight_has_the_numbers_and_no_file_and_is_json(tmp_path):
     words = ["--sitl", "--speed", "max", "--pilot", "oracle"]
     spec = spec_of(parse(["fly", *words, "--latency", f"stall:0.1,2+trace:{tmp_path / 'a+b.csv'}"]))
     name = trace_name((0.5, 1.5))
-    assert (spec.latency, spec.latency_trace) == (f"stall:0.1,2+trace:{name}", (0.5, 1.5))
+    assert (str(spec.latency), spec.latency.trace) == (f"stall:0.1,2+trace:{name}", (0.5, 1.5))
     assert str(tmp_path) not in json.dumps(as_json(spec))
     again = from_json(json.loads(json.dumps(as_json(spec))), "here")
     assert again == spec
-    assert look_up(again).latency.name == spec.latency
-    assert spec_of(parse(["fly", *words, "--latency", "fixed:1"])).latency_trace is None
+    assert as_json(again)["latency_trace"] == (0.5, 1.5)
+    look_up(again)
+    assert spec_of(parse(["fly", *words, "--latency", "fixed:1"])).latency.trace is None

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.cli.fly_spec import said_of_replay, spec_of
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight_spec import Accounts, Connected, FlightSpec, Simulated
 from dronecats.flight.spec.recording import recorded
@@ -17,7 +18,13 @@ from hil.link.envelope import Limits
 from tests.support.refusal import refusal
 
 EASY = "residential-approaching-01"
-FLOWN = FlightSpec(episode=EASY, simulated=Simulated(speed=None), pilot="vision", seed=3, latency="lognormal:1,0.5")
+FLOWN = FlightSpec(
+    episode=EASY,
+    simulated=Simulated(speed=None),
+    pilot="vision",
+    seed=3,
+    latency=LatencyPolicy.parse("lognormal:1,0.5"),
+)
 ROW = {"frame_id": 1, "t_frame": 0.0, "t_decided": 1.0, "action": None, "error": "none"}
 SAID = [
     {"step": 0, "drone": 0, "reply": "a", "latency_s": 0.25, "tokens_in": 7, "tokens_out": 2, **ROW},
@@ -60,12 +67,12 @@ def test_what_is_said_otherwise_takes_the_place_of_what_was_flown(tmp_path):
     words = ["--sitl", "--model", f"replay:{folder(tmp_path)}", "--seed", "5", "--latency", "fixed:1", "--speed", "2"]
     words += ["--airframe", "nano", "--episode", "residential-searching-01", "--no-envelope", "--full"]
     flight = spec(*words)
-    assert (flight.seed, flight.latency, flight.full, flight.envelope) == (5, "fixed:1", True, None)
+    assert (flight.seed, str(flight.latency), flight.full, flight.envelope) == (5, "fixed:1", True, None)
     assert flight.simulated == Simulated(speed=2.0, airframe="nano")
     assert (flight.episode, flight.record) == ("residential-searching-01", None)
-    said = said_of_replay(parse(["fly", *words]), EASY)
-    changed = ["--episode", "--seed", "--latency", "--speed", "--airframe", "--no-envelope", "--full"]
-    assert re.findall(r"--[a-z-]+", said) == changed
+    said = replay_line(parse(["fly", *words]), EASY)
+    changed = {"--episode", "--seed", "--latency", "--speed", "--airframe", "--no-envelope", "--full"}
+    assert set(re.findall(r"--[a-z-]+", said)) == changed
     assert spec(*words, "--parser", "lenient").parser == "lenient"
 
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from dronecats.agent.latency import LatencyPolicy, trace_name
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.cli import fly
 from dronecats.cli.fly_spec import spec_of
@@ -26,10 +27,16 @@ NUMBERS = st.floats(0.01, 100.0)
 TEXTS = st.text(max_size=20)
 OPTIONAL = st.none() | TEXTS
 LENS = Calibration(640, 360, ((300.0, 0.0, 320.0), (0.0, 300.0, 180.0), (0.0, 0.0, 1.0)), (0.1, 0.0, 0.0, 0.0))
+LATENCIES = st.sampled_from(
+    [
+        *map(LatencyPolicy.parse, ("fixed:0.50", "jitter:2,.5+cap:1", "tokens:0,9")),
+        LatencyPolicy.parse(f"trace:{trace_name((0.25, 1.5))}", (0.25, 1.5)),
+    ]
+)
 SQUARE = ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))
 
 simulated = st.builds(
-    Simulated, airframe=TEXTS, autopilot=st.sampled_from(["ours", "px4"]), px4=OPTIONAL,
+    Simulated, airframe=TEXTS, autopilot=st.just("px4"), px4=OPTIONAL,
     speed=st.none() | NUMBERS, rendered=st.booleans(),
     optics=st.none() | st.just({"haze": {"density_per_m": 0.02}}),
 )  # fmt: skip
@@ -65,8 +72,9 @@ def specs(draw):
     return FlightSpec(
         **chosen,
         parser=draw(st.sampled_from(["strict", "lenient"])),
-        prompt=draw(OPTIONAL), latency=draw(TEXTS), patience_s=draw(st.none() | NUMBERS),
-        drones=draw(st.none() | st.integers(1, 8)), **draw(commands if vehicle == "simulated" else st.just({})),
+        prompt=draw(OPTIONAL), latency=draw(LATENCIES), patience_s=draw(st.none() | st.floats(1.0, 300.0)),
+        drones=draw(st.none() | st.integers(1, 8)) if vehicle == "simulated" else None,
+        **draw(commands if vehicle == "simulated" else st.just({})),
         seed=draw(st.integers(0, 2**31 - 1)), seconds=draw(NUMBERS), full=draw(st.booleans()),
         envelope=draw(st.sampled_from([Limits(), SIMULATED, Limits(exclusions=(SQUARE,), battery_min=None)])),
     )  # fmt: skip

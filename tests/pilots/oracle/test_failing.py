@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.reply.reading import reading
 from dronecats.flight.spec.flight_spec import Connected, FlightSpec, Simulated
 from dronecats.judge.episode import outcome
@@ -62,7 +63,7 @@ def flown(fly_once):
             episode = FLEET if name == "one-point" else ALONE
             spec = FlightSpec(
                 episode=episode, pilot=f"failing:{name}", simulated=Simulated(speed=None, rendered=False),
-                latency="fixed:0.1", seconds=SECONDS[name], full=True,
+                latency=LatencyPolicy.parse("fixed:0.1"), seconds=SECONDS[name], full=True,
             )  # fmt: skip
             folder = fly_once(spec).run / episode
             logs = read(folder)

@@ -57,14 +57,14 @@ def test_every_command_that_is_named_flies_the_trace_and_the_delay(rig, delay_s)
     charged = tuple(each.latency_s for each in times)
     fly, bench, study = (parse(shlex.split(line)[1:]) for line in next_commands(write_replay(rig, times, delay_s)))
     flight = spec_of(fly)
-    assert (flight.latency_trace, flight.disturbances.frame.delay_s) == (charged, delay_s)
+    assert (flight.latency.trace, flight.disturbances.frame.delay_s) == (charged, delay_s)
     bench = bench_spec.with_file(bench)
     (entry,) = bench_spec.runs(bench, bench_spec.suite(bench), rig)
-    assert (entry.flight.latency_trace, entry.flight.disturbances.frame.delay_s) == (charged, delay_s)
+    assert (entry.flight.latency.trace, entry.flight.disturbances.frame.delay_s) == (charged, delay_s)
     flown = study_spec.of_file(study).plan.entries
-    points = {(each.flight.latency_trace, each.flight.disturbances.frame.delay_s) for each in flown}
+    points = {(each.flight.latency.trace, each.flight.disturbances.frame.delay_s) for each in flown}
     assert points == {(trace, delay) for trace in (None, charged) for delay in {0.0, delay_s}}
-    assert {each.flight.latency for each in flown if each.flight.latency_trace is None} == {"fixed:0"}
+    assert {str(each.flight.latency) for each in flown if each.flight.latency.trace is None} == {"fixed:0"}
 
 
 def test_the_study_finds_its_trace_wherever_its_folder_is_and_the_command_is_run(rig, tmp_path, monkeypatch):
@@ -75,11 +75,11 @@ def test_the_study_finds_its_trace_wherever_its_folder_is_and_the_command_is_run
     monkeypatch.chdir("/")
     flown = study_spec.of_file(parse(["study", "run", str(moved / "study.toml")])).plan.entries
     charged = tuple(each.latency_s for each in times)
-    assert {each.flight.latency_trace for each in flown} == {None, charged}
+    assert {each.flight.latency.trace for each in flown} == {None, charged}
     (moved / "bench.toml").write_text('suite = "quick"\npilot = "vision"\nlatency = "trace:trace.csv"\n')
     bench = bench_spec.with_file(parse(["bench", str(moved / "bench.toml")]))
     (entry,) = bench_spec.runs(bench, bench_spec.suite(bench), tmp_path)
-    assert entry.flight.latency_trace == charged
+    assert entry.flight.latency.trace == charged
 
 
 def test_the_questions_are_kept_line_by_line_and_each_column_is_told(rig):

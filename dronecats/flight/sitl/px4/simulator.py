@@ -37,6 +37,7 @@ from hil.link.transport import Transport, connect
 from hil.simulator.server import PORT, SimulatorServer
 from vehicles import airframe as airframes
 from vehicles import fault_script
+from vehicles.wind import Wind
 
 MODEL = "none_iris"  # PX4's airframe for a simulator that is somebody else's; rotors in the order of our quadrotors
 CLOSE_S = 5.0
@@ -196,9 +197,8 @@ class Px4Simulator:
                 airframe=config.airframe,
                 seed=config.seed,
                 count=config.count,
-                payload_kg=config.payload_kg,
-                conditions=config.conditions,
-                disturbed=config.disturbed,
+                wind=Wind(config.wind_ned, config.gusts_w20),
+                disturbances=config.disturbances,
                 faults=fault_script.load(Path(script), rotors) if script else (),
             )
             self.vehicles = self.simulation.vehicles
@@ -209,7 +209,7 @@ class Px4Simulator:
             self._in_step = [False] * len(self.vehicles)
             self._started_at = [0] * len(self.vehicles)
             self._processes: list[Px4Process] = []
-            self._staller = Staller(config.stalls, noise_seed(world.record.seed, config.seed, 0))
+            self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
             if config.keep_ulogs:
                 parts.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
             if command is not None:

@@ -4,9 +4,10 @@ import pytest
 
 from dronecats.bench.matrix import suite_of
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.study import design, mute
+from dronecats.study import design
 from dronecats.study.design import Axis
 from dronecats.study.factors import FACTORS
+from dronecats.study.no_effect import check_effects
 from dronecats.study.plan import plan
 from foundation.errors import UsageError
 from tests.study.test_factors import NEEDS, between
@@ -52,11 +53,11 @@ def test_a_cap_that_holds_nothing_back_is_what_the_others_are_compared_with():
 
 def test_what_says_something_is_flown():
     """Alone, or beside what it refines: at any of its levels, pictures and wires of a pilot that looks at none too."""
-    for name in [name for name, factor in FACTORS.items() if factor.numeric]:
+    for name in [name for name, factor in FACTORS.items() if factor.quantity]:
         needs = {**NEEDS.get(name, {}), **({"stall_share": 0.1} if name == "stall_length" else {})}
         needs |= {"rate": 2.0} if name.startswith("jitter") else {"latency": 0.0} if name == "rate_cap" else {}
         check({name: [between(FACTORS[name], share) for share in (0.125, 0.25, 0.5)]}, needs)
 
 
 def test_nothing_is_no_study():
-    mute.check(REAL_TIME, (), {})
+    check_effects(REAL_TIME, (), {})

@@ -1,0 +1,115 @@
+"""Numbers that people set, declared once on the field of the dataclass that holds them.
+
+    loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
+
+Bounds, error messages, options, factors of studies, tables of the docs and sentences about a value are all made from
+the declaration.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import Field, dataclass, field, fields
+from typing import Any, TypeVar
+
+from foundation.errors import UsageError
+
+T = TypeVar("T")
+KEY = "declaration"  # in a field's metadata
+ABOVE_0 = sys.float_info.min  # the lower bound of a number that must not be 0
+
+
+def shown(bound: float) -> str:
+    """Return a bound as people read it: 0.0033, 0.95, 100,000,000."""
+    return f"{bound:,.15g}" if abs(bound) >= 1.0 else f"{bound:.2g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DeclaredNumber:
+    """Name, meaning, unit and bounds of a number."""
+
+    name: str  # in options, files, studies and errors: "frame_delay"
+    help: str  # its meaning, one line
+    low: float = 0.0  # both bounds are allowed values
+    high: float
+    unit: str = ""  # "s", "m/s" …; "" of shares
+    whole: bool = False  # whole numbers only
+
+    @property
+    def wanted(self) -> str:
+        """The allowed numbers in words: "a number from 0 to 60 s"."""
+        low = "above 0, at most" if self.low == ABOVE_0 else f"from {shown(self.low)} to"
+        return (
+            f"a {'whole ' if self.whole else ''}number {low} {shown(self.high)}{f' {self.unit}' if self.unit else ''}"
+        )
+
+    def read(self, value: object) -> float:
+        """Return a number, or the number in a text. Raises UsageError where it is none, or out of bounds."""
+        try:
+            number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else None
+        except (ValueError, OverflowError):
+            number = None
+        if number is None or not self.low <= number <= self.high or (self.whole and number != int(number)):
+            got = f"{value:g}" if isinstance(value, float) else f"{value!r:.60}"
+            raise UsageError(f"{self.name} wants {self.wanted}, got {got}")
+        return int(number) if self.whole else number
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Declaration:
+    """What is known of a field beside its type and default."""
+
+    quantity: DeclaredNumber | None = None  # of the field's value; None: it is checked elsewhere
+    size: Callable[[Any], float] = float  # the number of a value that is several numbers, as the speed of a wind
+    words: str | Callable[[Any], str] = ""  # of a value that is not the default; format of value, percent and owner
+    first: bool = False  # whether its words come before those of the other fields
+
+
+def declared(default: T, declaration: Declaration) -> T:
+    """Return the field of a dataclass with this default and declaration."""
+    return field(default=default, metadata={KEY: declaration})
+
+
+def number(
+    default: T,
+    name: str,
+    help: str,  # as argparse calls it
+    *,
+    low: float = 0.0,
+    high: float,
+    unit: str = "",
+    whole: bool = False,
+    words: str = "",
+    first: bool = False,
+) -> T:
+    """Return a declared field that holds one number."""
+    quantity = DeclaredNumber(name=name, help=help, low=low, high=high, unit=unit, whole=whole)
+    return declared(default, Declaration(quantity=quantity, words=words, first=first))
+
+
+def declarations(owner: type) -> dict[str, Any]:
+    """Return the declaration of each declared field of a dataclass, by the field's name."""
+    return {each.name: each.metadata[KEY] for each in _declared_fields(owner)}
+
+
+def check_bounds(owner: Any) -> None:
+    """Raise UsageError where a declared value of a dataclass is out of its bounds; None is without bounds."""
+    for name, declaration in declarations(type(owner)).items():
+        value = getattr(owner, name)
+        if declaration.quantity is not None and value is not None:
+            declaration.quantity.read(declaration.size(value))
+
+
+def words_of(owner: Any) -> Iterator[str]:
+    """Yield the words of each declared value of a dataclass that is not its default."""
+    for each in sorted(_declared_fields(type(owner)), key=lambda each: not each.metadata[KEY].first):
+        value, words = getattr(owner, each.name), each.metadata[KEY].words
+        if value == each.default or not words:
+            continue
+        if callable(words):
+            yield words(value)
+        else:
+            yield words.format(value=value, percent=100 * value, owner=owner)
+
+
+def _declared_fields(owner: type) -> list[Field[Any]]:
+    return [each for each in fields(owner) if KEY in each.metadata]
