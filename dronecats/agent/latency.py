@@ -26,6 +26,7 @@ TRACE_MAX = 10_000  # latencies of a trace: they stand in every run.json
 CHARACTERS_A_TOKEN = 4  # of a reply whose tokens nobody has counted, as a built-in pilot's
 COMMANDER = 255  # the drone of a commander's questions: no vehicle has that number
 STEADY_CV = 1e-3  # below this a gamma is as good as its mean
+NOTHING_ADDED = "--latency real is what really passes, to which nothing is added"
 REAL, TRACE, FIXED, RATE, JITTER, STALL, CAP = "real", "trace", "fixed", "rate", "jitter", "stall", "cap"
 
 Seed = tuple[int, ...]  # of the episode, and of this flight of it
@@ -77,7 +78,7 @@ class LatencyPolicy:
         if words == [REAL]:
             return cls(())
         if REAL in words:
-            raise UsageError(f"--latency real is what really passes, to which nothing is added, got '{text}'")
+            raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
         parts = tuple(_part(word, trace) for word in words)
         kinds = [part.kind for part in parts]
         if twice := next((kind for kind in kinds if kinds.count(kind) > 1), None):
@@ -118,8 +119,10 @@ class LatencyPolicy:
     def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
         """Return it with another part: in the place of one of these kinds, else as the last.
 
-        A part of the same kind is left out.
+        A part of the same kind is left out. Raises UsageError.
         """
+        if self.real:
+            raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
         new = _part(text, None)
         place = next((n for n, part in enumerate(self.parts) if part.kind in instead_of), None)
         if place is not None:

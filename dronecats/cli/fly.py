@@ -47,7 +47,6 @@ def unsaid() -> argparse.Namespace:
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-
     signals.as_interrupts()
     spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:

@@ -9,7 +9,7 @@ from dronecats.agent.drone import Drone
 from dronecats.agent.steady.drone import SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel
-from hil.link.course import Track
+from hil.link.course import PoseHistory
 
 CAMERA = CameraModel(width=64, height=36)
 TAKEN_US, TELLS_US = 1_000_000, 50_000
@@ -23,7 +23,7 @@ class TellsLate:
         self.time_us, self.steady = TAKEN_US, True
         self.flown = []  # what each setpoint's angles count from
         self._told_us = -TELLS_US
-        self._track = Track()
+        self._track = PoseHistory()
         self.listen()
 
     def pose(self, time_us):

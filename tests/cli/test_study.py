@@ -161,7 +161,7 @@ def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsy
         ("[factors]\nlatency_policy = ['fixed:1', 'real']", "my.toml: .*latency_policy at real: --latency real "),
         ("[factors]\npayload = [0, 20]", "my.toml: .*payload 20: .*'x500' .*20 kg"),
         ("[factors]\nagent = ['paper', 'no:one']", "my.toml: .*agent no:one: --agent no:one "),
-        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: .*rate_cap 0.1: --latency real "),
+        ("speed = 1\n[factors]\nrate_cap = [0.1, 1]", "my.toml: .*rate_cap at 0.1: --latency real "),
         ("suite = ", "my.toml"),
     ):
         monkeypatch.chdir(tmp_path)

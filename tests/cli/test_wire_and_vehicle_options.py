@@ -3,14 +3,18 @@
 import argparse
 import re
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from dronecats.cli.bench_spec import FILE_OPTIONS
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.cli.options import add_disturbances, disturbances_of
-from dronecats.flight.disturbances import UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
+from dronecats.flight.disturbances import DECLARED, UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
+from dronecats.study.factors import FACTORS
+from foundation.declaration import declarations
 from foundation.errors import UsageError
 from hil.impairment.channel import Impairment
 
@@ -103,9 +107,27 @@ def test_nothing_that_is_done_is_left_unsaid() -> None:
         bad = Impairment(**{name: value})
         told += [Disturbances(link=LinkFaults(**{way: bad})).words for way in ("to_vehicle", "from_vehicle")]
     faults: dict[str, Any] = {
-        "wind_ned": (0.0, 0.0, 1.0), "gusts_w20": 1.0, "payload_kg": 1.0, "gps_delay_s": 0.1, "gps_noise": 0.0,
-        "estimator_noise": 0.0, "setpoint_hz": 20.0, "stalled": 0.1,
-    }  # fmt: skip
+        name: of.quantity.high
+        for name, of in declarations(VehicleFaults).items()
+        if name not in ("wind_ned", "stall_s")
+    } | {"wind_ned": (0.0, 0.0, 1.0)}
     assert {*faults, "stall_s"} == {field.name for field in fields(VehicleFaults)}
     told += [Disturbances(vehicle=VehicleFaults(**{name: value})).words for name, value in faults.items()]
     assert len(set(told)) == 1 + 2 * len(wires) + len(faults)
+
+
+def test_a_declaration_is_an_option_a_word_of_a_file_a_factor_and_a_row_of_the_docs() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
+    for part, field, declared in DECLARED:
+        option, number = declared.option, declared.quantity
+        if option is not None:
+            assert option.name in FILE_OPTIONS
+            assert f"--{option.name.replace('_', '-')} {option.metavar}" in page
+        assert all(FACTORS[level.name].quantity == level for level in declared.levels)
+        if option is None or option.read or number is None:
+            continue
+        for beyond in (number.low - 1.0, number.high + 1.0):
+            with pytest.raises(UsageError, match=f"^{number.name} wants .*{beyond:g}"):
+                parsed(f"--{option.name.replace('_', '-')}={beyond}")
+        within = parsed(f"--{option.name.replace('_', '-')}={number.high}")
+        assert getattr(getattr(within, part), field) == number.high

@@ -8,6 +8,7 @@ from hypothesis import example, given, reject
 from hypothesis import strategies as st
 
 from dronecats.agent.latency import LatencyPolicy
+from dronecats.flight.disturbances import LEVELS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, said
@@ -32,14 +33,8 @@ PLACES = {
     "pilot": ["pilot"], "model": ["pilot", "model"], "agent": ["agent"], "command": ["command"],
     "latency": ["latency"], "latency_policy": ["latency"], "rate": ["latency"], "jitter_cv": ["latency"],
     "jitter_rho": ["latency"], "rate_cap": ["latency"], "reply_stall_share": ["latency"],
-    "reply_stall_length": ["latency"], "wind": ["disturbances.vehicle.wind_ned"],
-    "wind_towards": ["disturbances.vehicle.wind_ned"], "gusts": ["disturbances.vehicle.gusts_w20"],
-    "payload": ["disturbances.vehicle.payload_kg"], "gps_delay": ["disturbances.vehicle.gps_delay_s"],
-    "gps_noise": ["disturbances.vehicle.gps_noise"], "sensor_noise": ["disturbances.vehicle.estimator_noise"],
-    "setpoint_rate": ["disturbances.vehicle.setpoint_hz"], "stall_share": ["disturbances.vehicle.stalled"],
-    "stall_length": ["disturbances.vehicle.stall_s"], "frame_delay": ["disturbances.frame.delay_s"],
-    "frame_drop": ["disturbances.frame.dropped"], "frame_stale": ["disturbances.frame.stale"],
-    "frame_rate": ["disturbances.frame.rate_hz"],
+    "reply_stall_length": ["latency"],
+    **{level.name: [f"disturbances.{part}.{field}"] for part, field, level in LEVELS if part != "link"},
     **{
         f"link_{name}": [f"disturbances.link.{way}.{field}" for way in ("to_vehicle", "from_vehicle")]
         for name, field in (("delay", "delay_s"), ("jitter", "jitter_s"), ("loss", "loss"), ("baud", "baud"),

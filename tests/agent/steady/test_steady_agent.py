@@ -19,7 +19,7 @@ from dronecats.agent.steady.drone import SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog
-from hil.link.course import Track
+from hil.link.course import PoseHistory
 from hil.link.offboard import GRACE_US, OffboardStream, PositionSetpoint
 from tests.support.charged import Charged
 
@@ -33,7 +33,7 @@ class Follows:
     def __init__(self):
         self.time_us, self.position, self.yaw = 0, (0.0, 0.0, -2.0), 0.0
         self.speeds: list[float] = []  # m/s, flown at each tick
-        self._stream, self._track = OffboardStream(), Track()
+        self._stream, self._track = OffboardStream(), PoseHistory()
         self._tell(0.0)
 
     def _tell(self, rate):
