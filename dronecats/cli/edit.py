@@ -28,7 +28,7 @@ def run(args: argparse.Namespace) -> int:
     signals.as_interrupts()
     port, hosts = page_of(args)
     from dronecats.view.editor.editor import Editor
-    from dronecats.view.scene.page import reach
+    from dronecats.view.scene.page_hosts import reach
 
     print("building the map …", flush=True)
     editor = Editor(args.what, args.out, port, hosts)

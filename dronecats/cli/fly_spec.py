@@ -352,7 +352,8 @@ def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
         return {**told, "scripted": roster.check_commander(args.commander)}
     if args.commander:
         told["commander"] = commander = row_or_name(args.commander, args.commander_url)
-        if commander.base_url is None and provider_of(commander.provider).base_url is None:
+        has_url = commander.base_url is not None or provider_of(commander.provider).base_url is not None
+        if args.command == "hierarchical" and not has_url:  # else the flight refuses the commander itself
             raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
     return told
 

@@ -26,7 +26,7 @@ def page_of(args: argparse.Namespace, prefix: str = "") -> tuple[int, tuple[str,
 
     Raises UsageError for a value that cannot be used, and when the package that serves pages is not installed.
     """
-    from dronecats.view.scene.page import check
+    from dronecats.view.scene.page_hosts import check
     from foundation import extras
     from foundation.errors import UsageError
 

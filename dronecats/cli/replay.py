@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.view.replay.moments import flight_moments
     from dronecats.view.replay.page import ReplayPage
     from dronecats.view.replay.player import check_speed
-    from dronecats.view.scene.page import reach
+    from dronecats.view.scene.page_hosts import reach
 
     check_speed(args.speed)
     print("reading the flights and building the map …", flush=True)

@@ -7,6 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench import local
 from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
@@ -75,7 +76,9 @@ class Question(BaseHTTPRequestHandler):
 @pytest.mark.parametrize("latency", ["fixed:1", "tokens:0.5,100"], ids=["beside", "inline"])
 def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
     server = Together()
-    flight = FlightSpec(model=server.spec, simulated=Simulated(speed=None), latency=latency, seconds=3.0, drones=1)
+    flight = FlightSpec(
+        model=server.spec, simulated=Simulated(speed=None), latency=LatencyPolicy.parse(latency), seconds=3.0, drones=1
+    )
     batch = Batch(tmp_path / "run", {"flight": as_kept(flight)})
     run = OpenRun(entry=BenchEntry(name="run", flight=flight, episodes=EPISODES), batch=batch, part=EPISODES)
     came: list[Came] = []

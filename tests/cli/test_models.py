@@ -41,7 +41,7 @@ def test_the_list_names_every_row_its_file_and_whether_its_key_is_set(monkeypatc
     monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
     assert main(["models", "list"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    of = {line.split()[0]: line for line in lines[1:]}
+    of = {line.split()[0]: line for line in lines[2:]}  # below the heads and their rule
     assert of.keys() == rows().keys()
     assert of["house"].endswith(str(house))
     assert "[y, x]" in of["house"]

@@ -54,7 +54,13 @@ def flown(out, wire, *, schema=None, said=lambda line: None, **changes):
     """Fly the model that a wire serves; return (result, folder)."""
     model = ModelSpec(provider="vllm", name="m", base_url=wire.url, schema=schema)
     spec = FlightSpec(
-        **{"model": model, "simulated": LOCKSTEP, "episode": COMMANDED, "latency": "fixed:0.5", **changes}
+        **{
+            "model": model,
+            "simulated": LOCKSTEP,
+            "episode": COMMANDED,
+            "latency": LatencyPolicy.parse("fixed:0.5"),
+            **changes,
+        }
     )
     result = fly(spec, out, said)
     return result, out / result["episode"]

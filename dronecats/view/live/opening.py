@@ -10,7 +10,7 @@ from pathlib import Path
 
 from dronecats.flight.processes.supervisor import ChildKind, ChildProcess
 from dronecats.view.live.config import ViewerConfig, WatchedWires
-from dronecats.view.scene.page import reach
+from dronecats.view.scene.page_hosts import reach
 from foundation.errors import DronecatsError
 
 VIEWER = ChildKind("viewer", "dronecats.view.live.viewer_process", ViewerConfig)

@@ -6,7 +6,6 @@ import hmac
 import http
 import io
 import logging
-import re
 import secrets
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -18,26 +17,7 @@ from websockets import Headers, Request, Response
 from websockets.asyncio.server import ServerConnection
 
 from dronecats.report.kit import palette
-from foundation.errors import UsageError
-
-LOOPBACK_NAMES = frozenset({"127.0.0.1", "localhost", "::1"})
-_NAME = re.compile(r"(?!-)[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*")
-
-
-def check(names: Sequence[str], option: str) -> None:
-    """Raise UsageError for a value of `option` that is not a host name."""
-    for name in names:
-        if not _NAME.fullmatch(name):
-            raise UsageError(
-                f"{option} {name!r} is not a host name: give the name alone, without scheme, port and path, for "
-                "example drone.example.org"
-            )
-
-
-def reach(names: Sequence[str]) -> str:
-    """Return, for people, from where a page opens that has these names beside the loopback ones."""
-    return f"this machine, and as {', '.join(names)}" if names else "this machine only"
-
+from dronecats.view.scene.page_hosts import LOOPBACK_NAMES
 
 HOST = "127.0.0.1"  # whoever can open a page can do what it offers: this machine only
 REFUSED = (

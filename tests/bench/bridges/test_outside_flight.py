@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
@@ -25,7 +26,7 @@ def spec(**more):
             "drones": 1,
             "simulated": Simulated(speed=None),
             "outside": Outside(harness="a test", name="three words"),
-            "latency": "fixed:0.5",
+            "latency": LatencyPolicy.parse("fixed:0.5"),
             "seconds": 9.0,
             **more,
         }

@@ -6,6 +6,7 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent import loop as decider
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.model_call import Asking
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run import pilot as run_pilot
@@ -59,7 +60,7 @@ def flown(folder, model, latency):
             episode="blocks-commanding-01",
             drones=1,
             simulated=Simulated(speed=None),
-            latency=latency,
+            latency=LatencyPolicy.parse(latency),
             seconds=4.0,
             full=True,
         )

@@ -48,7 +48,7 @@ def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
 
 
 def test_a_hierarchy_is_the_same_every_time(tmp_path):
-    same = {"drones": 2, "seconds": 8.0, "full": True, "latency": "lognormal:0.4,0.5"}
+    same = {"drones": 2, "seconds": 8.0, "full": True, "latency": LatencyPolicy.parse("lognormal:0.4,0.5")}
     folder, again = (flown(tmp_path / name, "hierarchical", **same)[1] for name in ("first", "again"))
     for log in ("truth.jsonl", "decisions.jsonl", "commander.jsonl", "verdict.json"):
         assert (folder / log).read_bytes() == (again / log).read_bytes()

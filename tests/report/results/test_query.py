@@ -87,7 +87,7 @@ def test_what_is_damaged_stands_in_episodes_with_its_error_and_spoils_no_other(t
 
 
 def test_only_what_is_named_is_read(runs, monkeypatch):
-    monkeypatch.setattr(tabulation, "judged_flight", lambda folder: pytest.fail("an episode was read"))
+    monkeypatch.setattr(tabulation.RecordedFlight, "read", lambda folder: pytest.fail("an episode was read"))
     assert ask("SELECT count(*) AS n FROM RUNS", runs) == [{"n": 2}]
     assert ask("SELECT 1 AS one", runs) == [{"one": 1}]
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from dronecats.agent.latency import LatencyPolicy
 from dronecats.judge.metrics.judging import reread
 from dronecats.judge.statistics.shares import known_share, wilson
 from dronecats.report.archive.submission import digest, submit
@@ -125,7 +126,7 @@ def test_what_is_not_whole_is_refused_or_marked(change, part, tmp_path):
 def test_an_entry_is_one_pilot_under_one_configuration(tmp_path):
     cases: list[tuple[dict[str, Any], str]] = [
         ({"pilot": "blind"}, "pilot.*oracle.*blind"),
-        ({"latency": "fixed:9"}, r"latency.*fixed:0\.5.*fixed:9"),
+        ({"latency": LatencyPolicy.parse("fixed:9")}, r"latency.*fixed:0\.5.*fixed:9"),
         ({}, "seed 0"),
     ]
     for k, (settings, parts) in enumerate(cases):
