@@ -1,4 +1,4 @@
-"""Rows about what a flight needs beside the vehicle: the wire, signed messages, the camera, and room for the run folder.
+"""Rows about what a flight needs beside the vehicle: the wire, signed messages, the camera, and room for its files.
 
 Of the wire: the telemetry's rates, the way there and back, the two clocks. Of signed messages: whether a vehicle that
 has our key insists on it; PX4 1.17 signs with it and still obeys everybody by default. Of the camera: whether it gives
