@@ -1,21 +1,27 @@
-"""The whole preflight check of one vehicle: looked at, listened to, rehearsed, and put into rows."""
+"""The whole preflight check of one vehicle: looked at, listened to, rehearsed, and put into rows.
 
+Offboard is rehearsed while disarmed. PX4 lets a disarmed vehicle switch to any mode, setpoints or not. What shows that
+they arrive is its pre-arm check: in OFFBOARD it passes only while they do (measured on 1.15; offboardCheck.cpp).
+"""
+
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from foundation.errors import UsageError
+from foundation.errors import DronecatsError, LinkError, UsageError
+from foundation.mavlink import dialect
+from foundation.setpoints import Velocity
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
-from hil.preflight import battery, camera, disk, failsafes, fence, health, position, signing, wire
+from hil.preflight import failsafes, ground_side, vehicle
 from hil.preflight.heard import Heard, Watch
-from hil.preflight.rehearsal import rehearse
 from hil.preflight.row import Change, Finding, Row
 
 # PX4's own values that no vehicle should fly with (its parameter reference); our simulator has them as PX4 does
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
-NAMES = (*failsafes.PARAMETERS, *fence.PARAMETERS, *battery.PARAMETERS)
+NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.BATTERY_PARAMETERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,12 +38,12 @@ class Check:
     def rows(self) -> list[Row]:
         """Every row, in the order in which one walks around a vehicle."""
         return [
-            *health.rows(self.heard),
-            *position.rows(self.heard),
-            battery.row(self.heard, self.values),
+            *vehicle.health_rows(self.heard),
+            *vehicle.position_rows(self.heard),
+            vehicle.battery_row(self.heard, self.values),
             *(self._shown(finding) for finding in self._findings()),
             self.rehearsal,
-            *wire.rows(self.heard),
+            *ground_side.wire_rows(self.heard),
             *self.around,
         ]
 
@@ -51,16 +57,16 @@ class Check:
         row, change = finding.row, finding.change
         if row.passed is not False or change is None or PX4_DEFAULTS.get(change.name) != change.old:
             return row
-        if not wire.is_simulated(self.heard):
+        if not ground_side.is_simulated(self.heard):
             return row
         return replace(row, why=f"{row.why}; expected here: a simulated vehicle with PX4's default")
 
     def _findings(self) -> list[Finding]:
-        situation = failsafes.Situation(self.values, self.heard.sticks, health.version(self.heard), self.heard.station)
+        situation = failsafes.Situation(self.values, self.heard.sticks, vehicle.version(self.heard), self.heard.station)
         return [
-            *failsafes.findings(situation),
-            *fence.findings(self.values, self.fence_points),
-            *signing.findings(self.values),
+            *failsafes.failsafe_findings(situation),
+            *failsafes.fence_findings(self.values, self.fence_points),
+            *ground_side.signing_findings(self.values),
         ]
 
 
@@ -70,11 +76,15 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
     Raises LinkError when the vehicle goes away meanwhile.
     """
     heard = Watch(link).listen(seconds)
-    names = (*NAMES, *(signing.PARAMETERS if link.has_key else ()))
-    values, points = Parameters(link).read_many(names), fence.plan_size(link)
+    names = (*NAMES, *(ground_side.SIGNING_PARAMETERS if link.has_key else ()))
+    values, points = Parameters(link).read_many(names), failsafes.plan_size(link)
     rehearsal = rehearse(link)
-    around = [] if camera_url is None else [camera.row(camera_url, vehicle_clock(heard, link), link.tick, seconds)]
-    return Check(heard, values, points, rehearsal, (*around, disk.row(folder)))
+    around = (
+        []
+        if camera_url is None
+        else [ground_side.camera_row(camera_url, vehicle_clock(heard, link), link.tick, seconds)]
+    )
+    return Check(heard, values, points, rehearsal, (*around, ground_side.disk_row(folder)))
 
 
 def vehicle_clock(heard: Heard, link: Link) -> Callable[[], int]:
@@ -99,3 +109,86 @@ def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
     for change in changes:
         parameters.set(change.name, change.new)
     return replace(before, values={**before.values, **parameters.read_many(change.name for change in changes)})
+
+
+REHEARSAL = "offboard rehearsal"
+STREAM_S = 2.0  # s of vehicle time
+SHOWN_S = 3.0  # s: HEARTBEAT comes once a second, CURRENT_MODE may not come at all
+STANDING = Velocity(forward=0.0, up=0.0)
+
+
+def rehearse(link: Link) -> Row:
+    """Stream a velocity of zero, switch to OFFBOARD, see it shown, go back to HOLD; return what came of it.
+
+    Never arms, and does nothing with a vehicle that is armed. Raises LinkError when the vehicle is gone.
+    """
+    if link.state.armed:
+        return Row(REHEARSAL, False, "not done: the vehicle is armed", "disarm it first")
+    link.fly(STANDING)
+    try:
+        link.wait(STREAM_S)
+        return _switch(link)
+    finally:
+        link.stop_stream()
+        with contextlib.suppress(DronecatsError):  # what went wrong before says more
+            link.set_mode("HOLD")
+
+
+def _switch(link: Link) -> Row:
+    try:
+        link.set_mode("OFFBOARD")
+    except LinkError as refusal:
+        link.tick()  # raises when it was the wire that broke
+        return Row(REHEARSAL, False, str(refusal), "PX4 wants a place, a velocity and our setpoints for it")
+    shown_s = _until(link, lambda: link.state.mode == "OFFBOARD", SHOWN_S)
+    if shown_s is None:
+        return Row(REHEARSAL, False, f"OFFBOARD was accepted, but {link.state.mode} is shown {SHOWN_S:g} s later",
+                   "is somebody else switching modes: a transmitter, a ground station?")  # fmt: skip
+    would_arm = _would_arm(link)
+    link.stop_stream()
+    try:
+        link.set_mode("HOLD")
+    except LinkError as refusal:
+        link.tick()
+        return Row(
+            REHEARSAL, False, f"OFFBOARD was shown, but there is no way back: {refusal}", "switch to Hold by hand"
+        )
+    if _until(link, lambda: link.state.mode == "HOLD", SHOWN_S) is None:
+        return Row(
+            REHEARSAL, False, f"{link.state.mode} is still shown after Hold was accepted", "switch to Hold by hand"
+        )
+    if not would_arm:
+        return Row(REHEARSAL, False, "OFFBOARD was shown, but it would not arm in it; back in HOLD",
+                   "either our setpoints do not arrive, or the pre-arm check fails anyway")  # fmt: skip
+    return Row(
+        REHEARSAL, True, f"accepted, shown after {shown_s:.1f} s, would arm in it; back in HOLD; nothing was armed"
+    )
+
+
+def _would_arm(link: Link) -> bool:
+    """Return whether the pre-arm check passes within SHOWN_S, by a SYS_STATUS that comes from now on."""
+    checks: list[bool] = []
+
+    def hear(message: dialect.MAVLink_message) -> None:
+        if message.get_msgId() == dialect.MAVLINK_MSG_ID_SYS_STATUS and message.get_srcSystem() == link.system:
+            checks.append(bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK))
+
+    link.listeners.append(hear)
+    end_us = link.time_us + SHOWN_S * 1e6
+    try:
+        while not any(checks) and link.time_us < end_us:
+            link.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_SYS_STATUS)  # the stream may be slow
+            link.tick()
+        return any(checks)
+    finally:
+        link.listeners.remove(hear)
+
+
+def _until(link: Link, reached: Callable[[], bool], seconds: float) -> float | None:
+    """Tick until `reached`; return how long it took in s of vehicle time, None when it did not within `seconds`."""
+    began_us = link.time_us
+    while not reached():
+        if link.time_us - began_us >= seconds * 1e6:
+            return None
+        link.tick()
+    return (link.time_us - began_us) * 1e-6

@@ -13,8 +13,8 @@ from foundation import wire
 from foundation.mavlink import dialect
 from hil.link.link import Link
 from hil.link.transport import Transport, connect
-from hil.preflight import disk
-from hil.preflight.rehearsal import rehearse
+from hil.preflight import ground_side
+from hil.preflight.check import rehearse
 from tests.support.command_line import DRONECATS
 from tests.support.simulated_vehicle import simulated_vehicle
 
@@ -137,10 +137,10 @@ def test_a_camera_is_looked_through_and_an_absent_one_fails(vehicle, tmp_path):
 
 
 def test_the_disk(tmp_path):
-    assert disk.row(tmp_path / "runs" / "later").passed
+    assert ground_side.disk_row(tmp_path / "runs" / "later").passed
     file = tmp_path / "file"
     file.write_text("")
-    assert disk.row(file / "runs").passed is False
+    assert ground_side.disk_row(file / "runs").passed is False
 
 
 @pytest.mark.slow

@@ -2,8 +2,8 @@
 
 import itertools
 
-from hil.preflight import failsafes, fence
-from hil.preflight.failsafes import RULES, Situation, findings
+from hil.preflight import failsafes
+from hil.preflight.failsafes import RULES, Situation, failsafe_findings
 
 SANE = {
     "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5, "COM_RCL_EXCEPT": 0, "NAV_RCL_ACT": 2, "NAV_DLL_ACT": 2,
@@ -28,7 +28,7 @@ def judged(name, value, *, sticks=False, version=(1, 15), station=False):
 
 def test_a_sane_vehicle_passes_everywhere():
     for sticks in (False, True):
-        found = findings(Situation(SANE, sticks, (1, 15), station=True))
+        found = failsafe_findings(Situation(SANE, sticks, (1, 15), station=True))
         assert [f.change for f in found if f.change] == []
         assert [f.row for f in found if f.row.passed is False] == []
     assert all(f.row.passed for f in found)
@@ -103,7 +103,7 @@ def test_a_lost_place_must_count():
 
 
 def test_what_is_vital_must_be_told():
-    rows = {f.row.name: f.row.passed for f in findings(Situation(dict.fromkeys(SANE)))}
+    rows = {f.row.name: f.row.passed for f in failsafe_findings(Situation(dict.fromkeys(SANE)))}
     assert [name for name, passed in rows.items() if passed is False] == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
 
 
@@ -112,7 +112,7 @@ def test_a_proposal_leaves_nothing_to_propose():
         values = {**PX4_DEFAULTS, "GF_ACTION": 4, "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}
 
         def changes(values, sticks=sticks, points=points):
-            found = findings(Situation(values, sticks, (1, 13))) + fence.findings(values, points)
+            found = failsafe_findings(Situation(values, sticks, (1, 13))) + failsafes.fence_findings(values, points)
             return [f.change for f in found if f.change]
 
         proposed = changes(values)
@@ -126,14 +126,14 @@ def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand():
         ({"RC_MAP_FLTMODE": None}, None),
     ]  # fmt: skip
     for changed, passed in cases:
-        rows = {f.row.name: f.row for f in findings(Situation({**SANE, **changed}, sticks=True))}
+        rows = {f.row.name: f.row for f in failsafe_findings(Situation({**SANE, **changed}, sticks=True))}
         assert rows["mode switch"].passed is passed, changed
 
 
 def test_the_fence():
     def found(points=0, **changed):
         values = {"GF_ACTION": 2, "GF_MAX_HOR_DIST": 100.0, "GF_MAX_VER_DIST": 100.0, "RTL_RETURN_ALT": 60.0, **changed}
-        rows = fence.findings(values, points)
+        rows = failsafes.fence_findings(values, points)
         return [f.row.name.split()[0] for f in rows if f.row.passed is False], {
             f.change.name: f.change.new for f in rows if f.change
         }
@@ -149,5 +149,5 @@ def test_the_fence():
 
 
 def test_every_rule_is_read_from_the_vehicle():
-    assert set(RULES) <= set(failsafes.PARAMETERS)
-    assert all(len(name) <= 16 for name in failsafes.PARAMETERS)
+    assert set(RULES) <= set(failsafes.FAILSAFE_PARAMETERS)
+    assert all(len(name) <= 16 for name in failsafes.FAILSAFE_PARAMETERS)

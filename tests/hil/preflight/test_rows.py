@@ -7,7 +7,7 @@ from dronecats.report.writers import as_terminal
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
 from foundation.sensors import CALENDAR_START_US
-from hil.preflight import battery, health, position, wire
+from hil.preflight import ground_side, vehicle
 from hil.preflight.check import PX4_DEFAULTS, Check
 from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
 from hil.preflight.row import Change, Row, summary
@@ -45,22 +45,22 @@ def passed(rows, name):
 
 def test_every_sensor_counts():
     for bit in [0x1, 0x2, 0x4, 0x8, 0x20]:
-        assert passed(health.rows(heard(status())), "sensors") is True, bit
-        assert passed(health.rows(heard(status(healthy=GOOD & ~bit))), "sensors") is False, bit
+        assert passed(vehicle.health_rows(heard(status())), "sensors") is True, bit
+        assert passed(vehicle.health_rows(heard(status(healthy=GOOD & ~bit))), "sensors") is False, bit
         # PX4 never says that an accelerometer is present
-        assert passed(health.rows(heard(status(present=GOOD & ~bit))), "sensors") is (bit == 0x2), bit
+        assert passed(vehicle.health_rows(heard(status(present=GOOD & ~bit))), "sensors") is (bit == 0x2), bit
 
 
 def test_the_prearm_check_counts():
-    assert passed(health.rows(heard(status())), "pre-arm check") is True
-    row = health.rows(heard(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
+    assert passed(vehicle.health_rows(heard(status())), "pre-arm check") is True
+    row = vehicle.health_rows(heard(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
     assert (row.passed, "Preflight Fail: compass" in row.why) == (False, True)
 
 
 def test_a_vehicle_left_in_offboard_is_told_apart_from_one_that_is_not_fit():
     def fix(mode):
         beat = dialect.MAVLink_heartbeat_message(2, 12, 1, MODES[mode].custom_mode, 3, 3)
-        return health.rows(heard(beat, status(healthy=0x2F)))[3].fix
+        return vehicle.health_rows(heard(beat, status(healthy=0x2F)))[3].fix
 
     assert "Hold" in fix("OFFBOARD")
     assert "Hold" not in fix("HOLD")
@@ -68,8 +68,8 @@ def test_a_vehicle_left_in_offboard_is_told_apart_from_one_that_is_not_fit():
 
 def test_every_estimate_counts():
     for bit in [1, 2, 4, 16, 32]:
-        assert passed(health.rows(heard(estimator())), "estimator") is True, bit
-        assert passed(health.rows(heard(estimator(0x37 & ~bit))), "estimator") is False, bit
+        assert passed(vehicle.health_rows(heard(estimator())), "estimator") is True, bit
+        assert passed(vehicle.health_rows(heard(estimator(0x37 & ~bit))), "estimator") is False, bit
 
 
 def test_what_makes_an_estimate_doubtful():
@@ -78,7 +78,10 @@ def test_what_makes_an_estimate_doubtful():
         (estimator(accuracy=5.1), {}, False), (estimator(accuracy=float("nan")), {}, False),
         (estimator(), {"vel_ratio": 1.1}, False), (estimator(), {"mag_ratio": 0.9}, True),
     ]:  # fmt: skip
-        assert passed(health.rows(heard(message, worst_ratio=ratios)), "estimator") is expected, (message, ratios)
+        assert passed(vehicle.health_rows(heard(message, worst_ratio=ratios)), "estimator") is expected, (
+            message,
+            ratios,
+        )
 
 
 def test_gps_quality():
@@ -87,7 +90,7 @@ def test_gps_quality():
         ({"satellites": 255}, True), ({"hdop": 260}, False), ({"hdop": 65535}, True), ({"h_acc": 3100}, False),
         ({"v_acc": 5100}, False), ({"h_acc": 0, "v_acc": 0}, True),
     ]:  # fmt: skip
-        assert passed(position.rows(heard(gps(**changed))), "GPS") is expected, changed
+        assert passed(vehicle.position_rows(heard(gps(**changed))), "GPS") is expected, changed
 
 
 def test_home_is_where_the_vehicle_stands():
@@ -95,7 +98,7 @@ def test_home_is_where_the_vehicle_stands():
         ((), False), ((home(),), None), ((home(), here()), True), ((home(), here(lat=800)), True),
         ((home(), here(lat=1000)), False), ((home(lon=1_799_999_900), here(lon=-1_799_999_900)), True),
     ]:  # fmt: skip
-        assert passed(position.rows(heard(*messages)), "home") is expected, messages
+        assert passed(vehicle.position_rows(heard(*messages)), "home") is expected, messages
 
 
 def test_the_battery():
@@ -104,14 +107,14 @@ def test_the_battery():
         (status(millivolts=65535), 4, False), (status(millivolts=0), 4, False), (status(remaining=39), 4, False),
         (status(remaining=40), 4, True), (status(remaining=-1), 4, None), (status(millivolts=13900), 4, False),
     ]:  # fmt: skip
-        row = battery.row(heard(message), {"BAT1_N_CELLS": cells, "BAT_LOW_THR": 0.15})
+        row = vehicle.battery_row(heard(message), {"BAT1_N_CELLS": cells, "BAT_LOW_THR": 0.15})
         assert row.passed is expected, (message, cells)
 
 
 def test_telemetry_rates():
     for share, expected in [(1.0, True), (0.7, None), (0.3, False), (0.0, False)]:
         counts = {message_id: round(share * rate * 10.0) for message_id, rate in ASKED_HZ.items()}
-        assert passed(wire.rows(heard(seconds=10.0, counts=counts)), "telemetry rates") is expected, share
+        assert passed(ground_side.wire_rows(heard(seconds=10.0, counts=counts)), "telemetry rates") is expected, share
 
 
 def trips(length_s, drift, count=10):
@@ -129,13 +132,13 @@ def trips(length_s, drift, count=10):
 def test_round_trips():
     for length_s, asked, expected in [(0.01, 10, True), (0.01, 16, False), (0.6, 10, False), (0.01, 15, True)]:
         told = heard(round_trips=trips(length_s, 0.0), sync_asked=asked)
-        assert passed(wire.rows(told), "round trip") is expected, (length_s, asked)
+        assert passed(ground_side.wire_rows(told), "round trip") is expected, (length_s, asked)
 
 
 def test_a_clock_that_is_not_a_quartz_is_noticed():
     for drift, expected in [(0.0, True), (1e-4, True), (1.0, None), (-0.1, None)]:
         told = heard(round_trips=trips(0.005, drift), sync_asked=10)
-        assert passed(wire.rows(told), "clocks") is expected, drift
+        assert passed(ground_side.wire_rows(told), "clocks") is expected, drift
         assert all(trip.offset_ns > 0 for trip in told.round_trips), drift
 
 
@@ -149,11 +152,16 @@ def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
     ]:
         message = dialect.MAVLink_system_time_message(calendar, 60_000)
         told = heard(message, round_trips=trips(0.005, 0.0), sync_asked=10, unix_s=now * 1e-6)
-        assert passed(wire.rows(told), "clocks") is expected, calendar
+        assert passed(ground_side.wire_rows(told), "clocks") is expected, calendar
 
 
 def test_nothing_heard_is_never_a_pass():
-    rows = [*health.rows(Heard()), *position.rows(Heard()), battery.row(Heard(), {}), *wire.rows(Heard())]
+    rows = [
+        *vehicle.health_rows(Heard()),
+        *vehicle.position_rows(Heard()),
+        vehicle.battery_row(Heard(), {}),
+        *ground_side.wire_rows(Heard()),
+    ]
     assert not any(row.passed for row in rows)
 
 

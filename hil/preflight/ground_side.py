@@ -1,11 +1,24 @@
-"""The wire between this machine and the autopilot: the telemetry's rates, the way there and back, the two clocks."""
+"""Rows about what a flight needs beside the vehicle: the wire, signed messages, the camera, and room for its files.
 
+Of the wire: the telemetry's rates, the way there and back, the two clocks. Of signed messages: whether a vehicle that
+has our key insists on it; PX4 1.17 signs with it and still obeys everybody by default. Of the camera: whether it gives
+frames, how many a second, and how old they are.
+"""
+
+import os
+import shutil
 import statistics
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
 
+from foundation.camera import Camera, Frame
+from foundation.errors import CameraError
 from foundation.mavlink import dialect
 from foundation.sensors import CALENDAR_START_US
+from hil.link.parameters import Value
 from hil.preflight.heard import ASKED_HZ, Heard
-from hil.preflight.row import Row
+from hil.preflight.row import Change, Finding, Row
 
 FLOWN_ON = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 RATE_LEAST = 8.0  # Hz, below which the height and place loops of the link lag more than they hold
@@ -17,7 +30,7 @@ CALENDAR_MOST = 2.0  # s
 SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator that runs for longer than a week is rare
 
 
-def rows(heard: Heard) -> list[Row]:
+def wire_rows(heard: Heard) -> list[Row]:
     """Return the rows of rates, round trip and clocks."""
     return [_rates(heard), _round_trip(heard), _clock(heard)]
 
@@ -86,3 +99,77 @@ def _best(heard: Heard, *, early: bool) -> tuple[int, int, int]:
     trips = heard.round_trips[:half] if early else heard.round_trips[half:]
     trip = min(trips, key=lambda t: t.length_s)
     return trip.asked_ns, trip.offset_ns, round(trip.length_s * 0.5e9)
+
+
+SIGNING_PARAMETERS = ("MAV_SIGN_CFG",)  # of PX4 from 1.17 on
+OBEYS = {1: "unsigned messages are obeyed over USB only", 2: "no unsigned message is obeyed"}
+NOT_USB = 1  # on every wire but USB
+
+
+def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
+    """Return whether unsigned messages are ignored; nothing when the autopilot does not tell, as ours, which does."""
+    value = values.get("MAV_SIGN_CFG")
+    if value is None:
+        return []
+    name, why = f"MAV_SIGN_CFG = {value:g}", OBEYS.get(int(value), "it has the key, and obeys unsigned messages too")
+    if int(value) in OBEYS:
+        return [Finding(Row(name, True, why))]
+    reason = "only who has the key is obeyed, but for who holds the USB cable"
+    change = Change("MAV_SIGN_CFG", value, NOT_USB, reason)
+    return [Finding(Row(name, False, why, f"{NOT_USB}: --fix proposes it"), change)]
+
+
+CAMERA = "camera"
+FRAME_RATE_LEAST = 1.0  # Hz: a decision takes seconds, but the frame it is made from must not
+FRAME_AGE_MOST = 1.0  # s
+
+
+def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None], seconds: float) -> Row:
+    """Return the row of a camera that was looked through for `seconds` of wall time; `keep_up` serves the link."""
+    from hil.cameras.open import open_camera
+
+    frames: list[Frame] = []
+    fetch_s: list[float] = []
+    age_s: list[float] = []
+    try:
+        camera: Camera = open_camera(url, now_us)
+        try:
+            camera.newest()  # the first one also opens the connection
+            began_s = time.monotonic()  # wall time is the subject here
+            while time.monotonic() - began_s < seconds:
+                asked_s = time.monotonic()
+                frame = camera.newest()
+                fetch_s.append(time.monotonic() - asked_s)
+                if not frames or frame.frame_id != frames[-1].frame_id:
+                    age_s.append((now_us() - frame.time_us) * 1e-6)
+                    frames.append(frame)
+                keep_up()
+            took_s = time.monotonic() - began_s
+        finally:
+            camera.close()
+    except CameraError as error:
+        return Row(CAMERA, False, str(error), "look at it with a browser or a player first")
+    height, width = frames[-1].image_rgb.shape[:2]
+    rate, age, fetch = len(frames) / took_s, statistics.median(age_s), statistics.median(fetch_s)
+    why = f"{width}×{height}, {rate:.1f} new frames a second, fetched in {1e3 * fetch:.0f} ms"
+    why += f", {1e3 * age:.0f} ms old when here" if age > 1e-3 else ", stamped on arrival"
+    if rate < FRAME_RATE_LEAST or not -FRAME_AGE_MOST <= age <= FRAME_AGE_MOST:
+        return Row(CAMERA, False, f"{why}: too old or too rare to decide by", "a smaller picture, or a nearer camera")
+    return Row(CAMERA, True, why)
+
+
+DISK = "disk"
+DISK_LEAST_GB = (
+    1.0  # an episode keeps some 120 frames of 40 kB and 30 MB of telemetry; a full disk ends a log in mid-flight
+)
+
+
+def disk_row(folder: Path) -> Row:
+    """Return the row of the disk that `folder` is on, or would be."""
+    there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        return Row(DISK, False, f"{folder} cannot be written to", "name another folder with --out")
+    free_gb = shutil.disk_usage(there).free / 1e9
+    if free_gb < DISK_LEAST_GB:
+        return Row(DISK, False, f"{free_gb:.2f} GB free for {folder}", f"make room for {DISK_LEAST_GB:g} GB")
+    return Row(DISK, True, f"{free_gb:.0f} GB free for {folder}")

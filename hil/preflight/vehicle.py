@@ -1,7 +1,15 @@
-"""The autopilot itself: which firmware, what its own checks say, and whether its estimate can be flown on."""
+"""Rows about the vehicle itself: its autopilot, where it is and would return to, and its battery.
+
+Of the autopilot: which firmware, what its own checks say, and whether its estimate can be flown on. Of the battery:
+charged, measured, and of as many cells as the autopilot believes.
+"""
+
+import math
+from collections.abc import Mapping
 
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
+from hil.link.parameters import Value
 from hil.preflight.heard import Heard, Message
 from hil.preflight.row import Row
 
@@ -38,7 +46,7 @@ FLOWN = "1.14.4, 1.15.4 and 1.16.1"
 SPREAD_MOST = 5.0  # m, COM_POS_FS_EPH's default: beyond it PX4 does not trust the place itself
 
 
-def rows(heard: Heard) -> list[Row]:
+def health_rows(heard: Heard) -> list[Row]:
     """Return the rows of the autopilot's condition."""
     return [_firmware(heard), _armed(heard), _sensors(heard), _prearm(heard), _estimator(heard)]
 
@@ -132,3 +140,96 @@ def _enabled(status: Message) -> int:
 
 def _health(status: Message) -> int:
     return int(status.onboard_control_sensors_health)
+
+
+FIX_3D = 3
+SATELLITES = 6  # EKF2_REQ_NSATS, default
+HDOP_MOST = 2.5  # EKF2_REQ_PDOP's default, which HDOP stays below
+SPREAD_H, SPREAD_V = 3.0, 5.0  # m, EKF2_REQ_EPH and EKF2_REQ_EPV, defaults
+UNKNOWN = 65535
+HOME_NEAR = 10.0  # m from home within which a vehicle stands on its home, a GPS's scatter included
+EARTH = 6_371_000.0  # m, mean radius
+
+
+def position_rows(heard: Heard) -> list[Row]:
+    """Return the rows of GPS and home."""
+    return [_gps(heard), _home(heard)]
+
+
+def _gps(heard: Heard) -> Row:
+    gps = heard.message("GPS_RAW_INT")
+    if gps is None or gps.fix_type == 0:
+        return Row("GPS", False, "no receiver is heard", "check its cable; without a place nothing is flown")
+    if gps.fix_type < FIX_3D:
+        return Row("GPS", False, f"no 3-D fix, {_count(gps.satellites_visible)}", "wait under open sky")
+    hdop = gps.eph / 100.0 if gps.eph != UNKNOWN else None
+    spreads = [(name, value / 1000.0, most) for name, value, most in
+               (("h", gps.h_acc, SPREAD_H), ("v", gps.v_acc, SPREAD_V)) if value]  # fmt: skip
+    parts = [f"fix type {gps.fix_type}", _count(gps.satellites_visible)]
+    parts += [f"HDOP {hdop:.1f}"] if hdop is not None else []
+    parts += [f"±{value:.1f} m {'across' if name == 'h' else 'in height'}" for name, value, _ in spreads]
+    poor = [] if gps.satellites_visible >= SATELLITES else [f"fewer than {SATELLITES} satellites"]
+    poor += [f"HDOP above {HDOP_MOST:g}"] if hdop is not None and hdop > HDOP_MOST else []
+    poor += [f"worse than {most:g} m {'across' if name == 'h' else 'in height'}" for name, value, most in spreads
+             if value > most]  # fmt: skip
+    if poor:
+        return Row("GPS", False, f"{', '.join(parts)}: {', '.join(poor)}", "wait under open sky")
+    return Row("GPS", True, ", ".join(parts))
+
+
+def _count(satellites: int) -> str:
+    return "satellites not told" if satellites == 255 else f"{satellites} satellites"
+
+
+def _home(heard: Heard) -> Row:
+    home, here = heard.message("HOME_POSITION"), heard.message("GLOBAL_POSITION_INT")
+    if home is None:
+        return Row("home", False, "none is set: there is nowhere to return to, and no fence to measure from",
+                   "wait for a good place; PX4 sets home by itself then")  # fmt: skip
+    if here is None:
+        return Row("home", None, "set, but GLOBAL_POSITION_INT does not come: how far away it is, is not known")
+    distance = ground_distance(home.latitude, home.longitude, here.lat, here.lon)
+    height = (here.alt - home.altitude) / 1000.0
+    why = f"set, {distance:.1f} m from here, {abs(height):.1f} m {'below' if height >= 0 else 'above'}"
+    if distance > HOME_NEAR:
+        return Row("home", False, f"{why}: it would return to another place",
+                   "set it anew where the vehicle stands, or reboot the autopilot there")  # fmt: skip
+    return Row("home", True, why)
+
+
+def ground_distance(lat_a: int, lon_a: int, lat_b: int, lon_b: int) -> float:
+    """Return the distance in m between two places in 1e-7 degrees; good for some kilometres."""
+    north = math.radians((lat_b - lat_a) * 1e-7) * EARTH
+    turn = ((lon_b - lon_a) * 1e-7 + 180.0) % 360.0 - 180.0
+    return math.hypot(north, math.radians(turn) * EARTH * math.cos(math.radians(lat_a * 1e-7)))
+
+
+BATTERY_PARAMETERS = ("BAT1_N_CELLS", "BAT_LOW_THR")
+CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a full one of the high-voltage kind
+MARGIN = 0.25  # of the capacity above the autopilot's own low level; a flight of five minutes takes about that
+
+
+def battery_row(heard: Heard, values: Mapping[str, Value | None]) -> Row:
+    """Return the row of the battery."""
+    status = heard.message("SYS_STATUS")
+    if status is None or status.voltage_battery in (0, UNKNOWN):
+        return Row("battery", False, "its voltage is not measured, so nobody would land before it is empty",
+                   "set the battery up in the ground station")  # fmt: skip
+    volts, parts = status.voltage_battery / 1000.0, []
+    parts.append(f"{volts:.1f} V")
+    cells = int(values.get("BAT1_N_CELLS") or 0)
+    if cells > 0:
+        parts.append(f"{volts / cells:.2f} V in each of {cells} cells")
+    if status.battery_remaining >= 0:
+        parts.append(f"{status.battery_remaining} % left")
+    why = ", ".join(parts)
+    if cells > 0 and not CELL_LEAST <= volts / cells <= CELL_MOST:
+        return Row("battery", False, f"{why}: no resting cell has that", "charge it, or correct BAT1_N_CELLS")
+    if status.battery_remaining < 0:
+        return Row("battery", None, f"{why}; what is left is not told", "judge by the voltage")
+    least = float(values.get("BAT_LOW_THR") or 0.15) + MARGIN
+    if status.battery_remaining < 100.0 * least:
+        return Row("battery", False, f"{why}: less than {100 * least:.0f} %, a flight and what must stay", "charge it")
+    if not cells:
+        return Row("battery", None, f"{why}; of how many cells is not told, so the voltage cannot be judged")
+    return Row("battery", True, why)
