@@ -11,8 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import recorded_runs
-from dronecats.report.results import database, tabulation
+from dronecats.report.results import database
 from dronecats.report.results.columns import array
 from dronecats.report.results.database import Selected, named, query
 from dronecats.report.results.table_files import write_tables
@@ -87,7 +88,7 @@ def test_what_is_damaged_stands_in_episodes_with_its_error_and_spoils_no_other(t
 
 
 def test_only_what_is_named_is_read(runs, monkeypatch):
-    monkeypatch.setattr(tabulation.RecordedFlight, "read", lambda folder: pytest.fail("an episode was read"))
+    monkeypatch.setattr(RecordedFlight, "read", lambda folder: pytest.fail("an episode was read"))
     assert ask("SELECT count(*) AS n FROM RUNS", runs) == [{"n": 2}]
     assert ask("SELECT 1 AS one", runs) == [{"one": 1}]
 
