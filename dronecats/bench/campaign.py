@@ -16,7 +16,7 @@ from dronecats.bench.engine import Engine, Sortie
 from dronecats.bench.local import LocalEngine
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.judge.metrics.stuck import is_stuck, poses_of, track_m
+from dronecats.judge.metrics.failure_mode import is_stuck, poses_of, track_m
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from foundation.errors import InfrastructureError, UsageError

@@ -63,7 +63,7 @@ def _export(args: argparse.Namespace) -> int:
     The runs are what stands behind the action among the verb's episodes. Raises UsageError.
     """
     from dronecats.report.recorded.run import recorded_runs
-    from dronecats.report.results.table_files import write_tables
+    from dronecats.report.results.database import write_tables
     from foundation.errors import UsageError
 
     runs = [Path(each) for each in args.episodes[1:]]

@@ -33,8 +33,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the report; status 0 whatever it says."""
     import math
 
-    from dronecats.judge.metrics.own import own_metrics
-    from dronecats.judge.metrics.registry import METRICS
+    from dronecats.judge.metrics.registry import METRICS, own_metrics
     from dronecats.report.figures.drawing import draw
     from dronecats.report.report_folder import opening, report_data, write
     from dronecats.report.results.collection import collect, without_stalled

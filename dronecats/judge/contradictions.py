@@ -7,7 +7,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.judge.measured import SAME_S, consistent, declarations
+from dronecats.judge.verdict import SAME_S, consistent, declarations
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder.layout import COMMANDER, DECISIONS, EPISODE
 from foundation.run_folder.reading import Logs

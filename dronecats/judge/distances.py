@@ -10,7 +10,7 @@ from itertools import pairwise
 from msgspec import UNSET
 
 from dronecats.judge.diagnostics import GAP_S
-from dronecats.judge.measured import finished
+from dronecats.judge.verdict import finished
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder.reading import Estimate, Logs
 from foundation.run_folder.results import DecidedNear, Distances, Nearness

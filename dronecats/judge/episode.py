@@ -14,8 +14,17 @@ from dronecats.judge.commanding import commanding
 from dronecats.judge.diagnostics import of_drones, of_fleet, wide_rotations
 from dronecats.judge.distances import distances
 from dronecats.judge.incidents import contacts, estimator_resets, host_stalls
-from dronecats.judge.measured import NOTHING_KNOWN, declarations, finished, last_action, measures, reasons
-from dronecats.judge.verdict import Judgement, Measured, judge
+from dronecats.judge.verdict import (
+    NOTHING_KNOWN,
+    Judgement,
+    Measured,
+    declarations,
+    finished,
+    judge,
+    last_action,
+    measures,
+    reasons,
+)
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout

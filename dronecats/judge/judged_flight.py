@@ -3,16 +3,13 @@
 `dronecats.report.recorded.flight` adds what MAVLink and the world tell of it.
 """
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 from dronecats.judge.episode import outcome
-from dronecats.judge.measured import SAME_S, declarations, finished, measured
-from dronecats.judge.metrics.value import MetricValue
-from dronecats.judge.verdict import Measured, in_order
+from dronecats.judge.verdict import SAME_S, Measured, declarations, finished, in_order, measured
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
 from foundation.run_folder.reading import Logs, json_object, read
@@ -98,12 +95,7 @@ class JudgedFlight:
         """All of them, those after the cap too, in the order of the log."""
         return tuple(measured(decision, self.logs) for decision in finished(self.logs))
 
-
-def of_counted(steps: Iterable[FlightStep], value: Callable[[FlightStep], MetricValue]) -> list[MetricValue]:
-    """Return a value per decision, None after the cap."""
-    return [value(step) if step.counts else None for step in steps]
-
-
-def of_questions(steps: Iterable[FlightStep], value: Callable[[Decision], MetricValue]) -> list[MetricValue]:
-    """Return what a question cost, once, at the first drone that it was for; None of the others and after the cap."""
-    return [value(step.decision) if step.counts and step.asks else None for step in steps]
+    def picture_path(self, decision: Decision) -> Path | None:
+        """Return the file of the picture that a decision was made on; None where the folder has none."""
+        path = self.folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
+        return path if path.is_file() else None

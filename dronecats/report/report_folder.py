@@ -6,9 +6,8 @@ from pathlib import Path
 from dronecats.report.latex import as_latex
 from dronecats.report.report_data import ReportData
 from dronecats.report.results.collection import Collection
-from dronecats.report.results.completeness import unflown
 from dronecats.report.results.entrants import entrants
-from dronecats.report.results.exclusion import Exclusion, exclusion_sentences
+from dronecats.report.results.exclusion import Exclusion, exclusion_sentences, unflown
 from dronecats.report.table import ReportTable
 from dronecats.report.writers import as_csv, as_markdown, as_shell, escaped
 from episodes.records.baselines import load_blind

@@ -15,7 +15,7 @@ from dronecats.bench.matrix import BenchEntry, entries, part_of, suite_of
 from dronecats.bench.summary import table
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
-from dronecats.judge.metrics.stuck import is_stuck, track_m
+from dronecats.judge.metrics.failure_mode import is_stuck, track_m
 from episodes.records import suites
 from foundation.errors import UsageError
 from foundation.run_folder.rows import Pose

@@ -3,8 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.judge.measured import Measures, measures
-from dronecats.judge.verdict import Measured, judge
+from dronecats.judge.verdict import Measured, Measures, judge, measures
 
 declared = st.builds(
     Measured,

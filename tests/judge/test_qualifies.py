@@ -3,7 +3,7 @@
 import pytest
 
 from dronecats.flight.picture import flight_picture
-from dronecats.judge.measured import qualifies
+from dronecats.judge.verdict import qualifies
 from dronecats.report.page import flights
 from dronecats.view.film import composition
 from dronecats.view.replay import moments

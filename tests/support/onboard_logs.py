@@ -7,7 +7,7 @@ import numpy as np
 
 from autopilot.logging import ulog
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import Track
+from dronecats.report.recorded.tracks import FlightTrack
 from foundation.frames import Vec3
 from foundation.run_folder import layout
 
@@ -18,7 +18,7 @@ PLACE = (
 TURNED = "uint64_t timestamp;float[4] q"
 
 
-def with_onboard_log(folder: Path, off: Vec3 = (0.0, 0.0, 0.0)) -> Track:
+def with_onboard_log(folder: Path, off: Vec3 = (0.0, 0.0, 0.0)) -> FlightTrack:
     """Write onboard.ulg into an episode's folder: its truth, and estimates that are off by so much (m).
 
     Return the true track.

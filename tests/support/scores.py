@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge.episode import NOTHING, outcome
-from dronecats.judge.metrics.value import MetricValue
+from dronecats.judge.metrics.metric import MetricValue
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
 

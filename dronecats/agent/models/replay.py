@@ -17,7 +17,7 @@ _BROKEN_OFF = {  # by the reason of a flight's end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class RecordedReply:
+class LoggedReply:
     """One reply as the log has it."""
 
     step: int  # number of the question among those about these drones
@@ -39,7 +39,7 @@ class FlightRecording:
     """All that was said on a flight: a value, so that it can be flown again where its folder is not."""
 
     flight: str  # the episode folder it was read from, its name
-    steps: tuple[RecordedReply, ...]
+    steps: tuple[LoggedReply, ...]
     to_the_cap: bool  # it flew to its end: a question without a reply was answered too late
     ended: str | None = None  # the reason in its log's end; None: it has none
     commander: str | None = None  # the name of who commanded; None: nobody did

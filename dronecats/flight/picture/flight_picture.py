@@ -16,12 +16,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
-from dronecats.judge.measured import qualifies
-from foundation.frames import Vec3
+from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.judge.verdict import qualifies
+from episodes.camera.renderer.renderer import Renderer
+from episodes.world.world import World
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import Vec3, quat_from_euler
 from foundation.protocol import GO, POINT_SPAN, RADIUS_M, ROTATE
 from foundation.run_folder import layout
-from foundation.run_folder.reading import Logs, json_object, read
-from foundation.run_folder.rows import Decision, Pose, drone_label
+from foundation.run_folder.reading import Logs, json_object, truth
+from foundation.run_folder.rows import Decision, FrameTruth, Pose, drone_label
 
 Extent = tuple[float, float, float, float]  # m NED: north_min, north_max, east_min, east_max
 
@@ -34,6 +39,9 @@ _DRONES = ("#ffb000", "#3fa7ff", "#ff5c8a", "#b48cff", "#00d0a0", "#ff7a1a")
 _ACCEPTED, _REJECTED, _TARGET = "#18c93a", "#ff2a2a", "#ff2fd6"
 FLIGHT_COLORS = (_DRONES[0], _TARGET, _ACCEPTED)  # of the marks of a flight that succeeds
 _MARGIN_M = 8.0
+AERIAL_HFOV_DEG = 20.0  # a long lens from high above: little parallax, so roofs stay over their houses
+AERIAL_WIDTH_PX, AERIAL_HEIGHT_PX = 1600, 1000
+AERIAL_MARGIN_M = 12.0
 
 
 def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: Extent | None) -> Path:
@@ -42,20 +50,20 @@ def draw(run_episode_dir: Path, map_picture: NDArray[np.uint8] | None, extent: E
     map_picture: (H, W, 3) RGB from above, north up and east right, filling `extent`; None draws a plain grid.
     Raises UsageError when the folder holds no log to draw.
     """
-    logs = read(run_episode_dir)
-    shown = [d for d in _spread(logs) if _frame_path(run_episode_dir, d) is not None]
+    flight = JudgedFlight.read(run_episode_dir)
+    shown = [decision for decision in _spread(flight.logs) if flight.picture_path(decision) is not None]
     rows = math.ceil(len(shown) / _COLUMNS)
     height = _MAP_IN + rows * _ROW_IN + 0.3
     figure = Figure(figsize=(_WIDTH_IN, height), dpi=_DPI, facecolor="white")
     FigureCanvasAgg(figure)
     above = figure.add_axes((0.06, 1.0 - (_MAP_IN - 0.35) / height, 0.925, (_MAP_IN - 1.0) / height))
-    _map(above, logs, map_picture, extent)
-    _title(above, run_episode_dir)
+    _map(above, flight.logs, map_picture, extent)
+    _title(above, flight)
     for place, decision in enumerate(shown):
         column, row = place % _COLUMNS, place // _COLUMNS
         bottom = 1.0 - (_MAP_IN + (row + 1) * _ROW_IN - 0.05) / height
         axes = figure.add_axes((0.01 + column * 0.247, bottom, 0.24, (_ROW_IN - 0.42) / height))
-        _frame(axes, run_episode_dir, decision, logs)
+        _frame(axes, flight, decision)
     path = run_episode_dir / layout.PICTURE
     figure.savefig(path, metadata={"Software": None})  # the file depends on the flight, not on the library's version
     return path
@@ -178,8 +186,8 @@ def _scale_bar(axes: Axes) -> None:
     axes.text(right - length / 2, low + 0.6 * tall, f"{length:g} m", ha="center", va="bottom", fontsize=10, zorder=10)
 
 
-def _title(axes: Axes, folder: Path) -> None:
-    record, verdict = (json_object(folder / name) or {} for name in (layout.EPISODE, layout.VERDICT))
+def _title(axes: Axes, flight: JudgedFlight) -> None:
+    verdict = json_object(flight.folder / layout.VERDICT) or {}
     outcome = str(verdict.get("outcome", "not judged"))
     parts = [outcome.upper()]
     if isinstance(verdict.get("ne_m"), int | float):
@@ -190,17 +198,16 @@ def _title(axes: Axes, folder: Path) -> None:
     if isinstance(verdict.get("steps"), int):
         parts.append(f"{verdict['steps']} steps")
     color = {"success": "#0b7a22", "failure": "#b01010"}.get(outcome, "#555555")
-    name = str(record.get("id", folder.name))
-    instruction = str(record.get("instruction", ""))
-    headline = f"{name}: “{instruction}”" if instruction else name
+    instruction = str(flight.record.get("instruction", ""))
+    headline = f"{flight.id}: “{instruction}”" if instruction else flight.id
     axes.text(0.0, 1.055, textwrap.shorten(headline, 110, placeholder=" …"), transform=axes.transAxes, fontsize=14,
               fontweight="bold", va="bottom", parse_math=False)  # fmt: skip
     axes.text(0.0, 1.015, textwrap.shorten(" · ".join(parts), 130, placeholder=" …"), transform=axes.transAxes,
               fontsize=12, color=color, va="bottom", parse_math=False)  # fmt: skip
 
 
-def _frame(axes: Axes, folder: Path, decision: Decision, logs: Logs) -> None:
-    path = _frame_path(folder, decision)
+def _frame(axes: Axes, flight: JudgedFlight, decision: Decision) -> None:
+    path = flight.picture_path(decision)
     picture = None if path is None else cv2.imread(str(path), cv2.IMREAD_COLOR)
     axes.set_axis_off()
     if picture is None:  # the file was cut short
@@ -208,15 +215,14 @@ def _frame(axes: Axes, folder: Path, decision: Decision, logs: Logs) -> None:
     else:
         height, width = picture.shape[:2]
         axes.imshow(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB))
-        point = (decision.action or {}).get("point")
-        if decision.kind == GO and isinstance(point, list) and len(point) == 2:
-            x, y = float(point[0]) * width / POINT_SPAN, float(point[1]) * height / POINT_SPAN
+        if (go := decision.go) is not None:
+            x, y = go.x * width / POINT_SPAN, go.y * height / POINT_SPAN
             for size, color in ((5.0, "black"), (2.5, "#ffe600")):
                 axes.plot(x, y, "o", markersize=17, markerfacecolor="none", markeredgecolor=color, markeredgewidth=size)
         axes.set_xlim(0, width)
         axes.set_ylim(height, 0)
-    who = f" {drone_label(decision.drone)}" if any(d.drone for d in logs.decisions) else ""
-    good = qualifies(decision, logs)
+    who = f" {drone_label(decision.drone)}" if any(d.drone for d in flight.logs.decisions) else ""
+    good = qualifies(decision, flight.logs)
     color = {True: "#0b7a22", False: _REJECTED, None: "black"}[good]
     caption = f"{decision.step}{who}  {decision.t_frame:.0f} s  {describe(decision)}"
     axes.set_title(caption, fontsize=9, pad=3, color=color, loc="left", parse_math=False)
@@ -256,6 +262,27 @@ def _spread(logs: Logs) -> list[Decision]:
     return [d for place in sorted(set(places)) for d in steps[order[place]]]
 
 
-def _frame_path(folder: Path, decision: Decision) -> Path | None:
-    path = folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
-    return path if path.is_file() else None
+def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
+    """Return a picture (H, W, 3) RGB, north up, around everything that an episode's truth.jsonl mentions."""
+    points = _mentioned(folder)
+    points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
+    norths, easts = [p[0] for p in points], [p[1] for p in points]
+    north, east = (min(norths) + max(norths)) / 2, (min(easts) + max(easts)) / 2
+    high = (max(norths) - min(norths)) / 2 + AERIAL_MARGIN_M  # m, half the picture's height on the ground
+    wide = max(high * AERIAL_WIDTH_PX / AERIAL_HEIGHT_PX, (max(easts) - min(easts)) / 2 + AERIAL_MARGIN_M)
+    high = wide * AERIAL_HEIGHT_PX / AERIAL_WIDTH_PX
+    camera = CameraModel(AERIAL_WIDTH_PX, AERIAL_HEIGHT_PX, AERIAL_HFOV_DEG, (0.0, 0.0, 0.0))
+    height = wide / math.tan(math.radians(AERIAL_HFOV_DEG / 2))
+    ground = world.ground_down(north, east)
+    pose = CameraPose((north, east, ground - height), quat_from_euler(0.0, -math.pi / 2, 0.0))
+    view = Renderer(world.scene, camera).render(pose, world.moved(0.0))
+    return view.rgb, (north - high, north + high, east - wide, east + wide)
+
+
+def _mentioned(folder: Path) -> list[Vec3]:
+    """Return the places of drones and target, m NED; none where the log is damaged."""
+    try:
+        rows = [row for row in truth(folder) if isinstance(row, Pose | FrameTruth)]
+    except UsageError:
+        return []
+    return [place for row in rows for place in (row.position_ned, row.target_ned) if place]

@@ -104,8 +104,8 @@ def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> Pictu
 
 def draw(folder: Path) -> None:
     """Draw flight.png of an episode folder; a picture that fails must not cost the flight."""
+    from dronecats.flight.picture.flight_picture import aerial
     from dronecats.flight.picture.flight_picture import draw as draw_flight
-    from dronecats.flight.picture.map_picture import aerial
     from dronecats.flight.sitl.scenario import load_world
 
     try:

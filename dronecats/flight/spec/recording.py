@@ -7,7 +7,7 @@ from pathlib import Path
 
 from msgspec import UNSET
 
-from dronecats.agent.models.replay import FlightRecording, RecordedReply
+from dronecats.agent.models.replay import FlightRecording, LoggedReply
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import from_json
 from foundation.errors import UsageError
@@ -35,7 +35,7 @@ def recorded(path: Path) -> FlightSpec:
 
 
 def _recording(folder: Path) -> FlightRecording:
-    steps: dict[int, RecordedReply] = {}
+    steps: dict[int, LoggedReply] = {}
     asked: Counter[int] = Counter()  # by the first of the drones that are asked for together
     served: dict[int, str] = {}  # likewise; a decision tells it when it changes
     for said in rows(folder / layout.DECISIONS, Decision):
@@ -46,7 +46,7 @@ def _recording(folder: Path) -> FlightRecording:
         if said.served is not UNSET:
             served[said.drone] = str(said.served)
         if said.step not in steps:  # of those that were asked for together, the first
-            steps[said.step] = RecordedReply(
+            steps[said.step] = LoggedReply(
                 step=asked[said.drone],
                 drone=said.drone,
                 reply=str(said.reply),
@@ -73,13 +73,13 @@ def _recording(folder: Path) -> FlightRecording:
     )
 
 
-def _of_commander(commanded: Sequence[Exchange]) -> Iterator[RecordedReply]:
+def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
     """Yield the replies of the exchanges that had one."""
     served: str | None = None  # an exchange tells it when it changes
     for said in commanded:
         served = served if said.served is UNSET else str(said.served)
         if said.reply is not None:
-            yield RecordedReply(
+            yield LoggedReply(
                 step=said.number,
                 drone=0,
                 reply=said.reply,

@@ -4,9 +4,8 @@ Sensitivity".
 What a reply for several drones cost is counted once, at the first of them.
 """
 
-from dronecats.judge.judged_flight import JudgedFlight, of_questions
-from dronecats.judge.metrics.metric import Metric, MetricValue
-from dronecats.judge.metrics.value import known, median, quantile
+from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.judge.metrics.metric import Metric, MetricValue, known, median, of_questions, quantile
 
 
 def control_rate(flight: JudgedFlight) -> list[MetricValue]:

@@ -8,17 +8,22 @@ told nothing else is not meant.
 
 Of a fleet the drones are pooled as its criterion pools them: declarations, arrival and closing are the best drone's,
 and so is the share of steps with the target ahead; it oscillated, or did not move, where every drone did.
+
+A flight that did not move at all is flown once more. The paper's "pose track under 5 m" is of a vehicle that stands
+still when it hovers. Ours wanders, on its estimates, over some 10 m of track in 300 s without leaving the spot, so
+steps shorter than half a metre are none of the track's.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import Literal
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.stuck import STUCK_M, is_stuck
 from foundation.protocol import BRAKE_M, NEAR_M, NEAR_SCALE, STRIDE_MAX_M
+from foundation.run_folder.reading import truth
 from foundation.run_folder.rows import Pose
 
 FailureMode = Literal[
@@ -37,6 +42,8 @@ MODES: dict[FailureMode, str] = {  # in the order in which they are asked for
 HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # of the camera; share of the steps
 WANDERED, TURNED_DEG = 8.0, 720.0  # path over net displacement; accumulated yaw
 CLOSED = 0.30  # of the start distance
+STUCK_M = 5.0  # m of track, under which a drone has not moved
+STEP_M = 0.5  # m, a step of the track; a hover's wander is shorter, and the shortest stride is more than twice as long
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +109,38 @@ def wanderings(flight: JudgedFlight) -> list[Wandering]:
         if pose.t <= flight.cap_s:
             traces.setdefault(pose.drone, []).append(pose)
     return [wandering(trace) for _, trace in sorted(traces.items())]
+
+
+def tracks_m(poses: Iterable[Pose]) -> Iterator[float]:
+    """Yield how long the track of a pose's drone has become, m, for each pose."""
+    places: dict[int, tuple[float, float, float]] = {}  # where the last step of each ended
+    tracks: dict[int, float] = {}
+    for pose in poses:
+        step_m = math.dist(places.setdefault(pose.drone, pose.position_ned), pose.position_ned)
+        if step_m >= STEP_M:
+            tracks[pose.drone] = tracks.get(pose.drone, 0.0) + step_m
+            places[pose.drone] = pose.position_ned
+        yield tracks.get(pose.drone, 0.0)
+
+
+def track_m(poses: Iterable[Pose]) -> float | None:
+    """Return the longest track (m) of a fleet's drones; None without a pose."""
+    return max(tracks_m(poses), default=None)
+
+
+def is_stuck(poses: Iterable[Pose]) -> bool:
+    """Return whether no drone of a flight moved; of one without a trace nobody knows. Stops where that is known."""
+    known = False
+    for track in tracks_m(poses):
+        known = True
+        if track >= STUCK_M:
+            return False
+    return known
+
+
+def poses_of(folder: Path) -> Iterator[Pose]:
+    """Yield the true poses of the flight in an episode folder. Raises UsageError for a damaged log."""
+    return (row for row in truth(folder) if isinstance(row, Pose))
 
 
 def _arrived(flight: JudgedFlight) -> bool:

@@ -2,6 +2,7 @@
 
 import gc
 import math
+import multiprocessing
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -16,14 +17,15 @@ from dronecats.judge.episode import Judged, beside_stored, check_radius, judged_
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import FailureMode, failure_mode
 from dronecats.judge.metrics.metric import Metric, MetricValue
-from dronecats.judge.metrics.own import own_metrics, value_of
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.registry import METRICS, own_metrics, value_of
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S, RADIUS_M
 
-EACH = 40  # episodes for which a process of its own pays
+EACH = 50  # episodes for which a process of its own pays
 AT_ONCE = 8  # episodes that a process is given at a time
-Each = TypeVar("Each")
+FORKS = "fork" in multiprocessing.get_all_start_methods()  # a user's own metric has no name to be sent by
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,15 +64,31 @@ def judged_episodes(folders: Sequence[Path], how: Judging, processes: int | None
     yield from of_each(partial(judged_episode, how=how), folders, processes)
 
 
-def of_each(function: Callable[[Path], Each], folders: Sequence[Path], processes: int | None = None) -> Iterator[Each]:
-    """Yield what a function of this module's kind makes of each folder, in their order."""
-    count = min(_cores(), len(folders) // EACH) if processes is None else processes
-    if count > 1:
-        # rows are in no circles, and looking for some among so many takes a quarter of the time
-        with ProcessPoolExecutor(count, initializer=gc.disable) as pool:
-            yield from pool.map(function, folders, chunksize=AT_ONCE)
+def of_each(function: Callable[[Item], Made], items: Sequence[Item], processes: int | None = None) -> Iterator[Made]:
+    """Yield what a function makes of each item, such as an episode folder, in their order.
+
+    `processes`: as many as pay where None. The function itself is not sent to them, and may hold what cannot be.
+    """
+    count = min(_cores(), len(items) // EACH) if processes is None else processes
+    if count > 1 and FORKS:
+        fork = multiprocessing.get_context("fork")
+        with ProcessPoolExecutor(count, mp_context=fork, initializer=_begin, initargs=(function,)) as pool:
+            yield from pool.map(_of_one, items, chunksize=AT_ONCE)
     else:
-        yield from map(function, folders)
+        yield from map(function, items)
+
+
+_function: Callable[[Any], Any]  # of a process that works for another
+
+
+def _begin(function: Callable[[Any], Any]) -> None:
+    global _function
+    _function = function
+    gc.disable()  # rows are in no circles, and looking for some among so many takes a quarter of the time
+
+
+def _of_one(item: Any) -> Any:
+    return _function(item)
 
 
 def judged_episode(folder: Path, how: Judging) -> JudgedEpisode:

@@ -8,9 +8,8 @@ not have. The camera is the declared pinhole.
 import math
 from collections.abc import Iterator
 
-from dronecats.judge.judged_flight import FlightStep, JudgedFlight, of_counted
-from dronecats.judge.metrics.metric import Metric, MetricValue
-from dronecats.judge.metrics.value import known, mean, median
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
+from dronecats.judge.metrics.metric import Metric, MetricValue, known, mean, median, of_counted
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN, ROTATE
 from foundation.run_folder.rows import PointedGo

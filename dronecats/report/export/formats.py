@@ -104,7 +104,7 @@ def _dataset(runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exporte
 
 
 def _tables(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exported:
-    from dronecats.report.results.table_files import TableFormat, table_file, write_tables
+    from dronecats.report.results.database import TableFormat, table_file, write_tables
 
     ending: TableFormat = "csv" if kind == "csv" else "parquet"
     _refuse([table_file(ending, table, out) for table in TABLES], overwrite)

@@ -26,7 +26,7 @@ from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, act
 from dronecats.agent.controller import plan
 from dronecats.report.export.conventions import about
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import DroneTracks, Track
+from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import quat_to_euler
@@ -246,7 +246,7 @@ def _task_table(tasks: dict[str, int]) -> pa.Table:
     return table.replace_schema_metadata({"pandas": json.dumps(about)})
 
 
-def state(track: Track, t_s: float, first_s: float) -> Vector:
+def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
     """Return what an autopilot thought at a time (9,): place since `first_s`, velocity along its heading, attitude."""
     now, first = track.newest(t_s), track.newest(first_s)
     w, x, y, z = (float(value) for value in track.attitude[now])

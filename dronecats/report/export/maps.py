@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 
 from dronecats.report.export.conventions import JUDGE, about, drone_name, judged, lon_lat_alt, microseconds
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import DroneTracks, Track
+from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
@@ -81,11 +81,11 @@ def points(flight: RecordedFlight) -> Iterator[MapPoint]:
             yield MapPoint(f"{JUDGE}/declaration of step {one.step}", True, one.t, place, told)
 
 
-def _known(drone: DroneTracks) -> Track | None:
+def _known(drone: DroneTracks) -> FlightTrack | None:
     return drone.estimate if drone.estimate is not None else drone.truth
 
 
-def _path(name: str, judges: bool, track: Track, origin: Vec3) -> MapPath:
+def _path(name: str, judges: bool, track: FlightTrack, origin: Vec3) -> MapPath:
     kept: list[int] = []
     for index, t_s in enumerate(track.t_s):
         if not kept or index == len(track) - 1 or t_s - track.t_s[kept[-1]] >= SPACING_S - 1e-6:
@@ -94,7 +94,7 @@ def _path(name: str, judges: bool, track: Track, origin: Vec3) -> MapPath:
     return MapPath(name, judges, tuple(float(track.t_s[index]) for index in kept), places)
 
 
-def _at(track: Track, index: int) -> Vec3:
+def _at(track: FlightTrack, index: int) -> Vec3:
     north, east, down = (float(value) for value in track.position_ned[index])
     return (north, east, down)
 

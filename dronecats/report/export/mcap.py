@@ -15,7 +15,7 @@ from mcap_protobuf.writer import Writer
 from dronecats.report.export import foxglove
 from dronecats.report.export.conventions import JUDGE, about, drone_name, judged, lon_lat_alt, nanoseconds
 from dronecats.report.recorded.flight import RecordedFlight, SeenFrame
-from dronecats.report.recorded.tracks import DroneTracks, Track
+from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import Quat
 from foundation.protocol import POINT_SPAN
@@ -63,7 +63,7 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
     yield from _target(flight)
 
 
-def _track(name: str, frame: str, track: Track, origin: Origin | None) -> Iterator[TimedMessage]:
+def _track(name: str, frame: str, track: FlightTrack, origin: Origin | None) -> Iterator[TimedMessage]:
     """Yield a drone's poses, its places on earth, and its trail."""
     judges = name.startswith(JUDGE)
     scene = f"/{JUDGE}/scene" if judges else "/scene"
@@ -82,7 +82,7 @@ def _track(name: str, frame: str, track: Track, origin: Origin | None) -> Iterat
             yield TimedMessage(t_s, scene, foxglove.scene([trail]))
 
 
-def _every(track: Track) -> int:
+def _every(track: FlightTrack) -> int:
     """Return which samples a trail is drawn through: ten a second are enough."""
     seconds = float(track.t_s[-1] - track.t_s[0])
     return max(1, int(len(track) / (10.0 * seconds))) if seconds > 0.0 else 1
@@ -149,6 +149,6 @@ def _target(flight: RecordedFlight) -> Iterator[TimedMessage]:
             yield TimedMessage(one.t, f"/{JUDGE}/scene", foxglove.scene([entity]))
 
 
-def _attitude(track: Track, index: int) -> Quat:
+def _attitude(track: FlightTrack, index: int) -> Quat:
     w, x, y, z = (float(value) for value in track.attitude[index])
     return (w, x, y, z)

@@ -25,7 +25,7 @@ from dronecats.report.export.conventions import (
     xyzw_flu_to_enu,
 )
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import DroneTracks, Track
+from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.errors import UsageError
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import drone_label
@@ -87,7 +87,7 @@ def _body(drone: DroneTracks) -> str:
 
 
 def _track(
-    recording: rr.RecordingStream, flight: RecordedFlight, name: str, track: Track, color: tuple[int, int, int]
+    recording: rr.RecordingStream, flight: RecordedFlight, name: str, track: FlightTrack, color: tuple[int, int, int]
 ) -> int:
     times = rr.TimeColumn(TIMELINE, duration=_durations(track))
     turned = np.array([xyzw_flu_to_enu((float(w), float(x), float(y), float(z))) for w, x, y, z in track.attitude])
@@ -105,7 +105,7 @@ def _track(
     return len(track)
 
 
-def _durations(track: Track) -> Any:
+def _durations(track: FlightTrack) -> Any:
     return np.array([microseconds(float(t)) for t in track.t_s], "timedelta64[us]")
 
 

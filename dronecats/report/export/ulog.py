@@ -16,7 +16,7 @@ from dronecats import __version__
 from dronecats.judge.judged_flight import FlightStep
 from dronecats.report.export.conventions import JUDGE, Array, about, judged, microseconds
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import Track
+from dronecats.report.recorded.tracks import FlightTrack
 from foundation.frames import quat_yaw
 from foundation.protocol import FINISHED, GO, ROTATE, THINK
 from foundation.run_folder.rows import drone_label
@@ -83,7 +83,7 @@ def _samples(flight: RecordedFlight) -> Iterator[Stamped]:
     yield from _judged(flight)
 
 
-def _track(flight: RecordedFlight, drone: int, track: Track, suffix: str) -> Iterator[Stamped]:
+def _track(flight: RecordedFlight, drone: int, track: FlightTrack, suffix: str) -> Iterator[Stamped]:
     latitude, longitude, altitude = flight.origin or (math.nan,) * 3
     known = bool(np.isfinite(track.velocity_ned).all())
     for index, at in enumerate(track.t_s):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.action import Action, ActionError, action_from, compact
-from dronecats.judge.measured import qualifies
+from dronecats.judge.verdict import qualifies
 from dronecats.report.kit.words import action_words
 from dronecats.report.page.pictures import PictureAddress
 from dronecats.report.recorded.flight import RecordedFlight

@@ -21,7 +21,7 @@ from foundation.run_folder.reading import exchanges
 from foundation.run_folder.rows import Decision, EstimatedPose, Exchange, FrameTruth, Pose
 
 if TYPE_CHECKING:  # each takes a while to import, and most readers of a flight need none of them
-    from dronecats.report.recorded.tracks import DroneTracks, Track
+    from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
     from episodes.maps.assets.multirotor import Outline
     from episodes.world.world import World
 
@@ -95,11 +95,6 @@ class RecordedFlight(JudgedFlight):
                 found[drone, when] = Timeline(tuple(getattr(each, when) for each in ordered), tuple(ordered))
         return found
 
-    def picture_path(self, decision: Decision) -> Path | None:
-        """Return the file of the picture that a decision was made on; None where the folder has none."""
-        path = self.folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
-        return path if path.is_file() else None
-
     @cached_property
     def frames(self) -> tuple[SeenFrame, ...]:
         """The pictures on which something was decided, in the order of time; none where no pictures were kept.
@@ -170,7 +165,7 @@ class RecordedFlight(JudgedFlight):
         return (*self.logs.poses, *self.logs.frames.values()) if self.logs.true else ()
 
     @cached_property
-    def true_tracks(self) -> Mapping[int, "Track"]:
+    def true_tracks(self) -> Mapping[int, "FlightTrack"]:
         """Where each drone truly was: by the truth bus, else by the log on board, else by truth.jsonl.
 
         {}: nobody measured it. Raises UsageError when flight.tlog cannot be read.
@@ -182,7 +177,7 @@ class RecordedFlight(JudgedFlight):
         tracks = {drone: self._measured_track(drone) or track_of_rows(rows[drone]) for drone in sorted(drones)}
         return {drone: track for drone, track in tracks.items() if track is not None}
 
-    def _measured_track(self, drone: int) -> "Track | None":
+    def _measured_track(self, drone: int) -> "FlightTrack | None":
         """Return the true track with attitudes, None where none was kept or the map is not here."""
         from dronecats.report.recorded import onboard_log, tracks
 
@@ -200,14 +195,14 @@ class RecordedFlight(JudgedFlight):
         return None
 
     @cached_property
-    def estimated_tracks(self) -> Mapping[int, "Track"]:
+    def estimated_tracks(self) -> Mapping[int, "FlightTrack"]:
         """Where each autopilot estimated that it was, in its own local frame: by its log on board, else by telemetry.
 
         Raises UsageError when flight.tlog cannot be read.
         """
         from dronecats.report.recorded import onboard_log, tracks
 
-        found: dict[int, Track] = {}
+        found: dict[int, FlightTrack] = {}
         for drone in range(max(self.telemetry, default=0) + 1):
             track = tracks.estimated_track(self.telemetry[drone]) if drone in self.telemetry else None
             kept = onboard_log.kept_ulog(self.folder, drone)
@@ -218,7 +213,7 @@ class RecordedFlight(JudgedFlight):
         return found
 
     @cached_property
-    def tracks(self) -> Mapping[int, "Track"]:
+    def tracks(self) -> Mapping[int, "FlightTrack"]:
         """The tracks that are drawn, by drone: the true ones, of a flight without truth those of its autopilots.
 
         Raises UsageError when flight.tlog cannot be read.
@@ -259,7 +254,7 @@ class RecordedFlight(JudgedFlight):
         )
 
     @cached_property
-    def target_track(self) -> "Track | None":
+    def target_track(self) -> "FlightTrack | None":
         """Where the target's centre was, as far as truth.jsonl tells it."""
         from dronecats.report.recorded.tracks import target_track
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from dronecats.report.recorded.tracks import Track
+from dronecats.report.recorded.tracks import FlightTrack
 from foundation.errors import UsageError
 from foundation.extras import is_installed
 from foundation.frames import geodetic_to_ned
@@ -35,12 +35,12 @@ def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
         raise UsageError(f"{path} is no ULog: {type(error).__name__} {error}") from None
 
 
-def estimated_track(path: Path, t0_us: int) -> Track | None:
+def estimated_track(path: Path, t0_us: int) -> FlightTrack | None:
     """Return the estimate, in the autopilot's local frame; None where the log holds none. Raises UsageError."""
     return _track(ulog_topics(path, "vehicle_local_position", "vehicle_attitude"), "", t0_us)
 
 
-def true_track(path: Path, t0_us: int, map_origin: Origin) -> Track | None:
+def true_track(path: Path, t0_us: int, map_origin: Origin) -> FlightTrack | None:
     """Return the truth that a simulated PX4 wrote, in the map's frame; None where it wrote none, as a real one.
 
     Raises UsageError when the file is no ULog.
@@ -50,10 +50,10 @@ def true_track(path: Path, t0_us: int, map_origin: Origin) -> Track | None:
     if track is None or place is None:
         return None
     first = geodetic_to_ned(*map_origin, *(float(place[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt")))
-    return Track(track.t_s, track.position_ned + np.array(first), track.velocity_ned, track.attitude)
+    return FlightTrack(track.t_s, track.position_ned + np.array(first), track.velocity_ned, track.attitude)
 
 
-def _track(topics: dict[str, dict[str, Any]], suffix: str, t0_us: int) -> Track | None:
+def _track(topics: dict[str, dict[str, Any]], suffix: str, t0_us: int) -> FlightTrack | None:
     place, turned = topics.get(f"vehicle_local_position{suffix}"), topics.get(f"vehicle_attitude{suffix}")
     if place is None or turned is None or len(turned["timestamp"]) < 2:
         return None
@@ -66,4 +66,4 @@ def _track(topics: dict[str, dict[str, Any]], suffix: str, t0_us: int) -> Track 
         return None
     turns = Rotation.from_quat(np.column_stack([turned[f"q[{k}]"] for k in (1, 2, 3, 0)]))
     attitude = Slerp(at_us, turns)(rows[:, 0]).as_quat()[:, [3, 0, 1, 2]]
-    return Track((rows[:, 0] - t0_us) / 1e6, rows[:, 1:4], rows[:, 4:], attitude)
+    return FlightTrack((rows[:, 0] - t0_us) / 1e6, rows[:, 1:4], rows[:, 4:], attitude)

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Track:
+class FlightTrack:
     """The way of one drone, n samples of rising time, at least one."""
 
     t_s: Array  # (n,) s of vehicle time since the episode began
@@ -43,10 +43,10 @@ class Track:
         """Return the index of the newest sample at a time, the first before there is any; microseconds are forgiven."""
         return max(0, int(np.searchsorted(self.t_s, t_s + 1e-6, side="right")) - 1)
 
-    def between(self, from_s: float, to_s: float) -> "Track":
+    def between(self, from_s: float, to_s: float) -> "FlightTrack":
         """Return the samples of this time, both ends included."""
         kept = (self.t_s >= from_s) & (self.t_s <= to_s)
-        return Track(
+        return FlightTrack(
             self.t_s[kept], self.position_ned[kept], self.velocity_ned[kept], self.attitude[kept], self.level
         )  # fmt: skip
 
@@ -79,7 +79,7 @@ class Track:
         """Return whether it ever leaves its first place by more than a centimetre."""
         return bool((abs(self.position_ned - self.position_ned[0]) > 0.01).any())
 
-    def drawn(self) -> "Track":
+    def drawn(self) -> "FlightTrack":
         """Return the track as it is drawn: without the tremor of the bus, of a level one smooth between its places."""
         if self.level:
             return self._laid_out()
@@ -88,12 +88,12 @@ class Track:
         sigma = SMOOTHED_S / float(np.median(np.diff(self.t_s)))
         return replace(self, position_ned=gaussian_filter1d(self.position_ned, sigma, axis=0, mode="nearest"))
 
-    def _laid_out(self) -> "Track":
+    def _laid_out(self) -> "FlightTrack":
         t, places, yaw = self.t_s, self.position_ned, self.headings(self.t_s)
         if len(t) > 1:
             fine = np.append(np.arange(t[0], t[-1], LEVEL_PERIOD_S), t[-1])
             places, yaw, t = PchipInterpolator(t, places)(fine), PchipInterpolator(t, yaw)(fine), fine
-        return Track(t, places, np.full_like(places, np.nan), _level(yaw), level=True)
+        return FlightTrack(t, places, np.full_like(places, np.nan), _level(yaw), level=True)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,14 +101,14 @@ class DroneTracks:
     """One drone from the beginning of an episode to its end: where it was, and where it was told to go."""
 
     number: int  # 0 is the first
-    estimate: Track | None  # by its autopilot's telemetry, in the map's frame; None: there is none
-    held: Track | None  # the estimate, with the sample before the episode that still held when it began
-    truth: Track | None  # the judge's; None: nobody measured it
+    estimate: FlightTrack | None  # by its autopilot's telemetry, in the map's frame; None: there is none
+    held: FlightTrack | None  # the estimate, with the sample before the episode that still held when it began
+    truth: FlightTrack | None  # the judge's; None: nobody measured it
     setpoints: Array | None  # (n, 9): t s, place m in the map's frame, velocity m/s, yaw, yaw rate; NaN: open
 
 
 def drone_tracks(
-    number: int, truth: Track | None, telemetry: DroneTelemetry, end_s: float, origin: Vec3 | None
+    number: int, truth: FlightTrack | None, telemetry: DroneTelemetry, end_s: float, origin: Vec3 | None
 ) -> DroneTracks:
     """Return the tracks of a drone. `origin`: lat °, lon °, alt m of the map's frame; None: nobody tells."""
     estimate, setpoints = estimated_track(telemetry), telemetry.setpoints[:, :9]
@@ -130,7 +130,7 @@ def drone_tracks(
     )
 
 
-def _during(track: Track | None, end_s: float, held: bool = False) -> Track | None:
+def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> FlightTrack | None:
     """Return what of a track is of the episode, with the sample that `held` when it began; None where nothing is."""
     if track is None:
         return None
@@ -138,15 +138,15 @@ def _during(track: Track | None, end_s: float, held: bool = False) -> Track | No
     return kept if len(kept) else None
 
 
-def true_track(samples: Iterable[TruthSample], t0_us: int) -> Track | None:
+def true_track(samples: Iterable[TruthSample], t0_us: int) -> FlightTrack | None:
     """Return the track of one drone's samples of the truth bus; None without any. `t0_us`: the clock at t = 0."""
     rows = rising([
         ((each.time_us - t0_us) / 1e6, *each.position_ned, *each.velocity_ned, *each.attitude) for each in samples
     ])  # fmt: skip
-    return Track(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:11]) if len(rows) else None
+    return FlightTrack(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:11]) if len(rows) else None
 
 
-def estimated_track(telemetry: DroneTelemetry) -> Track | None:
+def estimated_track(telemetry: DroneTelemetry) -> FlightTrack | None:
     """Return the track that an autopilot sent, in its local frame, level where it sent no attitude; None: it sent none.
 
     Attitudes are those of the times of its places.
@@ -160,10 +160,10 @@ def estimated_track(telemetry: DroneTelemetry) -> Track | None:
         turned = np.column_stack([np.interp(places[:, 0], angles[:, 0], column) for column in columns])
     attitude = np.array([quat_from_euler(*map(float, each)) for each in turned])
     t_s = (places[:, 0] - telemetry.t0_us) / 1e6
-    return Track(t_s, places[:, 1:4], places[:, 4:7], attitude, level=not len(angles))
+    return FlightTrack(t_s, places[:, 1:4], places[:, 4:7], attitude, level=not len(angles))
 
 
-def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> Track | None:
+def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> FlightTrack | None:
     """Return the track of one drone's rows of a log: level, and without velocity; None where none tells a place.
 
     A row without a heading has the last one before it.
@@ -177,10 +177,10 @@ def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> Track | 
         yaw_deg = yaw_deg if (now := placed[t].yaw_deg) is None else now
         headings.append(yaw_deg)
     places = np.array([placed[t].position_ned for t in times], np.float64)
-    return Track(np.array(times), places, np.full_like(places, np.nan), _level(np.radians(headings)), level=True)
+    return FlightTrack(np.array(times), places, np.full_like(places, np.nan), _level(np.radians(headings)), level=True)
 
 
-def target_track(rows: Iterable[Pose | FrameTruth]) -> Track | None:
+def target_track(rows: Iterable[Pose | FrameTruth]) -> FlightTrack | None:
     """Return where the target's centre was, by the rows of truth.jsonl; None where none tells it."""
     placed = {row.t: row.target_ned for row in rows if row.target_ned is not None}
     if not placed:
@@ -188,7 +188,7 @@ def target_track(rows: Iterable[Pose | FrameTruth]) -> Track | None:
     times = sorted(placed)
     places = np.array([placed[t] for t in times], np.float64)
     still = np.tile((1.0, 0.0, 0.0, 0.0), (len(times), 1))
-    return Track(np.array(times), places, np.full_like(places, np.nan), still, level=True)
+    return FlightTrack(np.array(times), places, np.full_like(places, np.nan), still, level=True)
 
 
 def _level(yaw: Array) -> Array:

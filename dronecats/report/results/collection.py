@@ -1,18 +1,14 @@
 """All that was flown in some runs, one row an episode: the table from which reports, comparisons and SQL are made."""
 
-import multiprocessing
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from dronecats.judge.metrics.deliberation import StepOutlook, outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
-from dronecats.judge.metrics.metric import Metric
-from dronecats.judge.metrics.own import value_of
-from dronecats.judge.metrics.registry import METRICS
-from dronecats.judge.metrics.value import MetricValue
+from dronecats.judge.metrics.judging import of_each
+from dronecats.judge.metrics.metric import Metric, MetricValue
+from dronecats.judge.metrics.registry import METRICS, value_of
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun, recorded_runs
 from dronecats.report.results.identity import record_digest, served
@@ -20,9 +16,6 @@ from dronecats.report.results.usage import NONE_TOLD, Usage, usage
 from foundation.errors import UsageError
 from foundation.protocol import RADIUS_M
 from foundation.run_folder.results import SCORED, Verdict
-
-MANY = 100  # episodes from which on more processes read faster than one
-FORKS = "fork" in multiprocessing.get_all_start_methods()  # a metric of the user's own has no name to be sent by
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,16 +69,20 @@ def collect(
 ) -> Collection:
     """Return what stands in these folders. One damaged episode spoils no other. Raises UsageError.
 
-    It is read by so many processes; None: by as many as there are cores, where there is enough to read.
+    It is read by so many processes; None: by as many as pay.
     """
     runs = recorded_runs(paths)
-    folders = [(number, folder) for number, run in enumerate(runs) for folder in run.episodes]
-    wanted = os.cpu_count() or 1 if processes is None and len(folders) >= MANY else processes or 1
-    read = _Reading(runs, delta_m, metrics)
+    folders = [(run, folder) for run in runs for folder in run.episodes]
+
+    def read(number: int) -> ScoredEpisode:
+        run, folder = folders[number]
+        scored = scored_episode(run, folder, delta_m, metrics)
+        return replace(scored, run=replace(run, configuration={}, episodes=()))  # which need not be sent here
+
     scored = []
-    for each in _read_by(wanted, read, folders) if wanted > 1 and FORKS else map(read, folders):
-        scored.append(each)
-        on_episode(each)
+    for (run, _), each in zip(folders, of_each(read, range(len(folders)), processes), strict=True):
+        scored.append(replace(each, run=run))
+        on_episode(scored[-1])
     return Collection(runs=tuple(runs), episodes=tuple(scored))
 
 
@@ -147,38 +144,3 @@ def _of_steps(flown: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tupl
         values = value_of(metric, flown) if metric.level == "step" else None
         if isinstance(values, Sequence):
             yield metric.name, tuple(values)
-
-
-@dataclass(frozen=True, slots=True)
-class _Reading:
-    """Reads one episode of some runs, which are known by their numbers."""
-
-    runs: Sequence[RecordedRun]
-    delta_m: float
-    metrics: Sequence[Metric]
-
-    def __call__(self, numbered: tuple[int, Path]) -> ScoredEpisode:
-        number, folder = numbered
-        return scored_episode(self.runs[number], folder, self.delta_m, self.metrics)
-
-
-_reading: _Reading  # of a process that reads for another
-
-
-def _read_by(processes: int, read: _Reading, folders: Sequence[tuple[int, Path]]) -> Iterator[ScoredEpisode]:
-    """Yield the episodes in the order of the folders."""
-    fork = multiprocessing.get_context("fork")
-    with ProcessPoolExecutor(processes, mp_context=fork, initializer=_begin, initargs=(read,)) as pool:
-        told = pool.map(_read_one, folders, chunksize=8)
-        for (number, _), each in zip(folders, told, strict=True):
-            yield replace(each, run=read.runs[number])
-
-
-def _begin(read: _Reading) -> None:
-    global _reading
-    _reading = read
-
-
-def _read_one(numbered: tuple[int, Path]) -> ScoredEpisode:
-    scored = _reading(numbered)
-    return replace(scored, run=replace(scored.run, configuration={}, episodes=()))  # whoever asked has it

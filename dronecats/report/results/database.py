@@ -1,17 +1,21 @@
-"""Runs in a database of this process, which SQL may read and nothing else. Needs the extra `query`."""
+"""Runs in a database of this process, which SQL may read and nothing else, and their tables as files.
+
+Needs the extra `query`.
+"""
 
 import contextlib
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import duckdb
+import numpy as np
+from numpy.typing import NDArray
 
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tabulation
-from dronecats.report.results.columns import array
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
 from foundation.whole_file import whole_file
@@ -27,6 +31,11 @@ LOCKED = (
     "lock_configuration = true",
 )
 HEAD = re.compile(r"^(?:[\w ]+ Error: )?")  # the kind of an error, as the database names it
+LEAST, GREATEST = -(2**63), 2**63 - 1
+DTYPES: dict[str, Any] = {"BOOLEAN": np.bool_, "BIGINT": np.int64, "DOUBLE": np.float64}
+TableFormat = Literal["csv", "parquet"]
+AS: dict[TableFormat, str] = {"csv": "FORMAT csv, HEADER true", "parquet": "FORMAT parquet, COMPRESSION zstd"}
+ColumnNames = Callable[[str, str], str]  # of a table and its column: what that is called in the file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -130,3 +139,58 @@ def _each_once(columns: Sequence[str]) -> tuple[str, ...]:
             once, n = f"{name}_{n}", n + 1
         told.append(once)
     return tuple(told)
+
+
+def table_file(kind: TableFormat, table: str, out: Path) -> Path:
+    """Return where a table is written in a folder."""
+    return out / f"{table}.{kind}"
+
+
+def write_tables(
+    kind: TableFormat, runs: Sequence[RecordedRun], out: Path, called: ColumnNames = lambda table, column: column
+) -> tuple[dict[str, int], list[str]]:
+    """Write every table into a folder, which is made where it is missing.
+
+    Returns the rows of each table and what was damaged, a sentence an episode. A file is there whole or not at all.
+    Raises UsageError when it cannot be written.
+    """
+    loaded = load(runs, tuple(TABLES))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        rows = {name: _write(loaded.connection, kind, name, out, called) for name in TABLES}
+    except (OSError, duckdb.Error) as error:
+        said = error.strerror or str(error) if isinstance(error, OSError) else sentence(str(error))
+        raise UsageError(f"{out} cannot be written: {said}; choose another --out") from None
+    finally:
+        loaded.connection.close()
+    return rows, loaded.damage
+
+
+def _write(connection: duckdb.DuckDBPyConnection, kind: TableFormat, table: str, out: Path, called: ColumnNames) -> int:
+    path = table_file(kind, table, out)
+    columns = ", ".join(f'"{c.name}" AS "{called(table, c.name)}"' for c in TABLES[table].columns)
+    with whole_file(path) as draft:
+        connection.execute(f"COPY (SELECT {columns} FROM {table}) TO {literal(str(draft))} ({AS[kind]})")
+    counted = connection.execute(f"SELECT count(*) FROM {table}").fetchone()
+    return int(counted[0]) if counted else 0
+
+
+def array(values: Sequence[Any], sql_type: str) -> NDArray[Any]:
+    """Return values of one SQL type as an array; where a value is None it is masked, of text None itself.
+
+    What no column of that type can hold, a whole number beyond 64 bits, is None.
+    """
+    if sql_type not in DTYPES:
+        texts = np.empty(len(values), dtype=object)
+        texts[:] = [None if value is None else _text(value) for value in values]
+        return texts
+    if sql_type == "BIGINT":
+        values = [None if value is None or not LEAST <= value <= GREATEST else value for value in values]
+    mask = [value is None for value in values]
+    filled = [0 if missing else value for missing, value in zip(mask, values, strict=True)]
+    return np.ma.masked_array(np.array(filled, dtype=DTYPES[sql_type]), mask)
+
+
+def _text(value: str) -> str:
+    """Return a text with what UTF-8 has no bytes for, half a surrogate pair, escaped."""
+    return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode()

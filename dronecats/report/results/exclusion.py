@@ -2,16 +2,23 @@
 
 The choice is the reader's, never the default, and every report tells it: what is left out by something that happened in
 a flight may be left out at one level of a study more often than at another.
+
+Benchmarks of which flights are missing are found here, too: one in mid-flight is no sample of its suite.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from dronecats.judge.metrics.registry import METRICS
+from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode
 from foundation.errors import UsageError
+from foundation.run_folder import layout
+from foundation.run_folder.reading import json_object
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,3 +86,28 @@ def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[E
         untold = sum(each.scored and exclusion.value(each) is None for each in flights)
         if untold:
             yield f"{untold} flights do not tell {exclusion.metric} and are counted."
+
+
+@dataclass(frozen=True, slots=True)
+class Unflown:
+    """What is missing of one benchmark."""
+
+    folder: Path  # of bench.json
+    flights: int  # that belong to it
+    missing: int  # of these, those that no folder here holds
+
+
+def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:
+    """Return the benchmarks of which flights are missing; one whose bench.json is damaged tells nothing."""
+    flown: dict[Path, dict[str, set[str]]] = {}
+    for run in runs:
+        flown.setdefault(run.folder.parent, {})[run.folder.name] = {folder.name for folder in run.episodes}
+    found = [_of(folder, json_object(folder / layout.BENCH) or {}, there) for folder, there in flown.items()]
+    return [each for each in found if each.missing]
+
+
+def _of(folder: Path, benchmark: Mapping[str, Any], flown: Mapping[str, set[str]]) -> Unflown:
+    told = [run for run in benchmark.get("runs") or () if isinstance(run, dict)]
+    belong = {str(run.get("name")): set(run.get("episodes") or ()) for run in told}
+    missing = sum(len(ids - flown.get(name, set())) for name, ids in belong.items())
+    return Unflown(folder, sum(map(len, belong.values())), missing)

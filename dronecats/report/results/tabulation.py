@@ -9,7 +9,7 @@ import msgspec
 from msgspec import UNSET
 
 from dronecats.agent.action import Action, ActionError, Go, Rotate, action_from
-from dronecats.judge.measured import finished, measured
+from dronecats.judge.verdict import finished, measured
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.tables import TABLES, DeclarationRow, EpisodeRow, PoseRow, RunRow, RunTable, StepRow

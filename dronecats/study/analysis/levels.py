@@ -4,8 +4,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dronecats.judge.metrics.metric import Better
-from dronecats.judge.metrics.value import MetricValue
+from dronecats.judge.metrics.metric import Better, MetricValue
 from dronecats.judge.statistics.differences import KnownMean, known_mean
 from dronecats.judge.statistics.shares import KnownShare, known_share
 from dronecats.study.analysis.studied import (

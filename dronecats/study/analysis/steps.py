@@ -4,7 +4,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dronecats.judge.metrics.value import quantile
+from dronecats.judge.metrics.metric import quantile
 from dronecats.study.analysis.levels import LevelStep, level_steps
 from dronecats.study.analysis.studied import Studied, StudiedFlight, comparable
 from dronecats.study.analysis.target_motion import MOVES_M

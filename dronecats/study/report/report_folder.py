@@ -8,7 +8,7 @@ from typing import Any
 
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.report.report_folder import write_tables
-from dronecats.report.results.columns import array
+from dronecats.report.results.database import array
 from dronecats.report.table import ReportTable
 from dronecats.report.writers import as_json as tables_as_json
 from dronecats.report.writers import as_markdown, as_shell, escaped

@@ -16,7 +16,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.ndimage import gaussian_filter1d, minimum_filter1d
 
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.report.recorded.tracks import Track
+from dronecats.report.recorded.tracks import FlightTrack
 from episodes.camera.renderer.renderer import Renderer, View
 from episodes.maps.assets.multirotor import multirotor
 from episodes.maps.scene import Instance, Moved
@@ -55,7 +55,7 @@ class ChaseWay:
         return CameraPose((north, east, down), quat_from_euler(0.0, pitch, yaw))
 
 
-def chase(track: Track, end_s: float, standing: Solids) -> ChaseWay:
+def chase(track: FlightTrack, end_s: float, standing: Solids) -> ChaseWay:
     """Return the way of a camera behind `track` from t = 0 to `end_s`, among what stands."""
     times = np.arange(0.0, max(end_s, STEP_S) + 2 * STEP_S, STEP_S)
     places = _smooth(track.positions(times), PLACE_S)

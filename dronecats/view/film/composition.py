@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from dronecats.flight.picture.flight_picture import describe
-from dronecats.judge.measured import qualifies
+from dronecats.judge.verdict import qualifies
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.film.chase import FilmStage, chase, chase_lens, standing
 from dronecats.view.film.lettering import (

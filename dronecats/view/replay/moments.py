@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from dronecats.judge.measured import measured, qualifies
-from dronecats.judge.verdict import Measured
+from dronecats.judge.verdict import Measured, measured, qualifies
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture

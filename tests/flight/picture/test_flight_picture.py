@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from dronecats.flight.picture import flight_picture
-from dronecats.judge.measured import qualifies
+from dronecats.judge.verdict import qualifies
 from foundation.errors import UsageError
 from foundation.run_folder.reading import read
 from tests import pictures

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.agent.models.replay import FlightRecording, RecordedReply
+from dronecats.agent.models.replay import FlightRecording, LoggedReply
 from dronecats.flight.disturbances import Disturbances, FrameFaults
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -65,7 +65,7 @@ TURN, GO = {"action": "rotate", "angle_deg": 60}, {"action": "go", "point": [500
 TURNING = FlightRecording(
     flight="made up",
     to_the_cap=True,
-    steps=tuple(RecordedReply(step=step, drone=0, reply=json.dumps((TURN, GO)[step % 2])) for step in range(60)),
+    steps=tuple(LoggedReply(step=step, drone=0, reply=json.dumps((TURN, GO)[step % 2])) for step in range(60)),
 )
 
 

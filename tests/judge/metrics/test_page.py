@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.judge.metrics.own import own_metrics
 from dronecats.judge.metrics.page import filled, tables
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.registry import METRICS, own_metrics
 
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
 

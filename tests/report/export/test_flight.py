@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dronecats.report.export.formats import finished_flight
-from dronecats.report.recorded.tracks import Track
+from dronecats.report.recorded.tracks import FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import quat_yaw
 from tests.report.export.conftest import ALONE
@@ -85,5 +85,5 @@ def test_without_a_tlog_there_is_the_judges_track_alone(run, tmp_path, alone):
 
 
 def test_the_newest_sample_at_a_time_is_never_a_later_one():
-    track = Track(np.array([0.5, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))
+    track = FlightTrack(np.array([0.5, 1.0]), np.zeros((2, 3)), np.zeros((2, 3)), np.zeros((2, 4)))
     assert [track.newest(t) for t in (0.0, 0.5, 0.9, 1.0, 3.0)] == [0, 0, 0, 1, 1]

@@ -10,13 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import recorded_runs
 from dronecats.report.results import database
-from dronecats.report.results.columns import array
-from dronecats.report.results.database import Selected, named, query
-from dronecats.report.results.table_files import write_tables
+from dronecats.report.results.database import Selected, array, named, query, write_tables
 from dronecats.report.results.tables import TABLES, markdown
 from foundation.errors import UsageError
 from tests.docs.pages import ROOT
@@ -41,7 +38,7 @@ def ask(sql: str, runs: Path, parquet: Path | None = None) -> list[dict[str, obj
 
 
 def test_the_tables_hold_what_the_logs_do(runs):
-    logs = JudgedFlight.read(runs / "oracle" / EPISODES[1]).logs
+    logs = RecordedFlight.read(runs / "oracle" / EPISODES[1]).logs
     where = f"run = 'oracle' AND episode = '{EPISODES[1]}'"
     steps = ask(f"SELECT * FROM steps WHERE {where}", runs)
     assert [(s["drone_index"], s["step"], s["frame_id"], s["tokens_out"]) for s in steps] == [
@@ -67,7 +64,7 @@ def test_a_verdict_is_derived_anew_with_every_metric(runs):
         ("oracle", True, "success"), ("oracle", True, "success"),
         ("silent", False, "failure"), ("silent", False, "failure"),
     ]  # fmt: skip
-    flown = JudgedFlight.read(runs / "oracle" / EPISODES[1])
+    flown = RecordedFlight.read(runs / "oracle" / EPISODES[1])
     for metric in TABLES["episodes"].metrics:
         value = metric.of(flown)
         assert told[0][metric.name] == value, metric.name

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from dronecats.report.recorded.tracks import Track
+from dronecats.report.recorded.tracks import FlightTrack
 from dronecats.view.film.chase import BOOM_M, SHORTEST_M, FilmStage, chase, chase_lens, standing
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
@@ -80,7 +80,7 @@ def test_it_keeps_out_of_what_stands_behind_the_drone():
     """A drone that leaves a wall behind it, and flies past a second one: no eye is beyond them or in them."""
     t = np.linspace(0.0, 20.0, 400)
     places = np.column_stack([0.6 + 0.3 * t, np.zeros(400), np.full(400, -2.0)])
-    track = Track(t, places, np.zeros_like(places), np.tile((1.0, 0.0, 0.0, 0.0), (400, 1)), level=True)
+    track = FlightTrack(t, places, np.zeros_like(places), np.tile((1.0, 0.0, 0.0, 0.0), (400, 1)), level=True)
     grey = materials.plain("wall", (120, 120, 120), 0.0)
     walls = {
         1: ((-0.4, -6.0), (-0.2, 6.0)),  # north and east of two corners, m; 6 m high
@@ -105,7 +105,7 @@ def test_it_swings_round_more_slowly_than_the_drone_turns():
     yaw = np.radians(np.clip(60.0 * (t - 4.0), 0.0, 90.0))  # a quarter turn in a second and a half
     places = np.tile((0.0, 0.0, -2.0), (400, 1))
     attitude = np.array([quat_from_euler(0.0, 0.0, angle) for angle in yaw])
-    track = Track(t, places, np.zeros_like(places), attitude, level=True)
+    track = FlightTrack(t, places, np.zeros_like(places), attitude, level=True)
     far = g.assemble([g.box((90.0, 90.0, 0.0), (91.0, 91.0, 1.0), materials.plain("far", (120, 120, 120), 0.0))])
     way = chase(track, 10.0, Solids([Instance(1, "far", "wall", far, (0.0, 0.0, 0.0))]))
     turned = np.unwrap([quat_yaw(way.at(float(s)).attitude) for s in np.arange(0.0, 10.0, 1 / 30)])
