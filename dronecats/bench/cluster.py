@@ -4,6 +4,7 @@ No disk is shared. A node has dronecats installed and, for a model, its key in t
 `cluster`.
 """
 
+import contextlib
 import os
 import socket
 import tempfile
@@ -27,6 +28,7 @@ from foundation.errors import InfrastructureError, UsageError
 from foundation.run_folder.reading import result_of
 
 FLIGHTS_MAX = 64  # at a time of one actor: threads, which mostly wait for a model
+GONE_S = 30.0  # wall s within which a killed actor is gone
 LOOK_S = 30.0  # wall s between two looks at the workers while nothing lands
 KNOCK_S = 10.0  # wall s for the head of a cluster to take a connection
 STARTED_S = 300.0  # wall s for a worker to be there and have compiled
@@ -150,10 +152,12 @@ class ClusterEngine:
 
     def close(self) -> None:
         """Break off what is in flight; a cluster of somebody else's goes on."""
-        for worker in self._workers:
-            ray.kill(worker.handle)
-        if self._keeper is not None:
-            ray.kill(self._keeper)
+        actors = [worker.handle for worker in self._workers] + ([self._keeper] if self._keeper is not None else [])
+        for actor in actors:
+            ray.kill(actor)
+        for actor in actors:  # a kill is only a request: one that the cluster has not taken yet is lost with us
+            with contextlib.suppress(ray.exceptions.RayError):
+                ray.get(actor.__ray_ready__.remote(), timeout=GONE_S)
         self._workers, self._flying = [], {}
         if self._own:
             ray.shutdown()

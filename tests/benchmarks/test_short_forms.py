@@ -57,7 +57,7 @@ def test_soak():
     for found, vehicles in zip(printed("soak"), (1, 4), strict=True):
         assert_figures(found, {"hours", "pictures", "files_most", "logs_most", "real_time_factor"})
         assert (found["vehicles"], found["rounds"], found["failed"]) == (vehicles, vehicles, 0)
-        assert {"client", "simulator_process", "camera_process"} <= set(found["processes"])
+        assert {"client", "simulator_process", "camera"} <= set(found["processes"])
 
 
 @needs("browser")

@@ -39,7 +39,7 @@ def lag_and_wait(decision: Decision) -> float:
 
 @pytest.mark.slow("flies in real time, stalled and not")
 def test_who_was_late_is_told_step_by_step(tmp_path):
-    asked, stopped = threading.Event(), {1: "simulator_process", 3: "camera_process"}
+    asked, stopped = threading.Event(), {1: "simulator_process", 3: "camera"}
     steps = []
 
     def answer(prompt, pictures):
