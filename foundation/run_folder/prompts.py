@@ -31,14 +31,14 @@ class PromptReader:
     """Puts the texts of a prompts.jsonl together, line by line in their order."""
 
     def __init__(self) -> None:
-        self._whole: dict[str, list[str]] = {}
+        self._whole: dict[tuple[str, int], list[str]] = {}
 
     def read(self, row: LoggedPrompt) -> SentPrompt:
         """Return the question of a line. Raises UsageError for one that refers to text that no earlier line has."""
         if isinstance(row.text, str):
-            self._whole[row.role] = row.text.split(NEW_LINE)
+            self._whole[row.role, row.drone] = row.text.split(NEW_LINE)
             return SentPrompt(row, row.text, "", "")
-        base = self._whole.get(row.role)
+        base = self._whole.get((row.role, row.drone))
         head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # what is UNSET is false
         if base is None or head + tail > len(base):
             raise UsageError(f"the text of question {row.number} to the {row.role} refers to lines that are missing")

@@ -192,8 +192,9 @@ class Exchange:
 class LoggedPrompt:
     """The text of one question to a model: a line of prompts.jsonl, by the agent.
 
-    A line has the whole `text`, or what differs from the last line of its role that has one: that line's first `head`
-    lines of text, then `lines`, then its last `tail` lines of text. `foundation.run_folder.prompts` puts it together.
+    A line has the whole `text`, or what differs from the last line of its role and drone that has one: that line's
+    first `head` lines of text, then `lines`, then its last `tail` lines of text. `foundation.run_folder.prompts` puts
+    it together.
     """
 
     role: Annotated[Literal["pilot", "commander"], Meta(extra={"wrong": "is neither pilot nor commander"})]

@@ -81,7 +81,8 @@ class PromptLog:
 
     def __init__(self, path: Path) -> None:
         self._log = LineLog(path)
-        self._whole: dict[str, list[str]] = {}  # role → the lines of the last text that was written whole
+        # role and drone → the lines of the last text that was written whole
+        self._whole: dict[tuple[str, int], list[str]] = {}
 
     def write(
         self,
@@ -94,7 +95,7 @@ class PromptLog:
         text: str,
     ) -> None:
         """Append one question; the arguments are the fields of `LoggedPrompt`."""
-        lines, base = text.split(NEW_LINE), self._whole.get(role, [])
+        lines, base = text.split(NEW_LINE), self._whole.get((role, drone), [])
         head = _common(base, lines)
         tail = _common(base[head:][::-1], lines[head:][::-1])
         row = LoggedPrompt(
@@ -111,7 +112,7 @@ class PromptLog:
             ),
         )
         if row.text is not UNSET:
-            self._whole[role] = lines
+            self._whole[role, drone] = lines
         self._log.write(row)
 
     def close(self) -> None:

@@ -55,3 +55,15 @@ def test_half_a_last_line_is_no_damage(tmp_path):
     path = tmp_path / layout.PROMPTS
     path.write_text(path.read_text()[:-9])
     assert [each.text for each in read_prompts(tmp_path)] == ["find it"]
+
+
+def test_drones_with_goals_of_their_own_share_no_text_and_repeat_none(tmp_path):
+    log = PromptLog(tmp_path / layout.PROMPTS)
+    for number in range(4):
+        for drone, goal in enumerate(("find the van", "find the bench")):
+            text = "\n".join([goal, *(f"rule {k}" for k in range(50)), f"step {number}", "answer"])
+            log.write("pilot", drone, number, float(number), [number], (), text)
+    log.close()
+    lengths = [len(line) for line in (tmp_path / layout.PROMPTS).read_text().splitlines()]
+    assert max(lengths[2:]) < min(lengths[:2]) / 2
+    assert [each.text.splitlines()[0] for each in read_prompts(tmp_path)] == ["find the van", "find the bench"] * 4
