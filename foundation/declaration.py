@@ -69,20 +69,9 @@ def declared(default: T, declaration: Declaration) -> T:
     return field(default=default, metadata={KEY: declaration})
 
 
-def number(
-    default: T,
-    name: str,
-    help: str,  # as argparse calls it
-    *,
-    low: float = 0.0,
-    high: float,
-    unit: str = "",
-    whole: bool = False,
-    words: str = "",
-    first: bool = False,
-) -> T:
-    """Return a declared field that holds one number."""
-    quantity = DeclaredNumber(name=name, help=help, low=low, high=high, unit=unit, whole=whole)
+def number(default: T, name: str, help: str, *, words: str = "", first: bool = False, **bounds: Any) -> T:
+    """Return a declared field that holds one number; `bounds`: the other fields of a `DeclaredNumber`."""
+    quantity = DeclaredNumber(name=name, help=help, **bounds)
     return declared(default, Declaration(quantity=quantity, words=words, first=first))
 
 

@@ -65,23 +65,19 @@ def _disturbance(
     name: str,
     help: str,
     *,
-    low: float = 0.0,
-    high: float,
-    unit: str = "",
     words: str,
     metavar: str = "",
     more: str = "",
     option: DisturbanceOption | None = None,
     first: bool = False,
-    refines: str = "",
-    real_time: bool = False,
+    **level_fields: Any,
 ) -> T:
     """Return the field of a disturbance that is one number: an option and a factor of the same name.
 
-    `metavar`: of the option; empty where there is none of this name. `more`: for the docs.
+    `metavar`: of the option; empty where there is none of this name. `more`: for the docs. `level_fields`: the bounds,
+    the unit and what else a `DisturbanceLevel` has.
     """
-
-    level = DisturbanceLevel(name=name, help=help, low=low, high=high, unit=unit, refines=refines, real_time=real_time)
+    level = DisturbanceLevel(name=name, help=help, **level_fields)
     if metavar:
         option = DisturbanceOption(name=name, metavar=metavar, help=help, more=more)
     return declared(default, Disturbance(quantity=level, words=words, first=first, option=option, levels=(level,)))
