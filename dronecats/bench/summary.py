@@ -14,7 +14,8 @@ from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
 from dronecats.judge.statistics.shares import known_share
 from dronecats.report.cells import NONE
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableRow, numbers, words
+from dronecats.report.table import ReportTable, TableCell, TableRow, in_blocks, numbers, words
+from dronecats.report.table import row as table_row
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import rows
@@ -151,19 +152,14 @@ def as_table(rows: Sequence[BenchRow]) -> ReportTable:
         share = NONE if row.share is None else TableCell(value=100.0 * row.share, low=low, high=high)
         rates = row.rate_hz or (None,) * len(QUANTILES)
         unread = (row.unreadable, row.refused, row.cut_off) if has_unread else ()
-        values = (*rates, *unread, *([_notes(row)] if has_notes else []))
-        solved = TableCell(value=f"{row.solved}/{row.flights}")
-        return TableRow(cells=(TableCell(value=row.group), solved, share, *(TableCell(value=v) for v in values)))
+        notes = [_notes(row)] if has_notes else []
+        return table_row(row.group, f"{row.solved}/{row.flights}", share, *rates, *unread, *notes)
 
-    settings = dict.fromkeys(row.setting for row in rows)
     notes = ["SR: with its 95 % interval; control rate: decisions per second of vehicle time, quantiles over all steps"]
     if has_unread:
         notes.append("unreadable: replies without an action; of these, refused (by model or provider), and cut off")
-    return ReportTable(
-        columns=tuple(columns),
-        blocks=tuple(TableBlock(title=s, rows=tuple(line(r) for r in rows if r.setting == s)) for s in settings),
-        notes=tuple(notes),
-    )
+    blocks = in_blocks((row.setting, line(row)) for row in rows)
+    return ReportTable(columns=tuple(columns), blocks=blocks, notes=tuple(notes))
 
 
 def _notes(row: BenchRow) -> str:

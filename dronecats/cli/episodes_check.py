@@ -75,16 +75,17 @@ def _about_suite(reports: "list[Report]") -> "list[RuleFinding]":
 
 def _tables(reports: "list[Report]", about_suite: "list[RuleFinding]", rules: bool) -> "list[ReportTable]":
     """Return one row per record; where they are asked for, the rules of each record and of the suite instead."""
-    from dronecats.report.table import ReportTable, TableBlock, rows_of, table_of, words
+    from dronecats.report.table import ReportTable, in_blocks, row, table_of, words
 
     verdicts = [(each.name, f"REJECTED  {each.reason}" if each.reason else "ok") for each in reports]
     if not rules:
         return [table_of((words(""), words("")), verdicts)]
     found = [(f"{name}: {verdict}", each.findings) for (name, verdict), each in zip(verdicts, reports, strict=True)]
     found += [("the suite", tuple(about_suite))] if about_suite else []
-    blocks = (
-        TableBlock(title=title, rows=rows_of(("ok" if f.passed else "RED", f.rule, f.measured, f.wanted) for f in of))
-        for title, of in found
+    rows = (
+        (title, row("ok" if finding.passed else "RED", finding.rule, finding.measured, finding.wanted))
+        for title, findings in found
+        for finding in findings
     )
     columns = (words(""), words("rule"), words("measured"), words("wanted"))
-    return [ReportTable(columns=columns, blocks=tuple(blocks))]
+    return [ReportTable(columns=columns, blocks=in_blocks(rows))]

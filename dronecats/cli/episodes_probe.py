@@ -5,6 +5,8 @@ import dataclasses
 import json
 from pathlib import Path
 
+from dronecats.cli.output import show
+
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Declare the action."""
@@ -21,7 +23,8 @@ def run(args: argparse.Namespace) -> int:
 
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")
-    from episodes.authoring.pictures.probe import summary, write_probe
+    from dronecats.report.table import numbers, table_of, words
+    from episodes.authoring.pictures.probe import write_probe
 
     probes = write_probe(args.out, args.seed)
     if args.json:
@@ -29,7 +32,7 @@ def run(args: argparse.Namespace) -> int:
             json.dumps({"folder": str(args.out), "seed": args.seed, "probes": [dataclasses.asdict(p) for p in probes]})
         )
         return 0
-    for line in summary(probes):
-        print(line)
+    columns = (words("picture"), words("letters"), numbers("distance", unit="m"), numbers("height of a letter (px)"))
+    show(table_of(columns, ((p.file, p.text, f"{p.distance_m:g}", f"{p.letter_px:.2f}") for p in probes)))
     print(f"written to {args.out}, with index.json and contact-sheet.png")
     return 0

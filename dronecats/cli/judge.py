@@ -79,20 +79,20 @@ def _doubtful(told: dict[str, Any]) -> bool:
 
 def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
     """Return a row per episode, a block per run; beneath them a line for each remark about an episode."""
-    from dronecats.report.table import ReportTable, TableBlock, numbers, rows_of, words
+    from dronecats.report.table import ReportTable, in_blocks, numbers, row, words
 
     columns = (words("episode"), words("outcome"), numbers("NE", unit="m", decimals=2), numbers("steps"),
                numbers("declarations"), words("mode"), words("verdict.json"))  # fmt: skip
-    blocks, notes = [], []
+    rows, notes = [], []
     for run, episodes in judged:
         names = [folder.resolve().name for folder in run.episodes]
         title = run.folder.name if len(judged) > 1 else ""
-        blocks.append(TableBlock(title=title, rows=rows_of(map(_line, names, episodes))))
+        rows += [(title, row(*_line(name, each))) for name, each in zip(names, episodes, strict=True)]
         before = f"{title}/" if title else ""
         notes += [
             f"{before}{name}: {said}" for name, each in zip(names, episodes, strict=True) for said in _remarks(each)
         ]
-    return ReportTable(columns=columns, blocks=tuple(blocks), notes=tuple(notes))
+    return ReportTable(columns=columns, blocks=in_blocks(rows), notes=tuple(notes))
 
 
 def _line(name: str, each: "JudgedEpisode") -> "tuple[CellValue, ...]":

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dronecats.report.figures.style import canvas
 from foundation.errors import UsageError
 from foundation.run_folder.reading import Logs, episode_folder, read
 from foundation.run_folder.rows import Pose, drone_label
@@ -223,11 +224,7 @@ def draw(
     comparisons: tuple[PathComparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str
 ) -> None:
     """Write the picture; `axes` says what the plane's axes are. Raises UsageError when it cannot be written."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12, 6.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = canvas(6.5, 12.0)
     grid = figure.add_gridspec(2, 2)
     plan, height, apart = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])
     for comparison in comparisons:

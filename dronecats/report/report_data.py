@@ -9,7 +9,7 @@ from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import differences, identity, refusal
-from dronecats.report.table import TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.table import TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.baselines import BlindTable
 from episodes.records.record import CELLS
 
@@ -57,11 +57,7 @@ class ReportData:
         found = []
         for title, is_model in ((MODELS, True), (BUILT_IN, False)):
             told = [(e.label, row_of(e)) for e in self.entrants if e.is_model is is_model]
-            rows = [
-                TableRow(cells=(TableCell(value=name), *cells), entrant=name)
-                for name, cells in told
-                if cells is not None
-            ]
+            rows = [row(name, *cells, entrant=name) for name, cells in told if cells is not None]
             if rows:
                 found.append(TableBlock(title=title, rows=_marked(rows, columns) if is_model else tuple(rows)))
         return tuple(found)

@@ -120,24 +120,36 @@ def groups(columns: Iterable[TableColumn]) -> list[tuple[str, int]]:
     return [(group, len(list(members))) for group, members in itertools.groupby(columns, lambda column: column.group)]
 
 
-def words(title: str) -> TableColumn:
-    """Return a column of words."""
-    return TableColumn(name=title, title=title, align="left")
+def words(title: str, name: str = "") -> TableColumn:
+    """Return a column of words; its name is its title where none is given."""
+    return TableColumn(name=name or title, title=title, align="left")
 
 
-def numbers(title: str, *, unit: str = "", decimals: int = 0, group: str = "") -> TableColumn:
+def numbers(title: str, name: str = "", *, unit: str = "", decimals: int = 0, group: str = "") -> TableColumn:
     """Return a column of numbers, or of texts that are set as numbers are."""
-    return TableColumn(name=title, title=title, unit=unit, decimals=decimals, group=group)
+    return TableColumn(name=name or title, title=title, unit=unit, decimals=decimals, group=group)
 
 
-def rows_of(lines: Iterable[Sequence[CellValue]]) -> tuple[TableRow, ...]:
-    """Return rows of plain values."""
-    return tuple(TableRow(cells=tuple(TableCell(value=value) for value in line)) for line in lines)
+def row(*values: CellValue | TableCell, entrant: str = "") -> TableRow:
+    """Return a row of plain values and cells."""
+    cells = (value if isinstance(value, TableCell) else TableCell(value=value) for value in values)
+    return TableRow(cells=tuple(cells), entrant=entrant)
 
 
-def table_of(columns: Sequence[TableColumn], lines: Iterable[Sequence[CellValue]], *notes: str) -> ReportTable:
-    """Return a table of plain values in one block."""
-    return ReportTable(columns=tuple(columns), blocks=(TableBlock(title="", rows=rows_of(lines)),), notes=notes)
+def in_blocks(titled: Iterable[tuple[str, TableRow]]) -> tuple[TableBlock, ...]:
+    """Return a block for each title, in the order of their first rows."""
+    blocks: dict[str, list[TableRow]] = {}
+    for title, of_it in titled:
+        blocks.setdefault(title, []).append(of_it)
+    return tuple(TableBlock(title=title, rows=tuple(rows)) for title, rows in blocks.items())
+
+
+def table_of(
+    columns: Iterable[TableColumn], lines: Iterable[Sequence[CellValue | TableCell]], *notes: str
+) -> ReportTable:
+    """Return a table of plain values and cells in one block."""
+    rows = tuple(row(*line) for line in lines)
+    return ReportTable(columns=tuple(columns), blocks=(TableBlock(title="", rows=rows),), notes=notes)
 
 
 def rounded(value: float, decimals: int) -> str:

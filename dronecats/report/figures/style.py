@@ -67,13 +67,19 @@ def lines(table: ReportTable) -> tuple[list[FigureLine], list[tuple[str, float]]
     return found, heads
 
 
-def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -> tuple[Any, Any]:
-    """Return a figure for so many lines, and its one axis."""
+def canvas(height_in: float, width_in: float = WIDTH_IN) -> Any:
+    """Return an empty figure of this size, which needs no window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    made = Figure(figsize=(WIDTH_IN, height_lines * line_in + below_in), layout="constrained")
+    made = Figure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(made)
+    return made
+
+
+def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -> tuple[Any, Any]:
+    """Return a figure for so many lines, and its one axis."""
+    made = canvas(height_lines * line_in + below_in)
     return made, made.add_subplot()
 
 

@@ -1,6 +1,7 @@
 """docs/leaderboard.md, from verified entries: models, and built-in pilots apart from them, each named as what it is."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.roster import BLIND, FAILING, NOISY, ORACLE, RECORDED, SERVED
 from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.archive.verification import CellScore, Verification
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableRow, numbers, words
+from dronecats.report.table import CellValue, TableCell, numbers, table_of, words
 from dronecats.report.writers import as_markdown, escaped
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
@@ -117,19 +118,15 @@ def _table(title: str, entries: Sequence[Verification]) -> str:
     cells = [cell for cell in CELLS if any(cell in one.cells for one in entries)]
     columns = (words("Entry"), *map(numbers, ("Flights", *(HEADS[cell] for cell in cells), "SR", "of", "95 %")))
     ordered = sorted(entries, key=lambda one: (-_rate(_all(one)), one.name))
-    rows = tuple(TableRow(cells=tuple(_cells(one, cells))) for one in ordered)
-    return as_markdown(ReportTable(title=title, columns=columns, blocks=(TableBlock(title="", rows=rows),)), level=3)
+    table = table_of(columns, (_cells(one, cells) for one in ordered))
+    return as_markdown(replace(table, title=title), level=3)
 
 
-def _cells(one: Verification, cells: Sequence[str]) -> Iterator[TableCell]:
+def _cells(one: Verification, cells: Sequence[str]) -> list[CellValue | TableCell]:
     of = _all(one)
-    yield TableCell(value=one.name, link=f"#{_anchor(one)}")
-    yield TableCell(value=str(one.flights))
-    for cell in cells:
-        yield TableCell(value=_percent(one.cells[cell]) if cell in one.cells else None)
-    yield TableCell(value=_percent(of), best=True)
-    yield TableCell(value=str(of.scored))
-    yield TableCell(value=_interval(one))
+    name, rate = TableCell(value=one.name, link=f"#{_anchor(one)}"), TableCell(value=_percent(of), best=True)
+    rates = (_percent(one.cells[cell]) if cell in one.cells else None for cell in cells)
+    return [name, str(one.flights), *rates, rate, str(of.scored), _interval(one)]
 
 
 def _all(one: Verification) -> CellScore:

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 from dronecats.judge.statistics.paired import ALPHA, POWER, Paired, holm, paired
 from dronecats.judge.statistics.shares import Spread, spread
-from dronecats.report.cells import NAME, NONE, PERCENT, count
+from dronecats.report.cells import NAME, NONE, PERCENT
 from dronecats.report.report_data import BUILT_IN, COMMANDING, MODELS, ONE_DRONE, ReportData, titled
 from dronecats.report.results.entrants import Entrant
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.record import CELLS
 
 SUITES = (("one drone", ONE_DRONE), ("commanding", (COMMANDING,)))
@@ -69,18 +69,9 @@ def _paired(a: Entrant, b: Entrant, cells: Sequence[str]) -> Paired:
 
 def _row(a: Entrant, b: Entrant, suite: str, told: Paired, adjusted: float) -> TableRow:
     shown = NONE if told.smallest is None else TableCell(value=PERCENT * told.smallest, of=told.episodes)
-    return TableRow(cells=(
-        TableCell(value=a.label),
-        TableCell(value=b.label),
-        TableCell(value=suite),
-        count(told.episodes),
-        count(told.only_first),
-        count(told.only_second),
-        TableCell(value=PERCENT * told.difference, of=told.episodes),
-        TableCell(value=told.p),
-        TableCell(value=adjusted),
-        shown,
-    ))  # fmt: skip
+    difference = TableCell(value=PERCENT * told.difference, of=told.episodes)
+    counts = told.episodes, told.only_first, told.only_second
+    return row(a.label, b.label, suite, *counts, difference, told.p, adjusted, shown)
 
 
 def variance(data: ReportData) -> ReportTable | None:

@@ -41,11 +41,7 @@ def draw(found: LoopResults, out: Path, command: str) -> dict[str, Path]:
 
 
 def _panels(rows: int, columns: int, height_in: float, **options: Any) -> tuple[Any, Any]:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    made = Figure(figsize=(style.WIDTH_IN, height_in), layout="constrained")
-    FigureCanvasAgg(made)
+    made = style.canvas(height_in)
     return made, made.subplots(rows, columns, squeeze=False, **options)
 
 

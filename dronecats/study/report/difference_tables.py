@@ -1,16 +1,15 @@
 """Tables of differences: pairs on the same seeds, the effect of each factor, and factors that act together."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.table import CellValue, ReportTable, TableCell, TableColumn, TableRow, in_blocks, row
 from dronecats.study.analysis.levels import MEASURES
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
-from dronecats.study.analysis.points import NE, AtPoint
+from dronecats.study.analysis.points import NE
 from dronecats.study.report.findings import FactorFindings, Findings
 from dronecats.study.report.level_tables import mean, percent
 from dronecats.study.report.words import PERCENT, cell_title
 
-Blocks = dict[str, dict[str, dict[str, PairedDifference]]]  # block → line → metric
 TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}
 AT_POINTS = (SUCCESS, NE)
 TESTS = (
@@ -25,31 +24,29 @@ TESTS = (
 def between_levels(found: Findings, along: FactorFindings) -> ReportTable | None:
     """Return each level against the reference, a line a level, a group of columns a measure; None without a pair."""
     reference = along.factor.told(along.factor.reference)
-    blocks: Blocks = {}
-    for each in along.between_levels:
-        _put(blocks, f"{each.first}, {cell_title(each.cell).lower()}", each)
+    pairs = ((f"{each.first}, {cell_title(each.cell).lower()}", each) for each in along.between_levels)
     title, caption = f"Each level against {reference}", f"The level less {reference}, of the same entrant. {TESTS}"
-    return _table(found, along, blocks, name="against_reference", title=title, caption=caption)
+    return _table(found, along, pairs, name="against_reference", title=title, caption=caption)
 
 
 def between_entrants(found: Findings, along: FactorFindings) -> ReportTable | None:
     """Return each two entrants at each level; None where there are no two."""
-    blocks: Blocks = {}
-    for each in along.between_entrants:
-        _put(blocks, f"{each.first} less {each.second}, {cell_title(each.cell).lower()}", each)
+    pairs = ((f"{e.first} less {e.second}, {cell_title(e.cell).lower()}", e) for e in along.between_entrants)
     title = f"Who flies, at each level of {along.factor.name.replace('_', ' ')}"
     caption = f"The first less the second, at the same level. {TESTS}"
-    return _table(found, along, blocks, name="between_entrants", title=title, caption=caption)
+    return _table(found, along, pairs, name="between_entrants", title=title, caption=caption)
 
 
 def at_points(found: Findings) -> ReportTable | None:
     """Return each two entrants at every point of the design, a line a point; None where there is nothing to tell."""
-    blocks: dict[str, list[TableRow]] = {}
-    for each in found.points:
-        block = f"{each.first} and {each.second}, {cell_title(each.cell).lower()}"
-        blocks.setdefault(block, []).append(_at_point(each))
-    if not blocks:
+    if not found.points:
         return None
+    rows = [
+        (f"{each.first} and {each.second}, {cell_title(each.cell).lower()}",
+         row(each.title, each.success.pairs, *map(percent, each.shares), *_told(each.success, PERCENT),
+             *_told(each.ne, 1.0)))
+        for each in found.points
+    ]  # fmt: skip
     columns = [TableColumn(name="point", title="Where", align="left"), TableColumn(name="pairs", title="Pairs")]
     columns += [
         TableColumn(name=f"{side}_percent", title=side.capitalize(), group="Success", unit="%")
@@ -66,25 +63,25 @@ def at_points(found: Findings) -> ReportTable | None:
         title="Who flies, at every point",
         caption=caption,
         columns=tuple(columns),
-        blocks=tuple(TableBlock(title=block, rows=tuple(rows)) for block, rows in blocks.items()),
+        blocks=in_blocks(rows),
         command=found.command,
     )
 
 
-def _at_point(each: AtPoint) -> TableRow:
-    cells = [TableCell(value=each.title), TableCell(value=each.success.pairs)]
-    cells += [percent(one) for one in each.shares]
-    return TableRow(cells=(*cells, *_told(each.success, PERCENT), *_told(each.ne, 1.0)))
-
-
-def _put(blocks: Blocks, block: str, each: PairedDifference) -> None:
-    blocks.setdefault(block, {}).setdefault(each.at.title, {})[each.metric] = each
-
-
 def _table(
-    found: Findings, along: FactorFindings, blocks: Blocks, *, name: str, title: str, caption: str
+    found: Findings,
+    along: FactorFindings,
+    pairs: Iterable[tuple[str, PairedDifference]],
+    *,
+    name: str,
+    title: str,
+    caption: str,
 ) -> ReportTable | None:
-    if not blocks:
+    """Return a table of differences by their blocks, a line a level, a group of columns a measure."""
+    lines: dict[tuple[str, str], dict[str, PairedDifference]] = {}
+    for block, each in pairs:
+        lines.setdefault((block, each.at.title), {})[each.metric] = each
+    if not lines:
         return None
     columns = [
         TableColumn(name="level", title=along.factor.title, align="left"),
@@ -97,19 +94,14 @@ def _table(
         title=title,
         caption=caption,
         columns=tuple(columns),
-        blocks=tuple(
-            TableBlock(title=block, rows=tuple(_row(at, by) for at, by in rows.items()))
-            for block, rows in blocks.items()
-        ),
+        blocks=in_blocks((block, _row(at, by_metric)) for (block, at), by_metric in lines.items()),
         command=found.command,
     )
 
 
 def _row(at: str, by_metric: dict[str, PairedDifference]) -> TableRow:
-    cells = [TableCell(value=at), TableCell(value=max(each.pairs for each in by_metric.values()))]
-    for metric in TITLES:
-        cells += _told(by_metric.get(metric), PERCENT if metric == SUCCESS else 1.0)
-    return TableRow(cells=tuple(cells))
+    cells = [cell for metric in TITLES for cell in _told(by_metric.get(metric), PERCENT if metric == SUCCESS else 1.0)]
+    return row(at, max(each.pairs for each in by_metric.values()), *cells)
 
 
 def _columns(metric: str) -> list[TableColumn]:
@@ -122,10 +114,8 @@ def _columns(metric: str) -> list[TableColumn]:
     ]
 
 
-def _told(each: PairedDifference | None, scale: float) -> list[TableCell]:
-    if each is None:
-        return [TableCell(value=None)] * 3
-    return [mean(each.difference, scale), TableCell(value=each.difference.p), TableCell(value=each.p_holm)]
+def _told(each: PairedDifference | None, scale: float) -> Sequence[CellValue | TableCell]:
+    return (None, None, None) if each is None else (mean(each.difference, scale), each.difference.p, each.p_holm)
 
 
 def tables(found: Findings, along: FactorFindings) -> Sequence[ReportTable]:
@@ -149,21 +139,14 @@ def effects(found: Findings) -> ReportTable | None:
         TableColumn(name="p_holm", title="p, Holm", decimals=3, floor=0.001),
         TableColumn(name="episodes", title="Episodes"),
     )
-    blocks: dict[str, list[TableRow]] = {}
+    rows = []
     for each in found.effects:
         factor = factors[each.factor]
-        cells = (
-            TableCell(value=factor.name.replace("_", " ")),
-            TableCell(value=factor.told(each.begin)),
-            TableCell(value=factor.told(each.end)),
-            TableCell(value=PERCENT * each.share_begin),
-            TableCell(value=PERCENT * each.share_end),
-            TableCell(value=each.log_odds, low=each.low, high=each.high),
-            TableCell(value=each.p),
-            TableCell(value=each.p_holm),
-            TableCell(value=each.episodes),
-        )
-        blocks.setdefault(f"{each.entrant}, {cell_title(each.cell).lower()}", []).append(TableRow(cells=cells))
+        fitted = PERCENT * each.share_begin, PERCENT * each.share_end
+        change = TableCell(value=each.log_odds, low=each.low, high=each.high)
+        ends = factor.told(each.begin), factor.told(each.end)
+        made = row(factor.name.replace("_", " "), *ends, *fitted, change, each.p, each.p_holm, each.episodes)
+        rows.append((f"{each.entrant}, {cell_title(each.cell).lower()}", made))
     return ReportTable(
         name="main_effects",
         title="Main effects",
@@ -173,7 +156,7 @@ def effects(found: Findings) -> ReportTable | None:
             " of the log odds with its 95 % profile-likelihood interval, and the p of the likelihood ratio."
         ),
         columns=columns,
-        blocks=tuple(TableBlock(title=title, rows=tuple(rows)) for title, rows in blocks.items()),
+        blocks=in_blocks(rows),
         notes=("Of a fraction, effects are mixed with interactions as its resolution says.",)
         if "fraction" in found.studied.design
         else (),
@@ -193,14 +176,11 @@ def interactions(found: Findings) -> Sequence[ReportTable]:
               for k, step in enumerate(maps[0].column_steps)),
             TableColumn(name="p_added", title="p of no interaction", decimals=3, floor=0.001),
         )  # fmt: skip
-        blocks = [
-            TableBlock(title=f"{each.entrant}, {cell_title(each.cell).lower()}", rows=tuple(
-                TableRow(entrant=each.entrant, cells=(
-                    TableCell(value=step.title), *map(percent, shares), TableCell(value=each.p if k == 0 else None),
-                ))
-                for k, (step, shares) in enumerate(zip(each.row_steps, each.shares, strict=True))
-            ))
+        rows = [
+            (f"{each.entrant}, {cell_title(each.cell).lower()}",
+             row(step.title, *map(percent, shares), each.p if k == 0 else None, entrant=each.entrant))
             for each in maps
+            for k, (step, shares) in enumerate(zip(each.row_steps, each.shares, strict=True))
         ]  # fmt: skip
         made.append(
             ReportTable(
@@ -211,7 +191,7 @@ def interactions(found: Findings) -> Sequence[ReportTable]:
                     " ratio of the two factors' product, in log odds."
                 ),
                 columns=columns,
-                blocks=tuple(blocks),
+                blocks=in_blocks(rows),
                 command=found.command,
             )
         )

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from dronecats.judge.statistics.differences import KnownMean
 from dronecats.judge.statistics.shares import KnownShare
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.table import ReportTable, TableCell, TableColumn, in_blocks, row
 from dronecats.study.analysis.levels import MEASURES, AtLevel
 from dronecats.study.analysis.steps import QUANTILES, StepQuantiles
 from dronecats.study.report.findings import FactorFindings, Findings
@@ -26,24 +26,20 @@ def success(found: Findings, along: FactorFindings) -> ReportTable:
         TableColumn(name="half", title="Half succeed at", align="left"),
         TableColumn(name="half_interval", title="Interval", align="left"),
     )
-    blocks = []
-    for entrant in found.studied.entrants:
-        rows = []
-        for cell in dict.fromkeys(each.cell for each in along.levels if each.entrant == entrant):
-            there = [each for each in along.levels if (each.entrant, each.cell) == (entrant, cell)]
-            fits = [each for each in along.halves if (each.entrant, each.cell) == (entrant, cell)]
-            half = fits[0].half if len(fits) == 1 else None  # beside other factors there are several
-            words = (place(along.factor, half), interval(along.factor, half)) if half else (None, None)
-            told = [TableCell(value=word) for word in words]
-            cells = (TableCell(value=cell_title(cell)), *(percent(each.success) for each in there), *told)
-            rows.append(TableRow(cells=cells, entrant=entrant))
-        blocks.append(TableBlock(title=entrant, rows=tuple(rows)))
+    rows = []
+    for entrant, cell in dict.fromkeys(map(_entrant_and_cell, along.levels)):
+        there = [each for each in along.levels if _entrant_and_cell(each) == (entrant, cell)]
+        fits = [each for each in along.halves if (each.entrant, each.cell) == (entrant, cell)]
+        half = fits[0].half if len(fits) == 1 else None  # beside other factors there are several
+        at = (place(along.factor, half), interval(along.factor, half)) if half else (None, None)
+        shares = (percent(each.success) for each in there)
+        rows.append((entrant, row(cell_title(cell), *shares, *at, entrant=entrant)))
     return ReportTable(
         name=along.named("success"),
         title=f"Success along {along.factor.name.replace('_', ' ')}",
         caption=f"Success rate, % of the flights that count; {EPISODES_ARE}. Half succeed at: the fit's.",
         columns=columns,
-        blocks=tuple(blocks),
+        blocks=in_blocks(rows),
         command=found.command,
     )
 
@@ -58,20 +54,14 @@ def measures(found: Findings, along: FactorFindings) -> ReportTable:
         *(TableColumn(name=each.metric, title=each.title, unit=each.unit, decimals=1, better=each.better)
           for each in MEASURES),
     )  # fmt: skip
-    blocks = []
-    for entrant, cell in found.studied.lines():
-        rows = [
-            TableRow(entrant=entrant, cells=(
-                TableCell(value=each.step.title),
-                TableCell(value=each.success.trials),
-                TableCell(value=each.not_scored),
-                percent(each.success),
-                *(mean(told) for told in each.measures),
-            ))
-            for each in along.levels
-            if (each.entrant, each.cell) == (entrant, cell)
-        ]  # fmt: skip
-        blocks.append(TableBlock(title=f"{entrant}, {cell_title(cell).lower()}", rows=tuple(rows)))
+    rows = [
+        (f"{entrant}, {cell_title(cell).lower()}",
+         row(each.step.title, each.success.trials, each.not_scored, percent(each.success), *map(mean, each.measures),
+             entrant=entrant))
+        for entrant, cell in found.studied.lines()
+        for each in along.levels
+        if _entrant_and_cell(each) == (entrant, cell)
+    ]  # fmt: skip
     return ReportTable(
         name=along.named("measures"),
         title=f"All measures along {along.factor.name.replace('_', ' ')}",
@@ -80,7 +70,7 @@ def measures(found: Findings, along: FactorFindings) -> ReportTable:
             f" in view. Longest loss: longest time without it in view. Means over episodes; {EPISODES_ARE}."
         ),
         columns=columns,
-        blocks=tuple(blocks),
+        blocks=in_blocks(rows),
         command=found.command,
     )
 
@@ -103,21 +93,13 @@ def halves(found: Findings, along: FactorFindings) -> ReportTable | None:
         TableColumn(name="episodes", title="Episodes"),
         TableColumn(name="flights", title="Flights"),
     )
-    blocks = []
-    for entrant in found.studied.entrants:
-        rows = []
-        for each in (each for each in along.halves if each.entrant == entrant):
-            choice = [TableCell(value=beside(found.studied, each))] if parted else []
-            rows.append(TableRow(entrant=entrant, cells=(
-                TableCell(value=cell_title(each.cell)), *choice,
-                TableCell(value=place(along.factor, each.half)),
-                TableCell(value=interval(along.factor, each.half)),
-                TableCell(value=each.half.slope), TableCell(value=scatter(each.half)),
-                TableCell(value=each.half.p_slope), TableCell(value=each.half.p_straight),
-                TableCell(value=each.half.groups), TableCell(value=each.half.trials),
-            )))  # fmt: skip
-        if rows:
-            blocks.append(TableBlock(title=entrant, rows=tuple(rows)))
+    rows = []
+    for each in sorted(along.halves, key=lambda each: found.studied.entrants.index(each.entrant)):
+        fit = each.half
+        choice = [beside(found.studied, each)] if parted else []
+        at = place(along.factor, fit), interval(along.factor, fit)
+        numbers = fit.slope, scatter(fit), fit.p_slope, fit.p_straight, fit.groups, fit.trials
+        rows.append((each.entrant, row(cell_title(each.cell), *choice, *at, *numbers, entrant=each.entrant)))
     return ReportTable(
         name=along.named("half_success"),
         title=f"Half-success {along.factor.name.replace('_', ' ')}",
@@ -130,7 +112,7 @@ def halves(found: Findings, along: FactorFindings) -> ReportTable | None:
             " small, the logistic line is not the flights' shape, and the place a rough one."
         ),
         columns=columns,
-        blocks=tuple(blocks),
+        blocks=in_blocks(rows),
         command=found.command,
     )
 
@@ -174,18 +156,13 @@ def served(found: Findings, along: FactorFindings) -> ReportTable | None:
         *(TableColumn(name=f"latency_{q * 100:g}_s", title=f"{q * 100:g} %", group="Latency (s)", decimals=2)
           for q in QUANTILES),
     )  # fmt: skip
-    blocks = [
-        TableBlock(title=entrant, rows=tuple(
-            TableRow(entrant=entrant, cells=(
-                TableCell(value=each.step.title), TableCell(value=each.rate_hz.steps),
-                *_quantiles(each.rate_hz), *_quantiles(each.latency_s),
-            ))
-            for each in along.served if each.entrant == entrant
-        ))
-        for entrant in dict.fromkeys(each.entrant for each in along.served)
-    ]  # fmt: skip
-    if not blocks:
+    if not along.served:
         return None
+    rows = [
+        (each.entrant, row(each.step.title, each.rate_hz.steps, *_quantiles(each.rate_hz), *_quantiles(each.latency_s),
+                           entrant=each.entrant))
+        for each in along.served
+    ]  # fmt: skip
     return ReportTable(
         name=along.named("served"),
         title="Control rate that was served",
@@ -194,7 +171,7 @@ def served(found: Findings, along: FactorFindings) -> ReportTable | None:
             " all flights that count."
         ),
         columns=columns,
-        blocks=tuple(blocks),
+        blocks=in_blocks(rows),
         command=found.command,
     )
 
@@ -210,15 +187,14 @@ def motion(found: Findings, along: FactorFindings) -> ReportTable | None:
         TableColumn(name="width_m", title="Width of the view", unit="m", decimals=1),
         TableColumn(name="share_percent", title="Moved, of the width", unit="%", decimals=1),
     )
-    blocks: dict[str, list[TableRow]] = {}
-    for each in along.motions:
-        cells = (
-            TableCell(value=each.step.title), TableCell(value=each.episodes), TableCell(value=each.moved_m.steps),
-            _spread(each.period_s), _spread(each.moved_m), _spread(each.width_m), _spread(each.share, PERCENT),
-        )  # fmt: skip
-        blocks.setdefault(f"{each.entrant}, {cell_title(each.cell).lower()}", []).append(TableRow(cells=cells))
-    if not blocks:
+    if not along.motions:
         return None
+    rows = [
+        (f"{each.entrant}, {cell_title(each.cell).lower()}",
+         row(each.step.title, each.episodes, each.moved_m.steps, _spread(each.period_s), _spread(each.moved_m),
+             _spread(each.width_m), _spread(each.share, PERCENT)))
+        for each in along.motions
+    ]  # fmt: skip
     return ReportTable(
         name=along.named("target_motion"),
         title="What the target moves during one decision",
@@ -228,13 +204,13 @@ def motion(found: Findings, along: FactorFindings) -> ReportTable | None:
             " what 90 % of the steps lie between."
         ),
         columns=columns,
-        blocks=tuple(TableBlock(title=title, rows=tuple(rows)) for title, rows in blocks.items()),
+        blocks=in_blocks(rows),
         command=found.command,
     )
 
 
-def _quantiles(told: StepQuantiles) -> list[TableCell]:
-    return [TableCell(value=value) for value in told.at] or [TableCell(value=None)] * len(QUANTILES)
+def _quantiles(told: StepQuantiles) -> Sequence[float | None]:
+    return told.at or [None] * len(QUANTILES)
 
 
 def _spread(told: StepQuantiles, scale: float = 1.0) -> TableCell:

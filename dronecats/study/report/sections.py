@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dronecats.judge.statistics.paired import ALPHA
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
+from dronecats.report.table import ReportTable, TableColumn, in_blocks, row, words
 from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
 from dronecats.study.analysis.studied import ALL
 from dronecats.study.report import difference_tables, level_tables
@@ -233,12 +233,7 @@ def setup(found: Findings) -> ReportTable:
         name="setup",
         title="How it was flown",
         caption="What the folder of the study tells.",
-        columns=(
-            TableColumn(name="what", title="What", align="left"),
-            TableColumn(name="told", title="", align="left"),
-        ),
-        blocks=(TableBlock(title="", rows=tuple(
-            TableRow(cells=(TableCell(value=what), TableCell(value=value))) for what, value in told
-        )),),
+        columns=(words("What", "what"), TableColumn(name="told", title="", align="left")),
+        blocks=in_blocks(("", row(*line)) for line in told),
         command=found.command,
     )  # fmt: skip

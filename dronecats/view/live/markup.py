@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.report.kit.palette import LIGHT, MARKS
+from dronecats.report.kit.palette import DARK, LIGHT, MARKS
 from dronecats.report.kit.words import action_or_reason
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.view.live.sight import chosen_go
@@ -21,8 +21,8 @@ MESSAGES, FLEETS_MESSAGES = 6, 3  # the newest that are shown of each drone
 HEADS = ("speed", "height", "battery", "mode")
 WIDE, HIGH = 1280, 720  # of a drawing over a picture, whatever that measures
 NO_PICTURE = (
-    f'<div style="aspect-ratio:{WIDE}/{HIGH};background:#212529;color:#adb5bd;display:flex;align-items:center;'
-    'justify-content:center;font-size:12px">no picture yet</div>'
+    f'<div style="aspect-ratio:{WIDE}/{HIGH};background:{DARK["panel"]};color:{DARK["quiet"]};display:flex;'
+    'align-items:center;justify-content:center;font-size:12px">no picture yet</div>'
 )
 
 

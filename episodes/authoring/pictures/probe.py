@@ -6,7 +6,6 @@ digits of 0.10 m, benchmark-sized renders through the 640 px pipeline, with insc
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -169,8 +168,3 @@ def _cell(data: bytes, probe: Probe) -> NDArray[np.uint8]:
     said = f"{probe.distance_m:g} m: {probe.text}, {probe.letter_px:g} px"
     cv2.putText(label, said, (6, LABEL_PX - 6), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (42, 38, 36), 1, cv2.LINE_AA)
     return np.concatenate((label, cut))
-
-
-def summary(probes: Sequence[Probe]) -> list[str]:
-    """Return one line per picture."""
-    return [f"{p.file:16} {p.text:8} {p.distance_m:4g} m   letters {p.letter_px:5.2f} px" for p in probes]

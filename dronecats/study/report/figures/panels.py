@@ -17,13 +17,9 @@ CLEAR = 0.045  # of an axis, what two labels keep between them
 
 def panels(count: int, height_in: float, across: int = ACROSS, *, share_y: bool = True) -> tuple[Any, list[Any]]:
     """Return a figure with so many panels, row by row, and their axes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     columns = min(across, count)
     rows = -(-count // columns)
-    made = Figure(figsize=(style.WIDTH_IN, rows * height_in + 0.55), layout="constrained")
-    FigureCanvasAgg(made)
+    made = style.canvas(rows * height_in + 0.55)
     grid = made.subplots(rows, columns, sharey=share_y, squeeze=False)
     axes = [axis for line in grid for axis in line]
     for axis in axes[count:]:
