@@ -22,7 +22,7 @@ from dronecats.pilots.vision import ocr, pilot
 from dronecats.pilots.vision.command import plain_text
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE, ReadText
 from episodes.authoring.pictures import probe
-from episodes.authoring.pictures.studio import alone
+from episodes.authoring.pictures.contact_sheet import alone
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from foundation import picture

@@ -12,7 +12,7 @@ from dronecats.cli.output import Drawing, show
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
     from episodes.authoring.check.finding import RuleFinding
-    from episodes.authoring.check.many import Report
+    from episodes.authoring.check.rules import Report
 
 
 def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -30,7 +30,7 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Check the records and return 1 when any is rejected."""
-    from episodes.authoring.check.many import check_all
+    from episodes.authoring.check.rules import check_all
     from episodes.records import catalogue, suites
     from foundation.errors import UsageError
 

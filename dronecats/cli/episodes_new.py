@@ -25,13 +25,13 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Write the records and print their files."""
-    from episodes.authoring.propose import official, proposals
+    from episodes.authoring.propose import proposals
     from foundation.errors import UsageError
 
     if args.official:
         if args.map or args.cell:
             raise UsageError("--official makes every map and cell: leave --map and --cell out.")
-        batches = official.make(args.jobs or None)
+        batches = proposals.make(args.jobs or None)
     else:
         if not (args.map and args.cell):
             raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")

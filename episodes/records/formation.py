@@ -12,10 +12,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from episodes.authoring.check import candidates, rules
-from episodes.authoring.check.finding import RuleFinding
-from episodes.authoring.check.limits import LEVEL_M, OF_OTHER_MAPS, REACH_M, RULES
-from episodes.authoring.check.solid import StandingObstacles
-from episodes.authoring.check.start import climb, formation, unevenness_m
+from episodes.authoring.check.finding import LEVEL_M, OF_OTHER_MAPS, REACH_M, RULES, RuleFinding
+from episodes.authoring.check.placement import StandingObstacles, climb, formation, unevenness_m
 from episodes.records.record import MAX_STARTS, EpisodeRecord, StartPose
 from episodes.world.world import World
 from foundation.errors import UsageError

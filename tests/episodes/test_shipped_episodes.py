@@ -8,10 +8,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from episodes.authoring.check.many import check_all
-from episodes.authoring.check.pixels import patch
 from episodes.authoring.check.referring import WORDS
-from episodes.authoring.check.rules import check
+from episodes.authoring.check.rules import check, check_all
+from episodes.authoring.check.sight import patch
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets

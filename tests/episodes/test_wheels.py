@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from episodes.authoring.check import pixels
+from episodes.authoring.check import sight
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
@@ -56,7 +56,7 @@ def test_what_stands_touches_the_ground_with_every_wheel_in_its_picture_too(name
     (north, east, down), level = world.target_centre(0.0), quat_from_euler(0.0, 0.0, 0.0)
     eye = (north - 7.0, east, down - 0.5)
     place, turned = world.target_pose(0.0)
-    counted = pixels.patch(world.target, place, turned, world.solids, eye, level, camera)
+    counted = sight.patch(world.target, place, turned, world.solids, eye, level, camera)
     ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera)).ids
     assert counted.pixels == pytest.approx(int((ids == world.target_id).sum()), rel=0.01)
     assert counted.pixels > 1000
@@ -91,7 +91,7 @@ def test_on_a_slope_the_pixels_that_the_judge_counts_are_those_that_are_drawn():
     assert abs(quat_to_euler(_attitude(world, float(steepest)))[1]) > math.radians(4)
     north, east, down = world.target_centre(float(steepest))
     eye, level = (north - 7.0, east, down - 0.5), quat_from_euler(0.0, 0.0, 0.0)
-    counted = pixels.patch(world.target, place, turned, world.solids, eye, level, camera)
+    counted = sight.patch(world.target, place, turned, world.solids, eye, level, camera)
     ids = Renderer(world.scene, camera).render(camera_pose(eye, level, camera), world.moved(float(steepest))).ids
     drawn = int((ids == world.target_id).sum())
     assert drawn > 3000

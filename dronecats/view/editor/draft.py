@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 from dronecats.view.editor import suggest
 from dronecats.view.editor.suggest import Knots
-from episodes.authoring.check.limits import GRID_SIDE_M, OF_OTHER_MAPS, RULES
+from episodes.authoring.check.finding import GRID_SIDE_M, OF_OTHER_MAPS, RULES
 from episodes.maps import assets
 from episodes.maps.scene import Instance, Mesh, Scene
 from episodes.records.record import (

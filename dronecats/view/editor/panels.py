@@ -10,8 +10,7 @@ import viser
 from dronecats.report.kit.palette import LIGHT
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
-from episodes.authoring.check.finding import RuleFinding
-from episodes.authoring.check.limits import ALTITUDE_M
+from episodes.authoring.check.finding import ALTITUDE_M, RuleFinding
 from episodes.maps import assets
 from episodes.records.record import CELLS, MAX_SEED
 

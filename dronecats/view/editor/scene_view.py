@@ -13,7 +13,7 @@ from dronecats.report.kit import palette
 from dronecats.view.editor.assessment import PREVIEW
 from dronecats.view.editor.draft import Draft, Drafting
 from dronecats.view.scene import display
-from episodes.authoring.check.limits import OF_OTHER_MAPS, RULES
+from episodes.authoring.check.finding import OF_OTHER_MAPS, RULES
 from episodes.maps.assets.materials import PAINTS
 from episodes.world.target import motion
 from foundation.frames import Vec3

@@ -5,7 +5,7 @@ import math
 from collections.abc import Callable, Sequence
 
 from episodes import maps
-from episodes.authoring.check.nouns import nouns
+from episodes.authoring.check.referring import nouns
 from episodes.maps.scene import Scene
 from episodes.records.record import HIDDEN, MOVING, EpisodeRecord
 from foundation.errors import UsageError

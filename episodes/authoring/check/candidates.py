@@ -7,9 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.authoring.check.finding import RuleFinding, at_least, between
-from episodes.authoring.check.footing import LIFT_M
-from episodes.authoring.check.limits import (
+from episodes.authoring.check.finding import (
     CANDIDATES,
     FACING,
     GRID_TO_CANDIDATES_M,
@@ -20,10 +18,12 @@ from episodes.authoring.check.limits import (
     READING_FOCAL_PX,
     SPOTTED_PX,
     WIDEST_PAIR_M,
+    RuleFinding,
+    at_least,
+    between,
 )
-from episodes.authoring.check.pixels import patch
-from episodes.authoring.check.sight import CAMERA, level
-from episodes.authoring.check.solid import StandingObstacles, box_of
+from episodes.authoring.check.placement import LIFT_M, StandingObstacles, box_of
+from episodes.authoring.check.sight import CAMERA, level, patch
 from episodes.maps.assets import exhibits, vehicles
 from episodes.maps.scene import Instance
 from episodes.records.record import TargetRecord

@@ -1,19 +1,207 @@
-"""What the camera sees from the start: the target, when it is faced and when the record's yaw is flown."""
+"""What the camera sees from the start: the target, when it is faced and when the record's yaw is flown.
+
+Pixels of the target are counted by rays through the middle of each, as the renderer's ids have it. A framing says which
+way a drone may look from a place: with a thing wholly in its picture, or with none of it there.
+"""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
 
-from episodes.authoring.check.finding import RuleFinding, at_least, between
-from episodes.authoring.check.limits import BODY_M, OF_OTHER_MAPS, RULES
-from episodes.authoring.check.pixels import Patch, patch
+from episodes.authoring.check.finding import BODY_M, OF_OTHER_MAPS, RULES, RuleFinding, at_least, between
+from episodes.maps.scene import Instance, Mesh
+from episodes.world.visibility import NEAR_M, Hides, turn
 from episodes.world.world import World
 from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3, quat_from_euler
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
 from foundation.protocol import RADIUS_M
+from foundation.threads import once
 
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """Where the target is in a picture."""
+
+    pixels: int  # that show it
+    share: float  # 0 … 1 of the picture's pixels
+    box_share: float  # 0 … 1 of the picture covered by the box around those pixels
+    cut: bool = False  # whether they reach an edge of the picture
+
+
+NOTHING = Patch(0, 0.0, 0.0)
+
+
+def patch(
+    target: Instance,
+    place: Vec3,
+    turned: float | Quat,
+    solids: Hides,
+    origin: Vec3,
+    attitude: Quat,
+    camera: CameraModel,
+) -> Patch:
+    """Return where a target standing at `place` turned so is in the picture of a drone at `origin` (m, NED)."""
+    axes = np.array([rotate(attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
+    eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
+    to_world = turn(turned)
+    across, down = _reach(target, np.array(place), to_world, eye, axes, camera)
+    if len(across) == 0 or len(down) == 0:
+        return NOTHING
+    x = (across + 0.5 - camera.width / 2) / camera.focal_px
+    y = (down + 0.5 - camera.height / 2) / camera.focal_px
+    way = (axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3)
+    own = _traced(target.mesh)
+    local_eye = ((eye - np.array(place)) @ to_world).astype(np.float32)
+    start = np.ascontiguousarray(np.broadcast_to(local_eye, way.shape))
+    hit = own.run(start, np.ascontiguousarray((way @ to_world).astype(np.float32)), output=1)
+    met = np.flatnonzero((hit["primID"] >= 0) & (hit["tfar"] > NEAR_M))
+    if len(met):
+        points = eye + way[met] * hit["tfar"][met, None].astype(np.float64)
+        met = met[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
+    if len(met) == 0:
+        return NOTHING
+    row, column = np.divmod(met, len(across))
+    box = (int(np.ptp(row)) + 1) * (int(np.ptp(column)) + 1)
+    whole = camera.width * camera.height
+    edges = {int(across[column].min()), int(across[column].max()) + 1 - camera.width}
+    edges |= {int(down[row].min()), int(down[row].max()) + 1 - camera.height}
+    return Patch(len(met), len(met) / whole, box / whole, cut=0 in edges)
+
+
+@once(16)  # a record's checks and a search for places ask about the same few things over and over
+def _traced(mesh: Mesh) -> EmbreeScene:
+    """Return a mesh for rays, in the asset's axes."""
+    scene = EmbreeScene()
+    corners = np.ascontiguousarray(mesh.vertices[mesh.triangles].reshape(-1, 3), dtype=np.float32)
+    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    return scene
+
+
+def _reach(
+    target: Instance, place: Array, to_world: Array, eye: Array, axes: Array, camera: CameraModel
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the columns and the rows of the picture that the target's box can be in."""
+    low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
+    corners = np.array([[(low, high)[k >> b & 1][b] for b in range(3)] for k in range(8)], dtype=np.float64)
+    seen = (corners @ to_world.T + place - eye) @ axes.T
+    if (seen[:, 0] <= NEAR_M).all():
+        return np.arange(0), np.arange(0)
+    if (seen[:, 0] <= NEAR_M).any():  # partly behind the lens: it may be anywhere
+        return np.arange(camera.width), np.arange(camera.height)
+    x = camera.width / 2 + camera.focal_px * seen[:, 1] / seen[:, 0]
+    y = camera.height / 2 + camera.focal_px * seen[:, 2] / seen[:, 0]
+    return _span(x, camera.width), _span(y, camera.height)
+
+
+def _span(values: Array, size: int) -> NDArray[np.int64]:
+    return np.arange(max(math.floor(values.min()), 0), min(math.ceil(values.max()) + 1, size))
+
+
+STEP_DEG = 0.1
+EDGE_DEG = 1.0  # kept between a thing and the edge of the picture that shows it whole
 CAMERA = CameraModel()
+HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Framing:
+    """What becomes of a thing in a level drone's picture as the drone turns, in steps of STEP_DEG."""
+
+    off_deg: Array  # (N,) yaw of the nose off the thing's bearing, -180 … 180, + to the right of it
+    left_deg: Array  # (N,) azimuth of the thing's left end from the optical axis, + to the right …
+    middle_deg: Array  # (N,) … of the middle of its box …
+    right_deg: Array  # (N,) … and of its right end; left <= middle <= right, which may lie beyond ±180
+
+    def whole(self) -> NDArray[np.bool_]:
+        """Return (N,) where the thing is wholly within the picture's sides."""
+        inside = HALF_VIEW_DEG - EDGE_DEG
+        return np.asarray((self.left_deg >= -inside) & (self.right_deg <= inside))
+
+    def hidden(self) -> NDArray[np.bool_]:
+        """Return (N,) where no part of the thing is in the picture, whichever way it stands in its box."""
+        outside = HALF_VIEW_DEG + STEP_DEG
+        beyond = (self.left_deg > outside) & (self.right_deg < 360.0 - outside)
+        return np.asarray(beyond | ((self.right_deg < -outside) & (self.left_deg > outside - 360.0)))
+
+
+def framing(corners_ned: Array, place: Vec3) -> Framing:
+    """Return the framing of a box, corners (8, 3) in m NED, for a drone whose body origin is at `place` (m, NED)."""
+    middle = corners_ned.mean(axis=0)
+    ahead = math.atan2(middle[1] - place[1], middle[0] - place[0])
+    off = np.arange(-180.0, 180.0, STEP_DEG)
+    yaw = ahead + np.radians(off)
+    lever = CAMERA.offset_frd[0]
+    eye = np.stack([place[0] + lever * np.cos(yaw), place[1] + lever * np.sin(yaw)], axis=1)
+    way = corners_ned[None, :, :2] - eye[:, None, :]
+    to_middle = middle[None, :2] - eye
+    centre = _wrap(np.degrees(np.arctan2(to_middle[:, 1], to_middle[:, 0]) - yaw))
+    bearing = np.degrees(np.arctan2(way[..., 1], way[..., 0]) - yaw[:, None])
+    beside = _wrap(bearing - centre[:, None])
+    return Framing(off, centre + beside.min(axis=1), centre, centre + beside.max(axis=1))
+
+
+def box_corners(mesh: Mesh, position_ned: Vec3, yaw: float) -> Array:
+    """Return the corners (8, 3) in m NED of a placed mesh's box; `yaw` in rad."""
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    corners = np.array([[(low, high)[k >> b & 1][b] for b in range(3)] for k in range(8)], dtype=np.float64)
+    return np.asarray(corners @ turn(yaw).T + np.array(position_ned))
+
+
+def across(framing: Framing, share: float) -> float | None:
+    """Return the yaw off a thing's bearing (deg) at which its middle stands at a share (0 … 1) of its way across.
+
+    The way is that from one side of the picture to the other with the thing whole in it, even in columns of the
+    picture and not in degrees. None for a thing too wide for the picture.
+    """
+    return _at(framing, framing.whole(), share)
+
+
+def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
+    """Return the compass yaw (deg) of drones that have every thing whole in the picture, at a share of that range.
+
+    `ahead_deg`: the bearing that each framing's `off_deg` counts from. None when no yaw shows them all.
+    """
+    first = ahead_deg[0]
+    common = np.ones(len(framings[0].off_deg), dtype=bool)
+    for one, ahead in zip(framings, ahead_deg, strict=True):
+        turned = round(math.remainder(first - ahead, 360.0) / STEP_DEG)
+        common &= np.roll(one.whole(), -turned)
+    good = np.flatnonzero(common)
+    if len(good) == 0:
+        return None
+    low, high = framings[0].off_deg[good[0]], framings[0].off_deg[good[-1]]
+    return first + float(low + share * (high - low))
+
+
+def away(framing: Framing, share: float) -> float | None:
+    """Return the yaw off a thing's bearing (deg, 0 … 360) at a share (0 … 1) of the range that hides it; None: none."""
+    hidden = np.flatnonzero(framing.hidden())
+    if len(hidden) == 0:
+        return None
+    round_about = np.sort(framing.off_deg[hidden] % 360.0)  # from just out of sight on one side to the other side
+    return float(round_about[0] + share * (round_about[-1] - round_about[0]))
+
+
+def _at(framing: Framing, allowed: NDArray[np.bool_], share: float) -> float | None:
+    good = np.flatnonzero(allowed)
+    if len(good) == 0:
+        return None
+    column = np.tan(np.radians(framing.middle_deg[good]))
+    wanted = column.max() - share * (column.max() - column.min())  # from the right of the picture to its left
+    return float(framing.off_deg[good[np.argmin(np.abs(column - wanted))]])
+
+
+def _wrap(degrees: Array) -> Array:
+    return np.asarray((degrees + 180.0) % 360.0 - 180.0)
+
+
 STEP_M = 0.5
 MOST_STEPS = 201  # a start that far off is red for its distance
 FACED_FRACTION = 0.5  # of the target's silhouette that must be open to view when it is faced

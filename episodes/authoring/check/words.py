@@ -3,9 +3,9 @@
 import re
 from collections.abc import Iterator
 
-from episodes.authoring.check import referring, scenery
+from episodes.authoring.check import referring
 from episodes.authoring.check.finding import RuleFinding
-from episodes.authoring.check.nouns import kind_of, nouns
+from episodes.authoring.check.referring import kind_of, nouns
 from episodes.maps import assets
 from episodes.records.record import EpisodeRecord
 from episodes.world.world import World
@@ -27,7 +27,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
     yield RuleFinding("the instruction's noun", named, f"'{record.instruction}'", " or ".join(f"'{k}'" for k in kinds))
     if record.map == "residential" and record.target.native is None:
         yield from paint(world)
-    elif named and scenery.places(record.map, record.map_seed).landmarks:
+    elif named and referring.places(record.map, record.map_seed).landmarks:
         yield place(world)
 
 
@@ -65,7 +65,7 @@ def place(world: World) -> RuleFinding:
     things = {i.name: i.position_ned for i in world.scene.instances if kind_of(i.kind) == kind}
     viewer = record.starts[0].position_ned
     yaw = record.starts[0].yaw_deg if record.visible_at_start else None
-    marks = scenery.landmarks(record.map, record.map_seed, kind, viewer, yaw)
+    marks = referring.landmarks(record.map, record.map_seed, kind, viewer, yaw)
     told = referring.read(record.instruction, marks)
     rule, wanted = "what the instruction's place tells", f"{world.target.name} alone"
     if told is None:

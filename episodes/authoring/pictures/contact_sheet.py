@@ -1,4 +1,4 @@
-"""Contact sheets: every asset from near and far, in the very pixels that a model is given."""
+"""Contact sheets: every asset from near and far, alone on level ground, in the very pixels that a model is given."""
 
 import difflib
 import math
@@ -9,15 +9,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.authoring.pictures.studio import alone
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
+from episodes.maps import geometry as g
 from episodes.maps.assets import fixtures, scenery
+from episodes.maps.assets.materials import surface
 from episodes.maps.assets.multirotor import X500, multirotor
-from episodes.maps.scene import Mesh, Sun
+from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
+from foundation.terrain import FLAT
+
+GROUND_M = 160.0  # half the ground's width
+
+
+def alone(name: str, mesh: Mesh, sun: Sun, height_m: float = 0.0) -> Scene:
+    """Return the scene: the asset in the middle, its origin `height_m` above asphalt, facing north under the sun."""
+    corner = [(GROUND_M * x, GROUND_M * y, 0.0) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    flat = g.soup([[corner[i] for i in (0, 1, 2)], [corner[i] for i in (0, 2, 3)]], surface("asphalt"), tile_m=4.0)
+    ground = Instance(1, "ground", "ground", g.assemble([flat]), (0.0, 0.0, 0.0))
+    return Scene("studio", (ground, Instance(2, name, name, mesh, (0.0, 0.0, -height_m))), FLAT, sun, 47.0, 8.0, 400.0)
+
 
 DISTANCES_M = (6.0, 12.0, 24.0, 48.0)  # from the camera to the edge of the asset's box, towards its middle
 WIDTHS_PX = (448, 320, 192, 128)  # of each distance's tile, cut from the middle of the picture

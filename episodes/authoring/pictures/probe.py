@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.authoring.pictures.studio import alone
+from episodes.authoring.pictures.contact_sheet import alone
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.assets.exhibits import LETTER_M

@@ -6,8 +6,7 @@ import random
 from collections.abc import Generator, Iterator
 
 from episodes.authoring.check.candidates import LETTER_M, PLATE_LETTER_M
-from episodes.authoring.check.framing import across_all, box_corners
-from episodes.authoring.check.limits import (
+from episodes.authoring.check.finding import (
     CANDIDATES,
     GRID_SIDE_M,
     GRID_TO_CANDIDATES_M,
@@ -17,12 +16,10 @@ from episodes.authoring.check.limits import (
     READING_FOCAL_PX,
     WIDEST_PAIR_M,
 )
-from episodes.authoring.check.sight import CAMERA, bearing_deg
-from episodes.authoring.check.solid import box_of
-from episodes.authoring.propose import phrases
-from episodes.authoring.propose.draft import Proposal, flight_seed
+from episodes.authoring.check.placement import box_of
+from episodes.authoring.check.sight import CAMERA, across_all, bearing_deg, box_corners
+from episodes.authoring.propose.draft import BOARDS, Draw, Proposal, flight_seed, inscribed, instruction, plates
 from episodes.authoring.propose.site import PlacedTarget, Site, start
-from episodes.authoring.propose.spread import Draw
 from episodes.maps import assets
 from episodes.maps.places import Spot
 from episodes.maps.scene import Instance
@@ -51,7 +48,7 @@ def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, N
     signs = site.name != "residential"
     kinds = ["sign"] if signs else list(CARS)
     paints = list(assets.PAINTS) if signs else (site.free_paints() or list(assets.PAINTS))
-    boards = list(phrases.BOARDS)
+    boards = list(BOARDS)
     for deck in (kinds, paints, boards):
         rng.shuffle(deck)
     spots = tuple(s for s in site.places.spots if signs or s.place in ROADSIDE)
@@ -59,7 +56,7 @@ def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, N
         return
     for turn in itertools.count():
         asset, paint = kinds[turn % len(kinds)], paints[turn % len(paints)]
-        texts = list(boards[turn % len(boards)]) if signs else phrases.plates(CANDIDATES, rng)
+        texts = list(boards[turn % len(boards)]) if signs else plates(CANDIDATES, rng)
         rng.shuffle(texts)
         made = next(_groups(site, spots, asset, paint, texts, share, rng), None)
         if made is None:
@@ -161,14 +158,14 @@ def _draft(
         return None
     named = rng.choice(near)
     target, others = everyone[named], tuple(one for k, one in enumerate(everyone) if k != named)
-    words = phrases.inscribed(target.asset, str(target.inscription), rng)
+    words = inscribed(target.asset, str(target.inscription), rng)
     return Proposal(
         target=target,
         place_ned=things[named].position_ned,
         goal_ned=things[named].centre_ned,
         starts=tuple(start(place, yaw) for place in places),
         visible=True,
-        instruction=phrases.instruction("commanding", words, target.asset, rng),
+        instruction=instruction("commanding", words, target.asset, rng),
         seed=flight_seed(rng),
         candidates=others,
     )

@@ -1,9 +1,14 @@
-"""What the search hands on to be checked."""
+"""What the search hands on to be checked, how its draws are spread, and the words of an instruction.
+
+The draws of a request are spread evenly over what is allowed, each dimension dealt out on its own. The words are verbs
+of each cell around what the target is called.
+"""
 
 import random
 from dataclasses import dataclass
 
-from episodes.authoring.check.framing import Framing, across, away
+from episodes.authoring.check.referring import nouns
+from episodes.authoring.check.sight import Framing, across, away
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 from foundation.frames import Vec3
 
@@ -34,3 +39,108 @@ def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float
 def flight_seed(rng: random.Random) -> int:
     """Return the seed of a flight."""
     return rng.randrange(1, MAX_SEED)
+
+
+JITTER = 0.25  # of a stratum, either way
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """Where one record's draw lies between the least and the most that is allowed, each 0 … 1."""
+
+    turn: float  # of the yaws that show the target whole, or of those that hide it
+    distance: float  # of the start distances
+    height: float  # of the start heights
+
+
+def shares(count: int, rng: random.Random) -> list[Draw]:
+    """Return the shares of so many records: each dimension cut into as many strata, and each stratum drawn once.
+
+    Where there are many records the first and the last stratum lie at the ends, so that the whole range is used.
+    """
+    turns, distances, heights = (_strata(count, rng) for _ in range(3))
+    return [Draw(*three) for three in zip(turns, distances, heights, strict=True)]
+
+
+def _strata(count: int, rng: random.Random) -> list[float]:
+    if count == 1:
+        return [rng.random()]
+    drawn = [(k + rng.uniform(-JITTER, JITTER)) / (count - 1) for k in range(count)]
+    rng.shuffle(drawn)
+    return [min(max(one, 0.0), 1.0) for one in drawn]
+
+
+VERBS: dict[str, tuple[str, ...]] = {
+    "approaching": (
+        "go to {what}", "fly to {what}", "approach {what}", "head over to {what}", "move up to {what}",
+        "fly over to {what}",
+    ),
+    "searching": (
+        "find {what} and go to {it}", "look for {what} and fly to {it}", "search for {what} and approach {it}",
+        "locate {what} and go there", "find {what} and fly up to {it}",
+    ),
+    "tracking": (
+        "follow {what} and get close to {it}", "catch up with {what}", "go after {what} and close in on {it}",
+        "fly after {what} and reach {it}", "track {what} and come close to {it}",
+    ),
+    "search-and-track": (
+        "find {what} and catch up with {it}", "look for {what} and follow {it} until you reach {it}",
+        "search for {what} and close in on {it}", "locate {what}, go after {it} and reach {it}",
+    ),
+    "commanding": (
+        "go to {what}", "fly to {what}", "find {what} and go to it", "approach {what}", "send a drone to {what}",
+    ),
+}  # fmt: skip
+PEOPLE = ("person", "pedestrian", "cyclist")
+
+
+def instruction(cell: str, named: str, asset: str, rng: random.Random) -> str:
+    """Return an instruction of a cell for a target that is called `named`, article included."""
+    return rng.choice(VERBS[cell]).format(what=named, it="them" if asset in PEOPLE else "it")
+
+
+def painted(asset: str, paint: str) -> str:
+    """Return what a placed target is called on a map where its colour is its own."""
+    return f"the {paint} {nouns(asset)[0]}"
+
+
+def inscribed(asset: str, text: str, rng: random.Random) -> str:
+    """Return what a candidate is called by its inscription."""
+    if asset == "sign":
+        return rng.choice((f"the sign that reads {text}", f"the sign saying {text}", f"the sign marked {text}"))
+    noun = nouns(asset)[0]
+    return rng.choice(
+        (
+            f"the {noun} with the licence plate {text}",
+            f"the {noun} whose plate reads {text}",
+            f"the {noun} with number plate {text}",
+        )
+    )
+
+
+def plates(count: int, rng: random.Random) -> list[str]:
+    """Return so many plates that differ in a digit or two, so that each has to be read to its end."""
+    base = [rng.randrange(1, 10) for _ in range(4)]
+    found: list[str] = []
+    while len(found) < count:
+        digits = list(base)
+        for place in rng.sample(range(4), 2):
+            digits[place] = rng.randrange(1, 10)
+        text = "".join(map(str, digits))
+        if text not in found:
+            found.append(text)
+    return found
+
+
+BOARDS = (
+    ("DOCK A", "DOCK B", "DOCK C", "DOCK D"),
+    ("GATE 3", "GATE 5", "GATE 8", "GATE 9"),
+    ("BAY 12", "BAY 17", "BAY 21", "BAY 71"),
+    ("NORTH", "SOUTH", "EAST", "WEST"),
+    ("STORE", "STAGE", "STAIR", "START"),
+    ("LANE 2", "LANE 4", "LANE 6", "LANE 7"),
+    ("ZONE K", "ZONE M", "ZONE N", "ZONE R"),
+    ("PUMP", "PORT", "POST", "PARK"),
+    ("HALL 1", "HALL 4", "HALL 7", "HALL 9"),
+    ("UNIT 38", "UNIT 58", "UNIT 83", "UNIT 85"),
+)

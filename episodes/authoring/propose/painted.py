@@ -5,14 +5,11 @@ import math
 import random
 from collections.abc import Generator, Iterator
 
-from episodes.authoring.check.limits import OF_OTHER_MAPS, RULES
+from episodes.authoring.check.finding import OF_OTHER_MAPS, RULES
+from episodes.authoring.check.placement import box_of
 from episodes.authoring.check.sight import bearing_deg
-from episodes.authoring.check.solid import box_of
-from episodes.authoring.propose import phrases
-from episodes.authoring.propose.draft import Proposal, flight_seed, yaw_deg
-from episodes.authoring.propose.lanes import stretch
-from episodes.authoring.propose.site import ALTITUDES_M, Site, start
-from episodes.authoring.propose.spread import Draw
+from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, instruction, painted, yaw_deg
+from episodes.authoring.propose.site import ALTITUDES_M, Site, start, stretch
 from episodes.maps import assets
 from episodes.maps.scene import Instance
 from episodes.records.record import MOVING, STANDING, Path3D, TargetRecord
@@ -96,6 +93,6 @@ def _around(site: Site, cell: str, target: TargetRecord, share: Draw, rng: rando
             goal_ned=thing.centre_ned,
             starts=(start(place, yaw),),
             visible=cell in ("approaching", "tracking"),
-            instruction=phrases.instruction(cell, phrases.painted(target.asset, str(target.paint)), target.asset, rng),
+            instruction=instruction(cell, painted(target.asset, str(target.paint)), target.asset, rng),
             seed=flight_seed(rng),
         )

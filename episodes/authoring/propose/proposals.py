@@ -1,20 +1,27 @@
-"""From a map, a cell and a seed to records that pass every check."""
+"""From a map, a cell and a seed to records that pass every check, and how the shipped catalogue was made.
+
+`dronecats episodes new --official` makes the same bytes of the catalogue again.
+
+Nothing in it is placed by hand but one target: the cyan SUV of the first flight, with the place that it is looked at
+from. Which way the drone looks there is drawn as for all others. The seeds are the first with which each request
+fulfils the rules about the suite (`episodes.authoring.check.spread`) as well.
+"""
 
 import math
 import random
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 from episodes import maps
 from episodes.authoring.check import spread
-from episodes.authoring.check.layout import Layout, layout
-from episodes.authoring.check.limits import SPOTTED_PX
+from episodes.authoring.check.finding import SPOTTED_PX
 from episodes.authoring.check.rules import check
 from episodes.authoring.check.sight import bearing_deg
+from episodes.authoring.check.spread import Layout, layout
+from episodes.authoring.processes import share_out
 from episodes.authoring.propose import commanding, painted, referred
-from episodes.authoring.propose.draft import Proposal, flight_seed, yaw_deg
+from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, shares, yaw_deg
 from episodes.authoring.propose.site import Site, no_room, start
-from episodes.authoring.propose.spread import Draw, shares
 from episodes.records import catalogue
 from episodes.records.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world.world import World
@@ -156,3 +163,22 @@ def _record(request: RecordRequest, number: int, draft: Proposal) -> EpisodeReco
         seed=draft.seed,
         candidates=draft.candidates,
     )
+
+
+REQUESTS = (
+    RecordRequest("residential", "approaching", 1, 10, 12, kept="v1-residential-approaching-01"),
+    RecordRequest("residential", "searching", 1, 10, 1),
+    RecordRequest("residential", "tracking", 1, 10, 3),
+    RecordRequest("residential", "search-and-track", 1, 10, 1),
+    RecordRequest("residential", "commanding", 1, 10, 1),
+    RecordRequest("campus", "approaching", 1, 10, 1),
+    RecordRequest("campus", "searching", 1, 10, 1),
+    RecordRequest("campus", "tracking", 1, 10, 1),
+    RecordRequest("campus", "search-and-track", 1, 10, 1),
+    RecordRequest("blocks", "commanding", 1, 10, 1),
+)
+
+
+def make(jobs: int | None = None) -> Iterator[list[EpisodeRecord]]:
+    """Yield the records of the catalogue, a request as it is done, on `jobs` processes."""
+    yield from share_out(propose, REQUESTS, jobs)

@@ -5,22 +5,19 @@ import math
 import random
 from collections.abc import Generator
 
-from episodes.authoring.check import referring, scenery
-from episodes.authoring.check.limits import OF_OTHER_MAPS, RULES
-from episodes.authoring.check.nouns import kind_of, nouns
+from episodes.authoring.check import referring
+from episodes.authoring.check.finding import OF_OTHER_MAPS, RULES
+from episodes.authoring.check.referring import kind_of, nouns
 from episodes.authoring.check.sight import CAMERA, bearing_deg
-from episodes.authoring.propose import phrases
-from episodes.authoring.propose.draft import Proposal, flight_seed, yaw_deg
-from episodes.authoring.propose.lanes import stretch
-from episodes.authoring.propose.site import ALTITUDES_M, PlacedTarget, Site, start
-from episodes.authoring.propose.spread import Draw
+from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, instruction, yaw_deg
+from episodes.authoring.propose.site import ALTITUDES_M, PlacedTarget, Site, start, stretch
 from episodes.maps import assets
 from episodes.maps.scene import Instance
 from episodes.records.record import HIDDEN, MOVING, Path3D, TargetRecord
 from foundation.protocol import CAP_S
 
 # kinds of a map that no episode has as its target
-NO_TARGETS = (*scenery.UNNAMED, "clock-tower")
+NO_TARGETS = (*referring.UNNAMED, "clock-tower")
 MOVERS = ("delivery_robot", "service_cart", "pedestrian")
 PAINT = "white"  # of what drives: the same that its look-alikes wear
 SPARE_M = 1.0
@@ -115,7 +112,7 @@ def _before(
         if yaw is None:
             continue
         one = start(place, yaw)
-        marks = scenery.landmarks(site.name, site.seed, kind, place, None if hidden else one.yaw_deg)
+        marks = referring.landmarks(site.name, site.seed, kind, place, None if hidden else one.yaw_deg)
         found = referring.expressions(nouns(kind)[0], name, things, marks, place)
         found = [f for f in found if not hidden or f.relation in ANYWHERE]
         for said in rng.sample(found, len(found)):
@@ -127,7 +124,7 @@ def _before(
                     goal_ned=thing.centre_ned,
                     starts=(one,),
                     visible=not hidden,
-                    instruction=phrases.instruction(cell, said.words, kind, rng),
+                    instruction=instruction(cell, said.words, kind, rng),
                     seed=flight_seed(rng),
                 )
                 best = (worth, draft)

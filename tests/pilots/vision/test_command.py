@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from dronecats.pilots.vision import place_target, shape_detector
 from dronecats.pilots.vision.command import KIND_OF_NOUN, NamedLandmark, PlaceExpression, read_place_expression
 from episodes.authoring.check import referring
-from episodes.authoring.propose import phrases
+from episodes.authoring.propose import draft
 from episodes.maps import campus
 from episodes.records import catalogue
 
@@ -34,7 +34,7 @@ def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it():
 
 @given(
     st.sampled_from(
-        [verb for cell in ("approaching", "searching", "tracking", "search-and-track") for verb in phrases.VERBS[cell]]
+        [verb for cell in ("approaching", "searching", "tracking", "search-and-track") for verb in draft.VERBS[cell]]
     ),
     KINDS,
     st.sampled_from([r for r in referring.WORDS if r != "between"]),
@@ -44,7 +44,7 @@ def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it():
 def test_any_thing_in_any_relation_is_read_out_of_any_sentence(verb, noun, how, mark, pronoun):
     said = verb.format(what=f"the {noun} {how} {mark}", it=pronoun)
     known = KIND_OF_NOUN.get(mark.removeprefix("the "))
-    sought = verb in phrases.VERBS["searching"] or verb in phrases.VERBS["search-and-track"]
+    sought = verb in draft.VERBS["searching"] or verb in draft.VERBS["search-and-track"]
     assert read_place_expression(said) == PlaceExpression(
         KIND_OF_NOUN[noun], how, (NamedLandmark(mark.removeprefix("the "), known),), sought
     )

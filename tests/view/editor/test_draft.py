@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from dronecats.view.editor.draft import HEIGHT_M, Drafting
 from dronecats.view.editor.session import Session
 from episodes import maps
-from episodes.authoring.check.limits import GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
+from episodes.authoring.check.finding import GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
 from episodes.maps import assets
 from episodes.records import catalogue, record
 from episodes.records.record import CELLS, HIDDEN, MOVING

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from episodes.authoring.check import many, pixels, sight, start
+from episodes.authoring.check import placement, rules, sight
 from episodes.authoring.check.finding import RuleFinding
+from episodes.authoring.check.placement import Box, StandingObstacles, overlaps
 from episodes.authoring.check.rules import check
-from episodes.authoring.check.solid import Box, StandingObstacles, overlaps
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
@@ -109,7 +109,7 @@ def test_a_start_beside_a_lamp_is_not_free() -> None:
 
 def test_a_start_over_a_kerb_is_not_level() -> None:
     world = World(STANDING)
-    kerb = next(e / 20 for e in range(60, 120) if start.unevenness_m(world, -10.0, e / 20) > 0.1)
+    kerb = next(e / 20 for e in range(60, 120) if placement.unevenness_m(world, -10.0, e / 20) > 0.1)
     rule = "the unevenness of the ground under a start"
     assert rule in red(start_at(STANDING, (-10.0, kerb, world.ground_down(-10.0, kerb) - 1.6)))
     assert rule not in red(start_at(STANDING, (-10.0, 0.0, world.ground_down(-10.0, 0.0) - 1.6)))
@@ -140,7 +140,7 @@ def test_pixels_are_those_that_the_renderer_draws() -> None:
         spot = (goal[0] + reach * math.cos(turned), goal[1] + reach * math.sin(turned), -float(rng.uniform(1.5, 3.0)))
         attitude = quat_from_euler(0.0, 0.0, math.radians(sight.bearing_deg(spot, goal)) + rng.uniform(-0.8, 0.8))
         place, yaw = world.target_pose(0.0)
-        mine = pixels.patch(world.target, place, yaw, world.solids, spot, attitude, camera)
+        mine = sight.patch(world.target, place, yaw, world.solids, spot, attitude, camera)
         drawn = renderer.render(camera_pose(spot, attitude, camera)).ids == world.target_id
         assert mine.pixels == pytest.approx(int(drawn.sum()), rel=0.01, abs=3)
         drawn_some += bool(drawn.any())
@@ -186,7 +186,7 @@ def test_reports_name_file_field_and_reason(tmp_path: Path) -> None:
     document = json.loads(STANDING.to_json())
     del document["map"]
     broken.write_text(json.dumps(document))
-    reports = {r.name: r for r in many.check_all([STANDING.id, str(wrong), str(broken)], jobs=1)}
+    reports = {r.name: r for r in rules.check_all([STANDING.id, str(wrong), str(broken)], jobs=1)}
     assert reports[STANDING.id].reason is None
     reasons = {name: report.reason or "" for name, report in reports.items()}
     assert str(wrong) in reasons["mine"]

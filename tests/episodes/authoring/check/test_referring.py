@@ -7,8 +7,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from episodes.authoring.check.nouns import kind_of, nouns
-from episodes.authoring.check.referring import WORDS, Expression, Footprint, denotes, expressions, read, refers
+from episodes.authoring.check.referring import (
+    WORDS,
+    Expression,
+    Footprint,
+    denotes,
+    expressions,
+    kind_of,
+    nouns,
+    read,
+    refers,
+)
 
 FOUNTAIN = Footprint(20.0, 0.0, (1.0, 1.0), 0.0)
 STATUE = Footprint(20.0, 20.0, (1.0, 1.0), 0.0)

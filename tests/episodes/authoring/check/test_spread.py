@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.cli.main import main
-from episodes.authoring.check import framing, spread
-from episodes.authoring.check.layout import Layout, layout, past_each_other
-from episodes.authoring.check.limits import SPOTTED_PX
-from episodes.authoring.check.many import check_all
-from episodes.authoring.propose.spread import shares
+from episodes.authoring.check import sight, spread
+from episodes.authoring.check.finding import SPOTTED_PX
+from episodes.authoring.check.rules import check_all
+from episodes.authoring.check.spread import Layout, layout, past_each_other
+from episodes.authoring.propose.draft import shares
 from episodes.records import catalogue
 from episodes.records.record import HIDDEN, EpisodeRecord
 from episodes.world.world import World
@@ -178,20 +178,20 @@ def test_framing_agrees_with_the_pixels() -> None:
     world = World(record("residential-searching-01"))
     place, yaw = world.target_upright(0.0)
     here = world.record.starts[0].position_ned
-    framed = framing.framing(framing.box_corners(world.target.mesh, place, yaw), here)
+    framed = sight.framing(sight.box_corners(world.target.mesh, place, yaw), here)
     goal = world.target_centre(0.0)
     ahead = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0]))
     from episodes.authoring.check.sight import seen
 
     for share in (0.0, 0.5, 1.0):
-        across, away = framing.across(framed, share), framing.away(framed, share)
+        across, away = sight.across(framed, share), sight.away(framed, share)
         assert across is not None
         assert away is not None
         shown = seen(world, here, ahead + across)
         assert shown.pixels > 0
         assert not shown.cut
         assert seen(world, here, ahead + away).pixels == 0
-    left, right = (framing.away(framed, share) for share in (0.0, 1.0))
+    left, right = (sight.away(framed, share) for share in (0.0, 1.0))
     assert left is not None
     assert right is not None
     assert seen(world, here, ahead + left - 4.0).pixels > 0
@@ -230,12 +230,12 @@ def test_check_says_what_is_wrong_with_a_suite(
 
 def test_the_middle_of_the_picture_is_no_better_than_its_sides() -> None:
     """The camera's own geometry: a share is even in columns."""
-    corners = framing.box_corners(World(record(catalogue.DEFAULT)).target.mesh, (16.0, 0.0, 0.0), 0.0)
-    framed = framing.framing(corners, (0.0, 0.0, -1.7))
+    corners = sight.box_corners(World(record(catalogue.DEFAULT)).target.mesh, (16.0, 0.0, 0.0), 0.0)
+    framed = sight.framing(corners, (0.0, 0.0, -1.7))
     camera = CameraModel()
     columns = []
     for share in np.linspace(0.0, 1.0, 9):
-        across = framing.across(framed, float(share))
+        across = sight.across(framed, float(share))
         assert across is not None
         off = math.radians(across)
         eye = (0.5 * math.cos(off), 0.5 * math.sin(off))

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.authoring.pictures.map_plan import SIDE_PX, map_plan
-from episodes.authoring.pictures.map_view import LARGEST_BYTES, VANTAGE, map_view
+from episodes.authoring.pictures.map_pictures import LARGEST_BYTES, SIDE_PX, VANTAGE, map_plan, map_view
 from foundation.errors import UsageError
 from tests import pictures
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from dronecats.cli.main import main
-from episodes.authoring.check import scenery
+from episodes.authoring.check import referring
 from episodes.authoring.check.rules import check
-from episodes.authoring.propose import official, phrases
-from episodes.authoring.propose.lanes import stretch
+from episodes.authoring.propose import draft, proposals
 from episodes.authoring.propose.proposals import RecordRequest, first_free, propose
+from episodes.authoring.propose.site import stretch
 from episodes.maps import assets
 from episodes.maps.places import Places
 from episodes.records import catalogue
@@ -50,7 +50,7 @@ def test_another_seed_makes_other_records() -> None:
 
 @pytest.mark.slow("proposes the hundred episodes again")
 def test_the_catalogue_is_made_again_byte_for_byte() -> None:
-    made = {r.id: r.to_json() for wanted in official.make() for r in wanted}
+    made = {r.id: r.to_json() for wanted in proposals.make() for r in wanted}
     assert made == {name: (catalogue.FOLDER / f"{name}.json").read_text(encoding="utf-8") for name in catalogue.ids()}
 
 
@@ -112,17 +112,17 @@ def test_words_suit_cell_and_target() -> None:
     rng = random.Random(1)
     for cell in CELLS:
         for asset in assets.names():
-            text = phrases.instruction(cell, "the thing", asset, rng)
+            text = draft.instruction(cell, "the thing", asset, rng)
             assert "the thing" in text
             assert "{" not in text
-    said = {phrases.instruction("tracking", "the person", "person", rng) for _ in range(40)}
+    said = {draft.instruction("tracking", "the person", "person", rng) for _ in range(40)}
     assert any(text.endswith(" them") for text in said)
     assert not any(text.endswith(" it") for text in said)
 
 
 def test_plates_are_alike_but_not_the_same() -> None:
     for seed in range(20):
-        texts = phrases.plates(4, random.Random(seed))
+        texts = draft.plates(4, random.Random(seed))
         assert len(set(texts)) == 4
         for a, b in itertools.combinations(texts, 2):
             assert 1 <= sum(x != y for x, y in zip(a, b, strict=True)) <= 4
@@ -130,6 +130,6 @@ def test_plates_are_alike_but_not_the_same() -> None:
 
 def test_a_map_without_places_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for cell in CELLS:
-        monkeypatch.setattr(scenery, "places", lambda name, seed: Places((), ()))
+        monkeypatch.setattr(referring, "places", lambda name, seed: Places((), ()))
         with pytest.raises(UsageError, match="blocks"):
             propose(RecordRequest("blocks", cell, 1, 1, 1))

@@ -1,4 +1,4 @@
-"""A map from above with the names of what stands on it, by which records call native targets."""
+"""Pictures of a map: from above, with the names that records use for native targets, and from a telling place."""
 
 import math
 from pathlib import Path
@@ -77,3 +77,42 @@ def _label(picture: NDArray[np.uint8], text: str, x: int, y: int, taken: list[Re
 
 def _meet(a: Rect, b: Rect) -> bool:
     return a[0] < b[2] + 2 and b[0] < a[2] + 2 and a[1] < b[3] + 2 and b[1] < a[3] + 2
+
+
+# map → north, east and height above the ground there in m, heading and pitch in degrees
+VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
+    "blocks": (-46.0, -30.0, 9.0, 32.0, -9.0),
+    "campus": (-17.0, -25.0, 6.5, 34.0, -6.0),
+    "residential": (-40.0, 3.0, 11.0, 356.0, -12.0),
+}
+ABOVE_SPAWN = 12.0  # m, of the eye over the spawn point of a map that is not in VANTAGE
+CAMERA = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))
+LARGEST_BYTES = 250_000
+QUALITIES = range(90, 40, -5)  # JPEG; the first that is small enough
+
+
+def map_view(name: str, out: Path, seed: int = 1) -> None:
+    """Write a JPEG of at most LARGEST_BYTES that shows a map; the same bytes each time.
+
+    Raises UsageError for a name that is no map, or a file that cannot be written.
+    """
+    scene = maps.build(name, seed)
+    n0, e0, _ = scene.spawn_ned
+    default = (n0, e0, ABOVE_SPAWN, math.degrees(scene.spawn_yaw), -15.0)
+    north, east, height, heading, pitch = VANTAGE.get(name, default)
+    eye = (north, east, scene.terrain.at(north, east) - height)
+    renderer = Renderer(scene, CAMERA)
+    try:
+        view = renderer.render(CameraPose(eye, quat_from_euler(0.0, math.radians(pitch), math.radians(heading))))
+    finally:
+        renderer.close()
+    for quality in QUALITIES:
+        settings = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
+        data = cv2.imencode(".jpg", view.rgb[..., ::-1], settings)[1].tobytes()
+        if len(data) <= LARGEST_BYTES:
+            break
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"the picture '{out}' cannot be written: {error.strerror}.") from None

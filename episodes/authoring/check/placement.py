@@ -1,0 +1,313 @@
+"""Where the target stands and goes, and where the drones begin.
+
+The target stands on the ground, passes through nothing, and goes on for the whole episode. The drones begin as far off
+as the record says, at a fair height, and free to take off there. What stands in the way of a box or a sphere are the
+map's things without its ground, by name.
+"""
+
+import itertools
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.authoring.check.finding import (
+    BEARING_OFF_DEG,
+    DISTANCE_OFF_M,
+    GRID_OFF_M,
+    GRID_SIDE_M,
+    LEVEL_M,
+    OF_OTHER_MAPS,
+    OFF_GROUND_M,
+    REACH_M,
+    RULES,
+    START_TO_PATH_M,
+    WHEEL_OFF_M,
+    RuleFinding,
+    at_least,
+    at_most,
+    between,
+)
+from episodes.maps.scene import Instance
+from episodes.records.record import StartPose
+from episodes.world.target import TargetMotion, has_wheels, motion
+from episodes.world.visibility import distance_to_mesh, turn
+from episodes.world.wheels import contact_patch
+from episodes.world.world import World
+from foundation.frames import Vec3
+from foundation.protocol import CAP_S
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Box:
+    """An upright box."""
+
+    centre_ned: Array  # (3,) m
+    half: Array  # (3,) m, along its own axes
+    yaw: float  # rad
+
+
+def box_of(one: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
+    """Return the box around an instance at a pose, wider by a margin all round and beginning `lift_m` over its foot."""
+    low = one.mesh.vertices.min(axis=0).astype(np.float64) - margin_m
+    high = one.mesh.vertices.max(axis=0).astype(np.float64) + margin_m
+    high[2] = min(high[2], -lift_m)
+    return Box(np.array(place) + turn(yaw) @ ((low + high) / 2), np.maximum((high - low) / 2, 0.01), yaw)
+
+
+class StandingObstacles:
+    """Everything solid that does not move, its ground excepted."""
+
+    def __init__(self, instances: Iterable[Instance]) -> None:
+        self._things = [i for i in instances if i.solid and not i.movable and i.kind != "ground"]
+        self._bounds = np.zeros((len(self._things), 2, 3))
+        for k, one in enumerate(self._things):
+            # the box of a turned box: half extents are turned with the absolute values of the matrix
+            low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
+            middle = turn(one.turned) @ ((low + high) / 2) + np.array(one.position_ned)
+            reach = np.abs(turn(one.turned)) @ ((high - low) / 2)
+            self._bounds[k] = middle - reach, middle + reach
+        self._placed: dict[int, Array] = {}
+
+    def nearest(self, point: Vec3, within_m: float) -> tuple[float, str]:
+        """Return the distance (m) to the nearest thing and its name; (within_m, '') when none is that near."""
+        p = np.array(point)
+        outside = np.maximum(np.maximum(self._bounds[:, 0] - p, p - self._bounds[:, 1]), 0.0)
+        best, name = within_m, ""
+        for k in np.flatnonzero(np.linalg.norm(outside, axis=1) < within_m):
+            one = self._things[k]
+            gap = distance_to_mesh(one.mesh, turn(one.turned).T @ (p - np.array(one.position_ned)))
+            if gap < best:
+                best, name = gap, one.name
+        return best, name
+
+    def met(self, box: Box, but: str = "") -> str:
+        """Return the name of something whose surface reaches into the box; '' when it is free. `but` is left out."""
+        reach = np.abs(turn(box.yaw)) @ box.half
+        low, high = box.centre_ned - reach, box.centre_ned + reach
+        near = (self._bounds[:, 0] <= high).all(axis=1) & (self._bounds[:, 1] >= low).all(axis=1)
+        for k in np.flatnonzero(near):
+            if self._things[k].name != but and overlaps(self._triangles(int(k)), box):
+                return self._things[k].name
+        return ""
+
+    def _triangles(self, k: int) -> Array:
+        if k not in self._placed:
+            one = self._things[k]
+            corners = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
+            self._placed[k] = corners[one.mesh.triangles]
+        return self._placed[k]
+
+
+def overlaps(triangles: Array, box: Box) -> bool:
+    """Return whether any of the triangles (T, 3, 3) in m NED reaches into a box.
+
+    Separating axes of a box and a triangle (Akenine-Möller, Fast 3D Triangle-Box Overlap Testing): the box's own three,
+    the triangle's normal and the nine products of their edges.
+    """
+    local = (triangles - box.centre_ned) @ turn(box.yaw)
+    reach = (local.min(axis=1) <= box.half).all(axis=1) & (local.max(axis=1) >= -box.half).all(axis=1)
+    local = local[reach]
+    if len(local) == 0:
+        return False
+    edges = np.stack([local[:, 1] - local[:, 0], local[:, 2] - local[:, 1], local[:, 0] - local[:, 2]], axis=1)
+    normal = np.cross(edges[:, 0], edges[:, 1])
+    axes = np.concatenate([normal[:, None], *(np.cross(edges, np.eye(3)[k])[:, :] for k in range(3))], axis=1)
+    along = np.einsum("tax,tcx->tac", axes, local)
+    extent = np.einsum("tax,x->ta", np.abs(axes), box.half)
+    apart = (along.min(axis=2) > extent) | (along.max(axis=2) < -extent)
+    return bool((~apart.any(axis=1)).any())
+
+
+GROUND_STEP_M = 0.1
+SWEEP_STEP_M = 0.25
+MOST_SWEEPS = 1500  # of a target that covers half a kilometre, the steps are longer
+MARGIN_M = 0.05  # kept to everything by what stands or passes
+LIFT_M = 0.12  # kerbs and roots lower than this stop no wheel
+
+
+def target_rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
+    """Yield the findings about the target's footing and its path."""
+    record = world.record
+    if record.target.native is not None:
+        return
+    yield from wheels(world)
+    if record.target.path is None:
+        (north, east, down), yaw = motion(record.target).pose(0.0)  # which is level: `wheels` is of how it leans
+        off = abs(down - world.ground_down(north, east))
+        yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
+        met = standing.met(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
+        yield RuleFinding("what the target stands in", not met, met or "nothing", "nothing")
+        return
+    yield off_ground(world)
+    yield swept(world, standing)
+    yield long_enough(world)
+    yield from pace(world)
+    here = record.starts[0].position_ned
+    times = np.arange(0.0, CAP_S + 0.5, 1.0)
+    nearest = min(math.dist(here, world.target_centre(float(t))) for t in times)
+    yield at_least("the path's distance from the start", nearest, START_TO_PATH_M, "m")
+
+
+def off_ground(world: World) -> RuleFinding:
+    """Return whether the path, as far as the target comes and between its waypoints too, lies on the ground."""
+    path = world.record.target.path
+    if path is None:
+        raise ValueError("the target stands still")
+    worst, where, gone = 0.0, path.waypoints_ned[0], 0.0
+    for a, b in itertools.pairwise(path.waypoints_ned):
+        leg = math.dist(a, b)
+        for u in np.linspace(0.0, 1.0, max(2, math.ceil(leg / GROUND_STEP_M) + 1)):
+            if gone + u * leg > path.speed_mps * CAP_S + MARGIN_M:
+                break  # farther than it comes
+            n, e, d = (float(p + u * (q - p)) for p, q in zip(a, b, strict=True))
+            off = abs(d - world.ground_down(n, e))
+            if off > worst:
+                worst, where = off, (n, e, d)
+        gone += leg
+    says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+    return RuleFinding("the path off the ground", worst <= OFF_GROUND_M, says, f"≤ {OFF_GROUND_M:g} m")
+
+
+def wheels(world: World) -> Iterator[RuleFinding]:
+    """Yield whether every wheel of what the record adds touches the ground, of a target that moves on its whole way."""
+    way = motion(world.record.target)
+    worst, where = -1.0, (0.0, 0.0, 0.0)
+    for one in world.target_and_lookalikes:
+        if not has_wheels(one.kind):
+            continue
+        poses = [(one.position_ned, one.turned)]
+        if one.movable:
+            poses = [world.target_pose(float(t)) for t in _sweep(way)]
+        low = contact_patch(one.mesh)
+        for place, turned in poses:
+            for n, e, d in low @ turn(turned).T + np.array(place):
+                off = abs(float(d) - world.ground_down(float(n), float(e)))
+                if off > worst:
+                    worst, where = off, (float(n), float(e), float(d))
+    if worst >= 0.0:
+        says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+        yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, says, f"≤ {WHEEL_OFF_M:g} m")
+
+
+def swept(world: World, standing: StandingObstacles) -> RuleFinding:
+    """Return whether the target's box, moved along its path, meets nothing that stands."""
+    way = motion(world.record.target)
+    for t in _sweep(way):
+        place, yaw = way.pose(float(t))
+        met = standing.met(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
+        if met:
+            says = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
+            return RuleFinding("what the target meets on its path", False, says, "nothing")
+    return RuleFinding("what the target meets on its path", True, "nothing", "nothing")
+
+
+def _sweep(way: TargetMotion) -> NDArray[np.float64]:
+    """Return the times (s) at which a target that moves is looked at on its way."""
+    last = min(CAP_S, way.length_m / way.speed_mps)
+    return np.linspace(0.0, last, min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS))
+
+
+def long_enough(world: World) -> RuleFinding:
+    """Return whether the target is still on its way when the episode ends."""
+    way = motion(world.record.target)
+    least = way.speed_mps * CAP_S
+    says = f"{way.length_m:.1f} m"
+    return RuleFinding("the path's length", way.length_m > least, says, f"> {least:g} m, what it covers in {CAP_S:g} s")
+
+
+def pace(world: World) -> Iterator[RuleFinding]:
+    """Yield whether the target moves at its map's speed."""
+    wanted = RULES.get(world.record.map, OF_OTHER_MAPS).speed_mps
+    speed = motion(world.record.target).speed_mps
+    if wanted is not None:
+        yield RuleFinding("the target's speed", abs(speed - wanted) < 1e-9, f"{speed:g} m/s", f"{wanted:g} m/s")
+
+
+CLIMB_STEP_M = 0.2
+RIM = 16  # points around a start at which the ground is looked at
+
+
+def start_rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
+    """Yield the findings about the starts."""
+    yield from distance_and_bearing(world)
+    yield from altitude(world)
+    yield from free(world, standing)
+    yield formation(world)
+
+
+def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
+    """Yield whether the record says what is measured, and whether that is what its map demands."""
+    record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
+    distance = math.dist(here, goal)
+    bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
+    off = abs(distance - record.start_distance_m)
+    says, told = f"{distance:.3f} m", f"{record.start_distance_m:g} m, as recorded"
+    yield RuleFinding("the distance measured in the scene", off <= DISTANCE_OFF_M, says, told, "start_distance_m")
+    turned = abs(math.remainder(bearing - record.bearing_deg, 360.0))
+    says, told = f"{bearing:.2f}°", f"{record.bearing_deg:g}°, as recorded"
+    yield RuleFinding("the bearing measured in the scene", turned <= BEARING_OFF_DEG, says, told, "bearing_deg")
+    if record.cell == "commanding":
+        return
+    of_map = RULES.get(record.map, OF_OTHER_MAPS)
+    yield between("the distance from start to target", distance, of_map.start_distance_m, "m")
+    if of_map.off_axes_deg > 0.0:
+        from_axis = abs(math.remainder(bearing, 90.0))
+        yield at_least("the bearing's angle to the map's axes", from_axis, of_map.off_axes_deg, "°", 1)
+
+
+def altitude(world: World) -> Iterator[RuleFinding]:
+    """Yield whether every drone starts at a fair height above the ground under it, and that is level."""
+    heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
+    limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
+    worst = max(heights, key=lambda h: abs(h - sum(limits) / 2))
+    yield between("the height of a start above the ground", worst, limits, "m")
+    steps = [unevenness_m(world, s.position_ned[0], s.position_ned[1]) for s in world.record.starts]
+    yield at_most("the unevenness of the ground under a start", max(steps), LEVEL_M, "m")
+
+
+def unevenness_m(world: World, north: float, east: float) -> float:
+    """Return by how much (m) the ground differs in height under a vehicle that stands there."""
+    around = [2.0 * math.pi * k / RIM for k in range(RIM)]
+    half = REACH_M / 2.0
+    downs = [world.ground_down(north + half * math.cos(a), east + half * math.sin(a)) for a in around]
+    return max(downs) - min(downs)
+
+
+def free(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
+    """Yield whether nothing stands where a drone spawns and climbs to its start."""
+    worst, name = REACH_M, ""
+    for start in world.record.starts:
+        for point in climb(world, start):
+            gap, met = standing.nearest(point, worst)
+            if met:
+                worst, name = gap, met
+    says = f"{worst:.2f} m, to {name}" if name else f"more than {REACH_M:g} m"
+    yield RuleFinding("the room of a drone at its start and on its climb to it", not name, says, f"≥ {REACH_M:g} m")
+
+
+def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]]:
+    """Yield the points (m, NED) of a drone's way from the ground up to its start."""
+    north, east, top = start.position_ned
+    ground = world.ground_down(north, east)
+    steps = max(1, math.ceil((ground - top) / CLIMB_STEP_M))
+    for k in range(1, steps + 1):
+        yield (north, east, ground + (top - ground) * k / steps)
+
+
+def formation(world: World) -> RuleFinding:
+    """Return whether the drones are as many as the cell has, and a fleet of four in its grid."""
+    starts, commanding = world.record.starts, world.record.cell == "commanding"
+    if not commanding:
+        return RuleFinding("the number of drones", len(starts) == 1, str(len(starts)), "1")
+    if len(starts) != 4:
+        return RuleFinding("the number of drones", False, str(len(starts)), "4")
+    gaps = sorted(math.dist(a.position_ned[:2], b.position_ned[:2]) for a, b in itertools.combinations(starts, 2))
+    wanted = [GRID_SIDE_M] * 4 + [GRID_SIDE_M * math.sqrt(2.0)] * 2
+    off = max(abs(gap - want) for gap, want in zip(gaps, wanted, strict=True))
+    says = ", ".join(f"{gap:.2f}" for gap in gaps)
+    return RuleFinding("the distances among the drones", off <= GRID_OFF_M, f"{says} m", "a square of 2 m sides")
