@@ -5,9 +5,9 @@ believed until its deviation passes 2.5 times the parameter; what is not, once i
 for a second. A negative parameter switches the check off. Source: the parameter reference of PX4 1.15 and its
 `EstimatorChecks`, as far as behaviour goes.
 
-One thing is ours. Our estimator owns a blow: its velocity is uncertain by metres a second until the next fix puts it
-right, a tenth of a second later, while PX4's filter is told of no blow and never says so. The deviation of a velocity
-therefore has to last before it is one too many, or every bump into a lamp post would end in a failsafe.
+One rule is ours. After a blow our estimator reports a velocity that is uncertain by metres a second, until the next fix
+corrects it a tenth of a second later. PX4's filter does not detect blows and does not report this. So the deviation of
+a velocity must last for some time before it counts. Otherwise every bump into a lamp post would end in a failsafe.
 """
 
 import math

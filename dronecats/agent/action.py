@@ -1,13 +1,11 @@
 """The four actions a pilot may take, and one JSON object as one of them. Paper, "Action Space"."""
 
 import math
-from collections import deque
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from foundation import protocol
-from foundation.camera import CameraModel
-from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
+from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
 AxisOrder = Literal["xy", "yx"]  # the order of `point` that a model was trained with
 
@@ -111,51 +109,3 @@ def _finite(value: Any, what: str) -> float:
     if not math.isfinite(number):
         raise ActionError(f"{what} is not finite")
     return number
-
-
-NONE_YET = "(none yet — this is the first step)"
-
-
-def compact(action: Action, camera: CameraModel | None = None) -> str:
-    """Return the action on one line.
-
-    With a camera GO's coordinates are its pixels, as in the history of the paper's prompt; without, its point as in
-    a reply, 0–1000 on both axes.
-    """
-    match action:
-        case Go(x, y, depth_m):
-            point = f"point=[{x:.0f}, {y:.0f}]"
-            if camera is not None:
-                point = f"x={x * camera.width / POINT_SPAN:.0f} y={y * camera.height / POINT_SPAN:.0f}"
-            return f"GO {point} depth={depth_m:.4g}m"
-        case Rotate(angle_deg):
-            return f"ROTATE angle={angle_deg:.4g}deg"
-        case Think():
-            return "THINK"
-        case Finished():
-            return "FINISHED"
-
-
-class History:
-    """What one drone did last."""
-
-    def __init__(self, camera: CameraModel, length: int = HISTORY_LENGTH) -> None:
-        self.camera = camera
-        self.length = length
-        self._actions: deque[Action] = deque(maxlen=length)
-
-    def append(self, action: Action) -> None:
-        self._actions.append(action)
-
-    @property
-    def actions(self) -> tuple[Action, ...]:
-        """Oldest first."""
-        return tuple(self._actions)
-
-    def render(self) -> str:
-        """Return the numbered lines, oldest first, the newest tagged; or the sentence for the first step."""
-        if not self._actions:
-            return NONE_YET
-        lines = [f"{i}. {compact(action, self.camera)}" for i, action in enumerate(self._actions, 1)]
-        lines[-1] += "  <- latest"
-        return "\n".join(lines)

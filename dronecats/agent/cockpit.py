@@ -31,7 +31,7 @@ class Cockpit:
     frames_dir: Path
     executor: Executor  # where what may take long is called
     t0_us: int  # µs, the vehicles' clock when the episode began
-    prompts: PromptLog | None = None  # takes the text of every question; None: nobody keeps them
+    prompts: PromptLog | None = None  # logs the text of every question; None: prompts are not logged
     commander_log: Path | None = None  # where a hierarchy keeps its exchanges; None: nowhere
     seed: tuple[int, ...] = (0,)  # of all that an agent draws
     on_step: Callable[[Decision], None] = _nothing  # called with every decision

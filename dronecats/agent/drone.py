@@ -2,8 +2,9 @@
 
 from typing import Protocol
 
-from dronecats.agent.action import Action, History
+from dronecats.agent.action import Action
 from dronecats.agent.controller import Segment, plan
+from dronecats.agent.history import History
 from foundation.camera import CameraModel
 from foundation.setpoints import Hold, Setpoint, Sight
 

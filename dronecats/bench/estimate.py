@@ -7,7 +7,7 @@ import statistics
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
-from dronecats.agent.action import NONE_YET
+from dronecats.agent.history import NONE_YET
 from dronecats.agent.latency import Circumstance, Question
 from dronecats.agent.models.http_model import tokens_of
 from dronecats.agent.models.ledger import cost

@@ -68,7 +68,7 @@ def kept(spec: "ModelSpec") -> dict[str, Any]:
 
 def request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
     """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
-    from dronecats.agent.action import History
+    from dronecats.agent.history import History
     from dronecats.agent.models.model import Request
     from dronecats.agent.models.open import open_model
     from dronecats.agent.models.probe import marked_picture

@@ -273,7 +273,7 @@ class VehicleFaults:
     gps_delay_s: float = _disturbance(
         0.0, "gps_delay", "how much older GPS fixes are than they say", high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
-        more="the autopilot is not told, so that at speed its estimate lags by the way flown meanwhile",
+        more="the autopilot does not know it, so in motion its estimate lags by the distance flown meanwhile",
     )  # fmt: skip
     gps_noise: float = _disturbance(
         1.0, "gps_noise", "factor on the errors of GPS fixes, in place and velocity", high=100.0, unit="×",

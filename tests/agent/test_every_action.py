@@ -6,8 +6,9 @@ from typing import get_args
 import jsonschema
 import pytest
 
-from dronecats.agent.action import Action, History, action_from, compact
+from dronecats.agent.action import Action, action_from
 from dronecats.agent.controller import plan
+from dronecats.agent.history import History, compact
 from dronecats.agent.models.reply_schema import action_schema, flat_action_schema
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import actions

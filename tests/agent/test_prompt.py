@@ -2,8 +2,9 @@ import re
 
 import pytest
 
-from dronecats.agent.action import Finished, Go, History, Rotate, Think
+from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.commanding.command_prompt import CAUSES, CommandPrompt
+from dronecats.agent.history import History
 from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
 from dronecats.pilots import actions
 from foundation.camera import CameraModel

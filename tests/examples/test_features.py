@@ -4,7 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.agent.action import Action, Finished, Go, History, Rotate, Think
+from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import actions
 from examples.action_head import features

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
-from dronecats.agent.action import Finished, History
+from dronecats.agent.action import Finished
 from dronecats.agent.controller import plan
+from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.strict import parse
 from foundation.camera import CameraModel

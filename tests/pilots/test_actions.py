@@ -3,7 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.action import NONE_YET, Finished, Go, History, Rotate, Think
+from dronecats.agent.action import Finished, Go, Rotate, Think
+from dronecats.agent.history import NONE_YET, History
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.pilots import actions
 from dronecats.pilots.scripted import blind

@@ -9,7 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from dronecats.agent.action import History, action_from
+from dronecats.agent.action import action_from
+from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt, labels
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH

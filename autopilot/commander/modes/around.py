@@ -10,7 +10,7 @@ from foundation.frames import Vec3, wrap_pi
 
 TARGET_TIMEOUT_US = 3_000_000  # a target that has been silent for longer is waited for on the spot
 COURSE_SPEED = 1.0  # m/s, a slower target keeps the course it had
-HEIGHT_LEAST = 1.0  # m, whatever FLW_TGT_HT says
+HEIGHT_LEAST = 1.0  # m; FLW_TGT_HT below this has no effect
 CONSTANT, TERRAIN, TARGET = range(3)  # FLW_TGT_ALT_M
 
 

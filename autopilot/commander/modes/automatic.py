@@ -21,7 +21,7 @@ def approach_speed(distance: float, cruise: float, acceleration: float) -> float
 
 
 STOPPED_SPEED = 0.3  # m/s, below which the vehicle counts as stopped and its place is latched
-BRAKE_LIMIT_US = 6_000_000  # latch whatever happens after this
+BRAKE_LIMIT_US = 6_000_000  # the mode ends its braking after this time at the latest
 
 
 class HoldMode(Mode):

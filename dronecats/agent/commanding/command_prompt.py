@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
 
-from dronecats.agent.action import Go, compact
+from dronecats.agent.action import Go
 from dronecats.agent.drone import Drone
+from dronecats.agent.history import compact
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Cause
 
@@ -54,8 +55,8 @@ class CommandPrompt:
 
 def said(cause: Cause) -> str:
     """Return a cause as the commander reads it; drones are counted from 1 there."""
-    told = CAUSES[cause.why].replace("{steps}", str(STALL_STEPS)).replace("{seconds}", f"{INTERVAL_S:g}")
-    return told if cause.drone is None else told.replace("{n}", str(cause.drone + 1))
+    text = CAUSES[cause.why].replace("{steps}", str(STALL_STEPS)).replace("{seconds}", f"{INTERVAL_S:g}")
+    return text if cause.drone is None else text.replace("{n}", str(cause.drone + 1))
 
 
 NOT_YET = "(none yet)"

@@ -6,11 +6,12 @@ asked at once when they are due at once, and the commander beside them.
 
 from collections.abc import Callable, Generator, Sequence
 
-from dronecats.agent.action import Action, Finished, History
+from dronecats.agent.action import Action, Finished
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import Post
 from dronecats.agent.commanding.commander import CommandQuestions, FleetCommander
 from dronecats.agent.drone import Drone
+from dronecats.agent.history import History
 from dronecats.agent.loop import Decider, Questions, Tally, side_by_side
 from dronecats.agent.model_call import Asking
 from foundation.camera import Frame

@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.agent.action import Go, action_from, compact
+from dronecats.agent.action import Go, action_from
 from dronecats.agent.controller import Segment, plan
+from dronecats.agent.history import compact
 from foundation.camera import CameraModel
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder import layout

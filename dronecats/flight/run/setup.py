@@ -1,4 +1,4 @@
-"""What every flight has in common, from its record to its judged folder; and what each kind of vehicle adds to it."""
+"""The sequence of every flight, from its record to its judged folder. Each kind of vehicle is a subclass."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -23,10 +23,10 @@ from hil.link.link import Link
 
 
 class Instruments:
-    """None: everything is as it is. Whoever measures hands back the same, watched."""
+    """Watches what a connected vehicle is flown with. This one watches nothing; a measurement is a subclass."""
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
-        """Take in what the flight stands on, before anything is asked of it. `run` is the run folder."""
+        """Begin to watch link and camera, before the first message is sent. `run` is the run folder."""
 
     def model(self, model: Model) -> Model:
         """Return the model that the agent asks."""

@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 from msgspec import UNSET
 
-from dronecats.agent.action import action_from, compact
+from dronecats.agent.action import action_from
+from dronecats.agent.history import compact
 from dronecats.agent.models.model import ending_reason
 from foundation.errors import UnreadableError
 from foundation.protocol import FINISHED

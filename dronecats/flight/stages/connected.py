@@ -4,7 +4,7 @@ from pathlib import Path
 
 from dronecats.agent.model_call import DaemonExecutor
 from dronecats.flight.logger.config import EstimateLoggerConfig
-from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.processes.supervisor import ChildProcess, Supervisor
 from dronecats.flight.stages import parts
 from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
@@ -13,11 +13,32 @@ from hil.link.link import Link
 from hil.link.transport import connect
 
 
-class ConnectedStage:
-    """The link's bytes are copied to the logger, which is a process of its own here as well."""
+class VehicleStage:
+    """What the stages of a vehicle that we did not start share: a clock of its own, and child processes."""
 
     lockstep = False
-    speed = 1.0  # a vehicle whose clock is its own
+    speed = 1.0
+    _supervisor: Supervisor
+    _logger: ChildProcess
+
+    def mend(self) -> None:
+        """Nothing is disturbed on purpose here."""
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        self._logger.do("end", reason=reason, error=error)
+
+    def check(self) -> None:
+        self._supervisor.check()
+
+    def check_vehicles(self) -> None:
+        """Nothing here simulates the vehicle."""
+
+    def cause(self, error: DronecatsError) -> DronecatsError:
+        return self._supervisor.cause(error)
+
+
+class ConnectedStage(VehicleStage):
+    """The link's bytes are copied to the logger, which is a process of its own here as well."""
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
         """`folder` is the episode's, for the logs. Raises InfrastructureError."""
@@ -38,21 +59,6 @@ class ConnectedStage:
 
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
-
-    def mend(self) -> None:
-        """Nothing is disturbed on purpose here."""
-
-    def end(self, reason: str, error: str | None = None) -> None:
-        self._logger.do("end", reason=reason, error=error)
-
-    def check(self) -> None:
-        self._supervisor.check()
-
-    def check_vehicles(self) -> None:
-        """Nothing here simulates the vehicle."""
-
-    def cause(self, error: DronecatsError) -> DronecatsError:
-        return self._supervisor.cause(error)
 
     def close(self) -> None:
         for link in self.links:

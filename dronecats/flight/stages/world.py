@@ -10,20 +10,17 @@ from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
 from dronecats.flight.sitl.truth_bridge import Placement
 from dronecats.flight.stages import parts
+from dronecats.flight.stages.connected import VehicleStage
 from dronecats.flight.stages.realtime import Copy, Patience
 from foundation.camera import CameraModel
-from foundation.errors import DronecatsError
 from hil.cameras.http import HttpCamera
 from hil.cameras.patient import FRAMES_S, PatientCamera
 from hil.link.link import Link
 from hil.link.transport import connect
 
 
-class WorldStage:
+class WorldStage(VehicleStage):
     """The truth comes over a bridge onto a bus of our own, where camera, logger and oracle listen as they always do."""
-
-    lockstep = False
-    speed = 1.0  # a vehicle whose clock is its own
 
     def __init__(
         self,
@@ -86,21 +83,6 @@ class WorldStage:
     def begin(self, t0_us: int, cap_s: float) -> None:
         self._camera_process.do("begin", t0_us=t0_us)
         self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
-
-    def mend(self) -> None:
-        """Nothing is disturbed on purpose here."""
-
-    def end(self, reason: str, error: str | None = None) -> None:
-        self._logger.do("end", reason=reason, error=error)
-
-    def check(self) -> None:
-        self._supervisor.check()
-
-    def check_vehicles(self) -> None:
-        """Nothing here simulates the vehicle."""
-
-    def cause(self, error: DronecatsError) -> DronecatsError:
-        return self._supervisor.cause(error)
 
     def close(self) -> None:
         for part in ("camera", "_copy", "_wire"):

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dronecats.agent.action import Action, ActionError, action_from, compact
+from dronecats.agent.action import Action, ActionError, action_from
+from dronecats.agent.history import compact
 from dronecats.judge.verdict import qualifies
 from dronecats.report.kit.words import action_words
 from dronecats.report.page.pictures import PictureAddress
