@@ -50,6 +50,7 @@ WATCHED = (
     dialect.MAVLINK_MSG_ID_ATTITUDE_QUATERNION,
     dialect.MAVLINK_MSG_ID_ODOMETRY,
     dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS,
+    dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET,
 )
 COMPARED = ("attitude_deg", "velocity_error", "position_error_m", "speed", "tilt_deg", "ratio")  # fields of `Outcome`
 
@@ -107,6 +108,24 @@ PX4_LIMITS = {"position_error_m": 5.0, "speed": 3.0}  # the same of a real PX4, 
 
 
 @dataclass(frozen=True, slots=True)
+class Fastest:
+    """The moment of the greatest true speed, and the flight since the last hit before it.
+
+    A speed that grows after the hit, while the vehicle leans as commanded, was made by the controller. A speed that is
+    there at the hit, or grows against the commanded lean, was made by the contact.
+    """
+
+    second: float  # since the first contact
+    phase: str
+    since_hit_s: float
+    speed_at_hit: float  # m/s, true, 20 ms after the last hit
+    speed_believed: float  # m/s, by LOCAL_POSITION_NED
+    lean_commanded_deg: float  # greatest lean of ATTITUDE_TARGET since the last hit, for the last second at most
+    lean_deg: float  # the same, true
+    off_target_deg: float  # median angle between true and commanded attitude over that time
+
+
+@dataclass(frozen=True, slots=True)
 class Outcome:
     """The worst of a press, from the first contact to the end of backing off."""
 
@@ -124,6 +143,7 @@ class Outcome:
     crashed: bool
     left_m: float  # how far it came while backing off, which ends at AWAY_M or at another thing
     met_another: bool  # it came away and flew into another thing
+    fastest: Fastest | None
     px4: bool = False  # flown by a real PX4
 
     @property
@@ -186,6 +206,21 @@ class Pose(NamedTuple):
     position_ned: NDArray[np.float64]  # m
     velocity_ned: NDArray[np.float64]  # m/s
     attitude: NDArray[np.float64]  # FRD to NED
+    target: NDArray[np.float64] | None = None  # the attitude that the autopilot commands, its yaw by the estimate
+
+
+def lean_deg(attitude: NDArray[np.float64]) -> float:
+    """Return the angle between the vehicle's axis and the vertical."""
+    _, x, y, _ = attitude
+    return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * float(x**2 + y**2)))))
+
+
+def between_axes_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Return the angle between the vehicle's axes of two attitudes of almost the same heading."""
+    (w, x, y, z), (a, b, c, d) = one, other
+    down = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    other_down = np.array([2 * (b * d + a * c), 2 * (c * d - a * b), 1 - 2 * (b**2 + c**2)])
+    return math.degrees(math.acos(max(-1.0, min(1.0, float(down @ other_down)))))
 
 
 class Left(NamedTuple):
@@ -213,24 +248,36 @@ class Watch:
     worst: dict[str, float] = field(default_factory=lambda: dict.fromkeys(COMPARED, 0.0))
     passed: dict[int, Pose] = field(default_factory=dict)  # the truth of the last second, by tick
     resetting: ResetWatch = field(default_factory=ResetWatch)
+    target: NDArray[np.float64] | None = None  # of the last ATTITUDE_TARGET
+    believed: float = 0.0  # m/s, of the last LOCAL_POSITION_NED
+    touched: int = 0  # tick of the first contact
+    hit: int = 0  # tick of the last hit
+    hits_seen: int = 0
+    fastest: Fastest | None = None
 
     def look(self) -> None:
         """Take the truth of this tick, and go on to the next phase when this one is over."""
         state, truth = self.vehicle.plant.state, self.vehicle.plant.truth
         tick = self.vehicle.time_us // TICK_US
-        self.passed[tick] = Pose(*(truth[name].copy() for name in ("position_ned", "velocity_ned", "attitude")))
-        self.passed.pop(tick - 100, None)
+        position, velocity, attitude = (truth[name].copy() for name in ("position_ned", "velocity_ned", "attitude"))
+        pose = Pose(position, velocity, attitude, self.target)
+        self.passed[tick] = pose
+        self.passed.pop(tick - round(1.0 / TICK_S), None)
+        if state["hits"] != self.hits_seen:
+            self.hit, self.hits_seen = tick, int(state["hits"])
         self.ticks += 1
         if self.phase == "ahead":
             grounded = self.press.thing == "ground" and bool(state["on_ground"])
             if state["hits"] > self.hits or grounded:
+                self.touched = tick
                 self._begin("pushing")
             elif self.ticks * TICK_S >= AHEAD_S:
                 self._begin("over")
             return
-        _, x, y, _ = truth["attitude"]
-        self._worst("speed", float(np.linalg.norm(truth["velocity_ned"])))
-        self._worst("tilt_deg", math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x**2 + y**2))))))
+        if float(np.linalg.norm(pose.velocity_ned)) > self.worst["speed"]:
+            self.fastest = self._moment(tick)
+        self._worst("speed", float(np.linalg.norm(pose.velocity_ned)))
+        self._worst("tilt_deg", lean_deg(pose.attitude))
         if self.phase == "pushing" and self.ticks * TICK_S >= self.press.seconds:
             self.left = Left(truth["position_ned"].copy(), int(state["hits"]), int(state["hit_owner"]))
             self._begin("back")
@@ -243,6 +290,8 @@ class Watch:
     def hear(self, message: dialect.MAVLink_message) -> None:
         """Compare what the autopilot says with the truth of that time."""
         kind = message.get_msgId()
+        if kind == dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET:
+            self.target = np.array(message.q)
         if self.phase not in ("pushing", "back"):
             if kind == dialect.MAVLINK_MSG_ID_ODOMETRY:
                 self.resetting.message(message)
@@ -257,11 +306,29 @@ class Watch:
                 cosine = min(abs(float(np.dot(truth.attitude, q))) / float(np.linalg.norm(q)), 1.0)
                 self._worst("attitude_deg", math.degrees(2.0 * math.acos(cosine)))
         elif kind == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED and (truth := self._then(message)):
+            self.believed = math.hypot(message.vx, message.vy, message.vz)
             self._worst("velocity_error", math.dist(truth.velocity_ned, (message.vx, message.vy, message.vz)))
             if origin := self.link.state.origin:
                 believed = ned_to_geodetic(*origin, message.x, message.y, message.z)
                 where = geodetic_to_ned(*self.vehicle.origin, *believed)
                 self._worst("position_error_m", math.dist(truth.position_ned, where))
+
+    def _moment(self, tick: int) -> Fastest:
+        """Describe this tick by what was flown since the last hit, for the last second at most."""
+        since = [pose for then, pose in self.passed.items() if then >= self.hit]
+        steered = [(pose.attitude, pose.target) for pose in since if pose.target is not None]
+        off_target = [between_axes_deg(*pair) for pair in steered]
+        after = self.passed.get(self.hit + 2)
+        return Fastest(
+            second=round((tick - self.touched) * TICK_S, 2),
+            phase=self.phase,
+            since_hit_s=round((tick - self.hit) * TICK_S, 2),
+            speed_at_hit=round(float(np.linalg.norm((after or since[0]).velocity_ned)), 2),
+            speed_believed=round(self.believed, 2),
+            lean_commanded_deg=round(max((lean_deg(target) for _, target in steered), default=math.nan), 1),
+            lean_deg=round(max(lean_deg(pose.attitude) for pose in since), 1),
+            off_target_deg=round(statistics.median(off_target), 1) if off_target else math.nan,
+        )
 
     def _then(self, message: dialect.MAVLink_message) -> Pose | None:
         return self.passed.get(round(message.time_boot_ms * 1000 / TICK_US))
@@ -323,6 +390,7 @@ def fly(press: Press, seed: int, px4: str | None = None) -> Outcome:
             crashed=bool(vehicle.plant.state["crashed"]),
             left_m=round(watch.away_m, 2),
             met_another=watch.met_another,
+            fastest=watch.fastest,
             px4=px4 is not None,
         )
 
