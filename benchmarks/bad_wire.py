@@ -33,8 +33,7 @@ from foundation.frames import quat_yaw, wrap_pi
 from foundation.mavlink import Parser, dialect
 from foundation.setpoints import Hold, Setpoint, Turn, Velocity
 from foundation.truth import TruthSample, truth_sample
-from hil.impairment.channel import Impairment
-from hil.impairment.wire import ImpairedWire
+from hil.impairment import ImpairedWire, Impairment
 from hil.link.link import Link, TakeoverError
 from hil.link.parameters import Parameters
 from hil.link.transport import UdpTransport, connect

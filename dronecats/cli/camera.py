@@ -120,8 +120,7 @@ def _table(found: dict[str, Any]) -> "ReportTable":
 
 def _calibrate(args: argparse.Namespace) -> int:
     from foundation.errors import UsageError
-    from hil.cameras.chessboard import board_of, fit
-    from hil.cameras.lens import Lens, save
+    from hil.cameras.lens import Lens, board_of, fit, save
 
     board = board_of(args.board, args.square)
     if args.out.suffix not in (".yml", ".yaml", ".xml", ".json"):
@@ -151,9 +150,8 @@ def _calibrate(args: argparse.Namespace) -> int:
 def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
     """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
     from foundation.errors import UsageError
-    from hil.cameras.chessboard import corners
-    from hil.cameras.stream import decoded
-    from hil.cameras.video import pictures
+    from hil.cameras.lens import corners
+    from hil.cameras.stream import decoded, pictures
 
     views: list[Any] = []
     size: tuple[int, ...] | None = None
@@ -176,7 +174,7 @@ def _of_camera(args: argparse.Namespace, board: Any, say: Callable[[str], None])
     """Look through a camera until enough different views of the board were seen, or time is over."""
     import cv2
 
-    from hil.cameras.chessboard import corners, is_new
+    from hil.cameras.lens import corners, is_new
     from hil.cameras.measure import host_us
     from hil.cameras.open import open_camera
     from hil.cameras.stream import StreamEndedError

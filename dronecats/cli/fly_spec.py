@@ -383,7 +383,7 @@ def _of_world(name: str, instruction: str | None) -> dict[str, Any]:
 
 
 def _limits(file: Path | None, base: "Limits") -> "Limits":
-    from hil.link.envelope_file import load
+    from hil.link.envelope import load
 
     return load(file, base) if file else base
 

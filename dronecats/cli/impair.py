@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from foundation.declaration import DeclaredNumber, declarations
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 
 BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
 QUANTITIES: dict[str, DeclaredNumber] = {  # by the field of an impairment; 0 baud: no limit
@@ -37,7 +37,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.cli import signals
     from foundation.errors import UsageError
     from foundation.redaction import redacted
-    from hil.impairment.wire import ImpairedWire
+    from hil.impairment import ImpairedWire
     from hil.link.transport import connect
 
     if args.report is not None and not 0.1 <= args.report <= 3600.0:

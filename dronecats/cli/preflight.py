@@ -14,7 +14,7 @@ from dronecats.cli.output import show
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
     from hil.preflight.check import Check
-    from hil.preflight.row import Change, Row
+    from hil.preflight.observation import Change, Row
 
 YES = "yes"
 MARKS = {True: "pass", False: "FAIL", None: "?"}
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _show(found: "Check") -> None:
-    from hil.preflight.row import summary
+    from hil.preflight.observation import summary
 
     show(table(found.rows))
     print(f"\n{summary(found.rows)}", flush=True)

@@ -190,7 +190,7 @@ def run(args: argparse.Namespace) -> int:
 def _check_hitl(args: argparse.Namespace, factor: float) -> None:
     """Raise UsageError for what a board cannot do: it runs in real time, alone, and brings its own autopilot."""
     from foundation.errors import UsageError
-    from hil.simulator.board import sensor_period_us
+    from hil.simulator import sensor_period_us
 
     if factor != 1.0:
         raise UsageError("a board runs in real time: leave --speed out, or leave --hitl out")
@@ -220,7 +220,7 @@ def _say(line: str) -> None:
 
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
     from dronecats.flight.sitl.sockets import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
-    from hil.simulator.server import PORT
+    from hil.simulator import PORT
 
     for index in range(args.count or 1):
         port = AGENT_PORT + args.instance + index

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from foundation.declaration import Declaration, DeclaredNumber, check_bounds, declarations, declared, words_of
 from foundation.errors import UsageError
 from foundation.frames import Vec3
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 
 T = TypeVar("T")
 FieldValues = dict[str, Any]  # of a part of the disturbances, by field

@@ -6,7 +6,7 @@ from dronecats.flight.disturbances import DECLARED
 from dronecats.judge.metrics import page
 from dronecats.study.factors import FACTORS, Factor
 from foundation.declaration import DeclaredNumber, declarations, shown
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 
 STUDIES, DISTURBANCES = "studies.md", "disturbances.md"
 PARTS = {"frame": "pictures", "vehicle": "vehicle"}  # part of the disturbances → its table

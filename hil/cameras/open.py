@@ -1,13 +1,24 @@
-"""Any camera from its address."""
+"""Opens any camera by its address, and waits out the gaps of one that flies."""
 
+import time
 from collections.abc import Callable
 
+from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import Address, parse, shown
 from hil.cameras.http import Caller, HttpCamera, MjpegSource
 from hil.cameras.lens import HFOV_DEG, Calibration, Lens
-from hil.cameras.stream import MAX_AGE_S, Source, StreamCamera
-from hil.cameras.video import FolderSource, RtspSource, V4l2Source, VideoSource, rate_of, size_of
+from hil.cameras.stream import (
+    MAX_AGE_S,
+    FolderSource,
+    RtspSource,
+    Source,
+    StreamCamera,
+    V4l2Source,
+    VideoSource,
+    rate_of,
+    size_of,
+)
 
 RealCamera = HttpCamera | StreamCamera
 ANSWER_S = 10.0  # s that a camera may take for its first picture
@@ -68,3 +79,42 @@ def _http_source(url: str) -> MjpegSource | None:
         return MjpegSource(caller)
     caller.close()
     return None
+
+
+FRAMES_S = 10.0  # wall seconds without a fresh frame after which a flight ends
+AGAIN_S = 0.1  # wall seconds between two attempts
+
+
+class PatientCamera:
+    """Asks again for up to `patience_s` wall seconds before it lets a camera's fault through."""
+
+    def __init__(self, camera: RealCamera, patience_s: float, on_stale: Callable[[str], None]) -> None:
+        """`on_stale` hears, once for every gap, why no frame can be used; from the thread that asks."""
+        self._camera, self._patience_s, self._on_stale = camera, patience_s, on_stale
+
+    @property
+    def model(self) -> CameraModel:
+        """The pinhole that the frames are pictures of. Raises CameraError."""
+        return self._camera.model
+
+    @property
+    def stamps(self) -> bool:
+        """Whether it stamped its newest picture itself, with the vehicle's clock; else that is when it arrived."""
+        return self._camera.stamps
+
+    def newest(self, drone: int = 0) -> Frame:
+        """Return the newest frame that is young enough. Raises CameraError when none has come for too long."""
+        began_s, told = time.monotonic(), False
+        while True:
+            try:
+                return self._camera.newest(drone)
+            except CameraError as fault:
+                if time.monotonic() - began_s > self._patience_s:
+                    raise
+                if not told:
+                    told = True
+                    self._on_stale(str(fault))
+                time.sleep(AGAIN_S)
+
+    def close(self) -> None:
+        self._camera.close()

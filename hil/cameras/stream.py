@@ -1,17 +1,18 @@
-"""A camera that sends by itself: a thread takes every picture off the wire, so that the newest is always at hand."""
+"""Cameras that send by themselves: RTSP, Video4Linux, video files and folders of pictures, read by a thread."""
 
 import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from typing import Any, Protocol
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from foundation.camera import CameraModel, Frame
-from foundation.errors import CameraError
+from foundation.errors import CameraError, UsageError
 from hil.cameras.lens import Lens
 
 Picture = NDArray[np.uint8]  # (H, W, 3), blue first, as OpenCV has it
@@ -188,3 +189,185 @@ def decoded(data: bytes | Picture) -> Picture | None:
     if not isinstance(data, bytes):
         return data
     return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+
+
+OPEN_MS, READ_MS = 5000, 5000  # after which a silent stream is taken for absent, for broken
+LIVE_GRABS = 3  # in a row that had to wait for their picture: nothing is kept any more
+WAITED = 0.7  # of the time between two pictures; a computer that needs longer to decode one is too slow for the stream
+DRAIN_S = 5.0
+
+
+class RtspSource:
+    """A camera in the network. FFmpeg reads it, over TCP: over UDP a lost packet is a smeared picture."""
+
+    def __init__(self, url: str) -> None:
+        self._url = url
+        self._capture: Any = None
+
+    def open(self) -> None:
+        # one decoding thread: with more, FFmpeg holds a picture back for each of them
+        wanted = [
+            cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS, cv2.CAP_PROP_N_THREADS, 1,
+        ]  # fmt: skip
+        self._capture = cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, wanted)
+        if not self._capture.isOpened():
+            raise CameraError("no video comes: nothing answers there, or the path, the user or the password is wrong")
+        drain(self._capture)
+
+    def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
+        return shoot(self._capture)
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+
+
+class V4l2Source:
+    """A camera on this computer, by USB or ribbon cable."""
+
+    def __init__(self, device: str, size: tuple[int, int] | None) -> None:
+        """`size` (width, height in px) is asked for; the camera gives the nearest that it has."""
+        self._device, self._size = device, size
+        self._capture: Any = None
+
+    def open(self) -> None:
+        self._capture = cv2.VideoCapture(self._device, cv2.CAP_V4L2)
+        if not self._capture.isOpened():
+            raise CameraError("the device cannot be opened: it is absent, in use, or not yours to read (group video)")
+        if self._size:
+            # over USB large pictures come at full rate as JPEG only; a camera without it stays as it is
+            self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
+            self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
+            self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
+        self._capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
+
+    def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
+        return shoot(self._capture)
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+
+
+def shoot(capture: Any) -> tuple[float, Picture]:
+    """Return the next picture of an open capture, with the host's monotonic second at which it was grabbed."""
+    try:
+        if not capture.grab():
+            raise CameraError("its stream broke")
+        taken_s = time.monotonic()
+        there, picture = capture.retrieve()
+    except cv2.error:
+        raise CameraError("its stream broke") from None
+    if not there:
+        raise CameraError("its stream broke")
+    return taken_s, picture
+
+
+def drain(capture: Any) -> None:
+    """Throw away what was kept: FFmpeg reads a second of a stream to learn what it is, and servers keep one, too.
+
+    Handed out, that second would never be caught up with. A picture was kept when it comes sooner after the one before
+    than it was taken.
+    """
+    live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
+    while live < LIVE_GRABS and time.monotonic() < end_s:
+        began_s = time.monotonic()
+        shoot(capture)
+        waited_ms, before_ms = (time.monotonic() - began_s) * 1e3, at_ms
+        at_ms = capture.get(cv2.CAP_PROP_POS_MSEC)
+        live = live + 1 if waited_ms > max(2.0, WAITED * (at_ms - before_ms)) else 0
+
+
+def size_of(text: str | None) -> tuple[int, int] | None:
+    """Return (width, height) of '1280x720'; None of None. Raises UsageError."""
+    if text is None:
+        return None
+    width, _, height = text.lower().partition("x")
+    if width.isdigit() and height.isdigit() and 0 < int(width) < 20000 and 0 < int(height) < 20000:
+        return int(width), int(height)
+    raise UsageError(f"a camera's size reads WIDTHxHEIGHT, for example v4l2:0?size=1280x720, not {text!r}")
+
+
+ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
+FOLDER_HZ = 10.0  # pictures per second of a folder, which does not say
+
+
+class VideoSource:
+    """A video file. Whoever is late for a picture gets the one whose time it is."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+        self._capture: Any = None
+
+    def open(self) -> None:
+        self._capture = cv2.VideoCapture(self._path, cv2.CAP_FFMPEG)
+        if not self._capture.isOpened():
+            raise CameraError("it is no video file that FFmpeg can read")
+        self._rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or FOLDER_HZ
+        self._began_s = time.monotonic()
+        self._first_s: float | None = None
+
+    def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
+        while True:
+            if not self._capture.grab():
+                raise StreamEndedError("the video is over")
+            at_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
+            if self._first_s is None:
+                self._first_s = at_s
+            wait_s = self._began_s + at_s - self._first_s - time.monotonic()
+            if wait_s > -1.0 / self._rate_hz:
+                break
+        stop.wait(max(0.0, wait_s))
+        there, picture = self._capture.retrieve()
+        if not there:
+            raise StreamEndedError("the video breaks off")
+        return time.monotonic(), picture
+
+    def close(self) -> None:
+        if self._capture is not None:
+            self._capture.release()
+
+
+class FolderSource:
+    """The pictures of a folder in the order of their names."""
+
+    def __init__(self, folder: str, rate_hz: float = FOLDER_HZ) -> None:
+        self._folder, self._rate_hz = folder, rate_hz
+
+    def open(self) -> None:
+        self._paths = pictures(Path(self._folder))
+        if not self._paths:
+            raise CameraError(f"the folder holds no picture ({', '.join(ENDINGS)})")
+        self._began_s, self._next = time.monotonic(), 0
+
+    def shoot(self, stop: threading.Event) -> tuple[float, bytes]:
+        now_s = time.monotonic()
+        self._next = max(self._next, int((now_s - self._began_s) * self._rate_hz))
+        if self._next >= len(self._paths):
+            raise StreamEndedError("the pictures of the folder are over")
+        stop.wait(max(0.0, self._began_s + self._next / self._rate_hz - now_s))
+        path = self._paths[self._next]
+        self._next += 1
+        try:
+            return time.monotonic(), path.read_bytes()
+        except OSError as error:
+            raise StreamEndedError(f"{path.name} cannot be read: {error.strerror}") from None
+
+    def close(self) -> None:
+        pass
+
+
+def pictures(folder: Path) -> list[Path]:
+    """Return the picture files of a folder, by name."""
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in ENDINGS and path.is_file())
+
+
+def rate_of(text: str | None) -> float:
+    """Return the pictures per second that `?fps=` asks for. Raises UsageError."""
+    try:
+        rate_hz = FOLDER_HZ if text is None else float(text)
+    except ValueError:
+        rate_hz = 0.0
+    if not 0.01 <= rate_hz <= 1000.0:
+        raise UsageError(f"a folder's fps wants a number from 0.01 to 1000, not {text!r}")
+    return rate_hz

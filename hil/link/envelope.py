@@ -1,20 +1,22 @@
 """The safety envelope: where and how fast a vehicle may be sent. Each limit acts before it is reached, never after.
 
-Pure: a setpoint, the state and the limits in, the setpoint that may be flown and what was limited out. Speeds towards a
-limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows its setpoint with
-half a second's lag comes to rest short of it.
+Pure, but for `load`: a setpoint, the state and the limits in, the setpoint that may be flown and what was limited out.
+Speeds towards a limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows
+its setpoint with half a second's lag comes to rest short of it.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Annotated
 
 from msgspec import Meta
 
-from foundation.errors import LinkError
+from foundation.errors import LinkError, UsageError
 from foundation.frames import Vec3, geodetic_to_ned, wrap_pi
 from foundation.polygon import contains
+from foundation.typed_file import replaced, toml_table
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
@@ -246,3 +248,14 @@ def crosses(a: Corner, b: Corner, polygon: Sequence[Corner]) -> bool:
 
 def _once(names: list[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
+
+
+def load(path: Path, base: Limits) -> Limits:
+    """Return `base` with what the file says otherwise. Raises UsageError naming the file and the field."""
+    where = f"--envelope {path}"
+    limits = replaced(base, toml_table(path, where), where)
+    if limits.floor_m + 2 * limits.height_margin_m >= limits.ceiling_m:
+        raise UsageError(f"{where}: between floor_m and ceiling_m no room is left beside two height_margin_m")
+    if limits.radius_m <= limits.margin_m:
+        raise UsageError(f"{where}: radius_m leaves no room beside margin_m")
+    return limits

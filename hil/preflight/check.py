@@ -16,8 +16,7 @@ from foundation.setpoints import Velocity
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
-from hil.preflight.heard import Heard, Watch
-from hil.preflight.row import Change, Finding, Row
+from hil.preflight.observation import Change, Finding, Heard, Row, Watch
 
 # PX4's own values that no vehicle should fly with (its parameter reference); our simulator has them as PX4 does
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}

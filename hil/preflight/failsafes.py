@@ -13,7 +13,7 @@ from foundation.mavlink import dialect
 from foundation.protocol import SPEED_MAX
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
-from hil.preflight.row import Change, Finding, Row
+from hil.preflight.observation import Change, Finding, Row
 
 OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: "Land", 5: "Hold", 6: "Terminate",
                  7: "Disarm"}  # fmt: skip

@@ -17,8 +17,7 @@ from foundation.errors import CameraError
 from foundation.mavlink import dialect
 from foundation.sensors import CALENDAR_START_US
 from hil.link.parameters import Value
-from hil.preflight.heard import ASKED_HZ, Heard
-from hil.preflight.row import Change, Finding, Row
+from hil.preflight.observation import ASKED_HZ, Change, Finding, Heard, Row
 
 FLOWN_ON = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 RATE_LEAST = 8.0  # Hz, below which the height and place loops of the link lag more than they hold

@@ -10,8 +10,7 @@ from collections.abc import Mapping
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
 from hil.link.parameters import Value
-from hil.preflight.heard import Heard, Message
-from hil.preflight.row import Row
+from hil.preflight.observation import Heard, Message, Row
 
 OLDEST = (1, 14)  # from there on what was absent at arming, such as sticks, counts as optional: failsafe.cpp
 SENSORS = {  # bits of SYS_STATUS

@@ -16,7 +16,7 @@ from dronecats.flight.disturbances import DECLARED, UNDISTURBED, Disturbances, L
 from dronecats.study.factors import FACTORS
 from foundation.declaration import declarations
 from foundation.errors import UsageError
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 
 
 def parsed(*words: str) -> Disturbances:

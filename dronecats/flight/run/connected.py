@@ -24,13 +24,11 @@ from foundation.run_folder.folder import write_json
 from foundation.run_folder.layout import onboard_log_name
 from foundation.signing import load_key
 from hil.cameras.address import shown
-from hil.cameras.open import RealCamera, open_camera
-from hil.cameras.patient import FRAMES_S, PatientCamera
+from hil.cameras.open import FRAMES_S, PatientCamera, RealCamera, open_camera
 from hil.link.envelope import Limits
 from hil.link.flight_logs import log_store
 from hil.link.link import Link
-from hil.link.reopening import Reopening
-from hil.link.transport import connect
+from hil.link.transport import Reopening, connect
 
 LATER = "fetch it later with dronecats flightlog fetch"
 

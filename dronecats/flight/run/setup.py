@@ -18,7 +18,7 @@ from dronecats.flight.run.step_lines import StepLines
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
-from hil.cameras.patient import PatientCamera
+from hil.cameras.open import PatientCamera
 from hil.link.link import Link
 
 

@@ -14,8 +14,16 @@ from foundation.airframe import Airframe
 from foundation.mavlink import Packer
 from foundation.truth import TRUTH_COMPONENT
 from hil.link.transport import connect
-from hil.simulator.board import BoardLine, sensor_period_us
-from hil.simulator.interface import Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
+from hil.simulator import (
+    BoardLine,
+    Told,
+    gps_message,
+    is_armed,
+    rotor_commands,
+    sensor_message,
+    sensor_period_us,
+    told_now,
+)
 from vehicles.sensors import Suite
 from vehicles.wind import Wind
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from typing import Generic
 
 from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V
-from hil.impairment.wire import SteppedWire
+from hil.impairment import SteppedWire
 from hil.link.transport import MemoryTransport, Transport
 
 

@@ -8,7 +8,7 @@ from dronecats.flight.processes.supervisor import ChildProcess, Supervisor
 from dronecats.flight.stages import parts
 from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
-from hil.cameras.patient import PatientCamera
+from hil.cameras.open import PatientCamera
 from hil.link.link import Link
 from hil.link.transport import connect
 

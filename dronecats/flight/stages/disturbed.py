@@ -11,7 +11,7 @@ from typing import Protocol
 from dronecats.flight.disturbances import UNDISTURBED
 from dronecats.flight.sitl.scenario import noise_seed
 from dronecats.flight.spec.flight import Flight
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 from hil.link.conversation import SILENCE_S
 from hil.link.link import Link
 

@@ -17,7 +17,7 @@ from dronecats.flight.stages.parts import simulator_config, truth_kept
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
 from hil.cameras.http import HttpCamera
-from hil.impairment.wire import PERFECT, ImpairedWire
+from hil.impairment import PERFECT, ImpairedWire
 from hil.link.link import Link
 from hil.link.transport import Transport, UdpTransport, connect
 

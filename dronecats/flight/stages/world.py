@@ -14,7 +14,7 @@ from dronecats.flight.stages.connected import VehicleStage
 from dronecats.flight.stages.realtime import Copy, Patience
 from foundation.camera import CameraModel
 from hil.cameras.http import HttpCamera
-from hil.cameras.patient import FRAMES_S, PatientCamera
+from hil.cameras.open import FRAMES_S, PatientCamera
 from hil.link.link import Link
 from hil.link.transport import connect
 

@@ -15,7 +15,7 @@ from foundation.airframe import Airframe
 from foundation.errors import InfrastructureError
 from foundation.frames import Vec3
 from foundation.mavlink import Packer, dialect
-from hil.impairment.channel import Channel, Impairment
+from hil.impairment import Channel, Impairment
 
 ORIGIN = (47.397742, 8.545594, 488.0)
 HEIGHT_M = 10.0

@@ -15,7 +15,7 @@ from foundation.camera import Camera, Frame
 from foundation.protocol import CAP_S
 from foundation.run_folder.rows import Decision
 from foundation.setpoints import Setpoint, Sight
-from hil.cameras.patient import PatientCamera
+from hil.cameras.open import PatientCamera
 from hil.link.link import Link
 from hil.link.offboard import OffboardSetpoint
 

@@ -14,7 +14,7 @@ from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 from tests.support.json_lines import rows
 
 LOSSY = Impairment(loss=0.3, delay_s=0.2, jitter_s=0.1, duplicate=0.1, reorder=0.1)

@@ -12,8 +12,7 @@ from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulat
 from foundation.frames import GRAVITY, quat_to_euler, wrap_pi
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Turn, Velocity
-from hil.impairment.channel import Impairment
-from hil.impairment.wire import PERFECT, SteppedWire
+from hil.impairment import PERFECT, Impairment, SteppedWire
 from hil.link.envelope import SIMULATED
 from hil.link.link import Link
 from vehicles import airframe

@@ -6,8 +6,7 @@ from functools import cache
 import cv2
 import numpy as np
 
-from hil.cameras.chessboard import Board
-from hil.cameras.lens import Calibration
+from hil.cameras.lens import Board, Calibration
 
 SAMPLES = 2  # per pixel and axis: edges are grey, as in a real picture
 BOARD = Board(9, 6, 0.025)

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from hil.cameras.chessboard import Board, board_of, corners, fit, is_new
-from hil.cameras.lens import Calibration, Lens, load, save
+from hil.cameras.lens import Board, Calibration, Lens, board_of, corners, fit, is_new, load, save
 from tests.hil.cameras.board_views import BOARD, LENS, POSES, corners_of, placed, views
 from tests.support.refusal import refusal
 

@@ -8,7 +8,7 @@ import pytest
 
 from foundation.errors import CameraError, UsageError
 from hil.cameras.open import open_camera
-from hil.cameras.video import size_of
+from hil.cameras.stream import size_of
 from tests.hil.cameras import picture_code
 from tests.hil.cameras.host_clock import host_us
 from tests.hil.cameras.http_cameras import jpeg

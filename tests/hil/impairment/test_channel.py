@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.impairment.channel import LATE_S, Channel, Impairment
+from hil.impairment import LATE_S, Channel, Impairment
 from tests.support.refusal import refusal
 
 SHARES = st.floats(0.0, 1.0)

@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from dronecats.cli.main import main
 from foundation.mavlink import Packer, Parser, dialect
-from hil.impairment.channel import Impairment
-from hil.impairment.wire import Frames, ImpairedWire
+from hil.impairment import Frames, ImpairedWire, Impairment
 from hil.link.transport import Transport, connect
 from tests.hil.link import listening
 from tests.support.command_line import DRONECATS

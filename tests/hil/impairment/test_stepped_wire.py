@@ -5,8 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from foundation.mavlink import Packer, Parser, dialect
-from hil.impairment.channel import Impairment
-from hil.impairment.wire import PERFECT, OneWay, SteppedWire
+from hil.impairment import PERFECT, Impairment, OneWay, SteppedWire
 
 TICK_S = 0.01
 

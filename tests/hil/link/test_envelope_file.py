@@ -1,8 +1,7 @@
 import pytest
 
 from foundation.errors import UsageError
-from hil.link.envelope import SIMULATED, Limits
-from hil.link.envelope_file import load
+from hil.link.envelope import SIMULATED, Limits, load
 from tests.support.refusal import refusal
 
 

@@ -7,14 +7,13 @@ import socket
 import pytest
 
 from foundation.errors import LinkError
-from hil.link.reopening import Reopening
-from hil.link.transport import connect
+from hil.link.transport import Reopening, connect
 
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch):
     """Try again after a tenth of a second, where a user's wire takes half of one."""
-    monkeypatch.setattr("hil.link.reopening.RETRY_S", 0.1)
+    monkeypatch.setattr("hil.link.transport.RETRY_S", 0.1)
 
 
 def test_a_tcp_wire_that_breaks_is_opened_again():

@@ -9,8 +9,7 @@ from foundation.px4 import MODES
 from foundation.sensors import CALENDAR_START_US
 from hil.preflight import ground_side, vehicle
 from hil.preflight.check import PX4_DEFAULTS, Check
-from hil.preflight.heard import ASKED_HZ, Heard, RoundTrip
-from hil.preflight.row import Change, Row, summary
+from hil.preflight.observation import ASKED_HZ, Change, Heard, RoundTrip, Row, summary
 
 GOOD = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x10000000
 

@@ -10,7 +10,7 @@ from pymavlink.dialects.v20 import development as pymavlink_dialect
 
 from foundation.mavlink import Packer
 from foundation.sensors import MAX_ROTORS, SENSORS
-from hil.simulator.interface import (
+from hil.simulator import (
     ACCEL,
     BARO,
     GYRO,

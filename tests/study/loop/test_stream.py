@@ -8,7 +8,7 @@ import pytest
 from dronecats.study.loop import trace
 from dronecats.study.loop.stream import StreamedVehicle, StreamTrial, Tolerance
 from foundation.errors import UsageError
-from hil.impairment.channel import Impairment
+from hil.impairment import Impairment
 from vehicles.airframe import load
 
 

@@ -32,9 +32,9 @@ from foundation.compiled import ROOT
 from foundation.errors import InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 from foundation.run_folder.layout import onboard_log_name
-from hil.impairment.wire import SteppedWire
+from hil.impairment import SteppedWire
 from hil.link.transport import Transport, connect
-from hil.simulator.server import PORT, SimulatorServer
+from hil.simulator import PORT, SimulatorServer
 from vehicles import airframe as airframes
 from vehicles import fault_script
 from vehicles.wind import Wind

@@ -12,8 +12,7 @@ from dronecats.flight.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, V
 from foundation.airframe import Airframe
 from foundation.mavlink import Packer, dialect
 from foundation.truth import TRUTH_COMPONENT
-from hil.simulator.interface import Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
-from hil.simulator.server import SimulatorServer
+from hil.simulator import SimulatorServer, Told, gps_message, is_armed, rotor_commands, sensor_message, told_now
 from vehicles.sensors import Suite
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)

@@ -18,7 +18,7 @@ from dronecats.flight.sitl.vehicle import BootPose
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from hil.link.transport import connect
-from hil.simulator.board import BoardLine, sensor_period_us, split
+from hil.simulator import BoardLine, sensor_period_us, split
 from tests.hil.simulator.stand_in import exchange
 from vehicles import airframe
 

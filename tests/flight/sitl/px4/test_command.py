@@ -13,7 +13,7 @@ from dronecats.flight.sitl.px4.simulator import INSTANCES, UDP_PORTS, Px4Simulat
 from dronecats.flight.sitl.scenario import built_of
 from dronecats.flight.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError, UsageError
-from hil.simulator.server import PORT, SimulatorServer
+from hil.simulator import PORT, SimulatorServer
 from tests.support.command_line import DRONECATS
 from tests.support.ports import free_instance
 

@@ -9,8 +9,7 @@ from dronecats.flight.sitl.px4 import vehicle as px4_vehicle
 from dronecats.flight.sitl.px4.vehicle import EXCHANGE_US, SETTLED_US, Px4Vehicle
 from dronecats.flight.sitl.vehicle import TICK_US, BootPose
 from foundation.terrain import HeightField
-from hil.simulator.interface import ACCEL, BARO, GYRO, MAG
-from hil.simulator.server import SimulatorServer
+from hil.simulator import ACCEL, BARO, GYRO, MAG, SimulatorServer
 from tests.hil.simulator.stand_in import Replay, StandIn, always, controls, recorded, silent
 from vehicles import airframe
 

@@ -1,8 +1,8 @@
-"""What the autopilot says of itself while it is listened to for some seconds."""
+"""What the autopilot says of itself while a check listens to it, and the rows that a check makes of it."""
 
 import time
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -10,6 +10,41 @@ from foundation.mavlink import dialect
 from hil.link.autopilots import Firmware, firmware
 from hil.link.link import Link
 from hil.link.telemetry import StatusTexts
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One thing that was looked at."""
+
+    name: str
+    passed: bool | None  # None: could not be found out, or only a person can judge it
+    why: str
+    fix: str = ""  # what to do about it; empty where there is nothing to do
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """A parameter that ought to hold another value."""
+
+    name: str
+    old: float
+    new: float
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A row, and the change of a parameter that would mend it."""
+
+    row: Row
+    change: Change | None = None
+
+
+def summary(rows: Sequence[Row]) -> str:
+    """Return the last line: how many passed, failed and are not known."""
+    count = {mark: sum(row.passed is mark for row in rows) for mark in (True, False, None)}
+    return f"{count[True]} passed, {count[False]} failed, {count[None]} for you to judge"
+
 
 Message: TypeAlias = dialect.MAVLink_message
 

@@ -1,1 +1,0 @@
-"""Bad wires: loss, delay, reordering and damage, seeded."""

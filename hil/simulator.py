@@ -1,0 +1,341 @@
+"""PX4's simulator interface: HIL messages of our sensors, rotor commands of PX4's answers, and the two wires for them.
+
+PX4 takes a group of HIL_SENSOR only when every bit of it is set. Specific forces are in m/s², rates in rad/s, fields in
+gauss, pressures in hPa, vectors in FRD; HIL_GPS carries centimetres and 1e-7 degrees. Source: PX4 SimulatorMavlink.cpp.
+
+A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode shares one wire with all
+other MAVLink messages (`BoardLine`). There is no lockstep with a board: it stamps what arrives with its own clock. It
+decodes HIL messages only while its heartbeat says that it is in HIL mode (SYS_HITL), and it would take
+HIL_STATE_QUATERNION for its estimate, so that is never sent. Source: PX4 mavlink_receiver.cpp.
+"""
+
+import contextlib
+import math
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from foundation.errors import LinkError, UsageError
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.sensors import MAX_ROTORS
+from hil.link.transport import Transport, bind_error
+
+ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
+ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
+HIL_ENABLED = dialect.MAV_MODE_FLAG_HIL_ENABLED
+SENSOR_BYTES = 74  # a HIL_SENSOR on the wire at most: MAVLink 2 leaves trailing zeros out, and id is 0
+COURSE_UNKNOWN = 65535
+COURSE_FROM = 0.3  # m/s, below which a receiver has no course over ground to tell
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """Times (µs, vehicle clock) of the newest samples that the autopilot has been sent; 0: none yet."""
+
+    imu_us: int = 0
+    mag_us: int = 0
+    baro_us: int = 0
+    gps_us: int = 0
+
+
+def sensor_message(sensors: Any, time_us: int, told: Told) -> dialect.MAVLink_hil_sensor_message:
+    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with the groups marked that are newer than `told`.
+
+    `sensors` is a record of `foundation.sensors.SENSORS`. With nothing new it still carries PX4's clock onward.
+    """
+    updated = 0
+    if sensors["imu_time_us"] > told.imu_us:
+        updated |= ACCEL | GYRO
+    if sensors["mag_time_us"] > told.mag_us:
+        updated |= MAG
+    if sensors["baro_time_us"] > told.baro_us:
+        updated |= BARO
+    pressure_hpa = float(sensors["pressure_hpa"])
+    return dialect.MAVLink_hil_sensor_message(
+        time_us,
+        *sensors["accel_frd"].tolist(),
+        *sensors["gyro_frd"].tolist(),
+        *sensors["mag_frd"].tolist(),
+        pressure_hpa,
+        0.0,
+        pressure_altitude(pressure_hpa),
+        float(sensors["temperature_c"]),
+        updated,
+        0,
+    )
+
+
+def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
+    """Return HIL_GPS of the newest fix, stamped with the time (µs, vehicle clock) at which it was valid."""
+    north, east, down = sensors["gps_velocity_ned"].tolist()
+    speed = math.hypot(north, east)
+    course = math.degrees(math.atan2(east, north)) % 360.0
+    return dialect.MAVLink_hil_gps_message(
+        int(sensors["gps_time_us"]),
+        int(sensors["gps_fix_type"]),
+        round(float(sensors["gps_lat_deg"]) * 1e7),
+        round(float(sensors["gps_lon_deg"]) * 1e7),
+        round(float(sensors["gps_alt_m"]) * 1e3),
+        _uint16(float(sensors["gps_eph_m"]) * 100),
+        _uint16(float(sensors["gps_epv_m"]) * 100),
+        _uint16(speed * 100),
+        *(_int16(v * 100) for v in (north, east, down)),
+        round(course * 100) % 36000 if speed >= COURSE_FROM else COURSE_UNKNOWN,
+        int(sensors["gps_satellites"]),
+        0,
+        0,
+    )
+
+
+def told_now(sensors: Any) -> Told:
+    """Return what the autopilot has been told once everything in `sensors` was sent."""
+    return Told(
+        int(sensors["imu_time_us"]),
+        int(sensors["mag_time_us"]),
+        int(sensors["baro_time_us"]),
+        int(sensors["gps_time_us"]),
+    )
+
+
+def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[float]:
+    """Return fractions of full rotor speed (MAX_ROTORS of them) for PX4's motor outputs 0 … 1.
+
+    0 is the idle speed and 1 the full one, a straight line between, which is how PX4's own Gazebo bridge makes rotor
+    speeds of this aircraft's outputs (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the output, as
+    behind a real motor controller, and THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full one. What
+    is not a number idles.
+    """
+    used = [idle + (1.0 - idle) * min(max(u, 0.0), 1.0) if u == u else idle for u in controls[:rotors]]
+    return used + [0.0] * (MAX_ROTORS - len(used))
+
+
+def is_armed(message: dialect.MAVLink_message) -> bool:
+    """Return whether the autopilot that sent this HIL_ACTUATOR_CONTROLS or HEARTBEAT is armed."""
+    mode = message.mode if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS else message.base_mode
+    return bool(mode & ARMED)
+
+
+def pressure_altitude(pressure_hpa: float) -> float:
+    """Return the altitude (m) at which the standard atmosphere has this pressure (hPa)."""
+    return 44330.77 * (1.0 - math.pow(max(pressure_hpa, 0.0) / 1013.25, 0.190263))
+
+
+def _int16(value: float) -> int:
+    return max(-32768, min(32767, round(value)))
+
+
+def _uint16(value: float) -> int:
+    return max(0, min(65534, round(value)))
+
+
+PORT = 4560  # + instance
+SEND_S = 5.0  # wall seconds after which a PX4 that reads nothing any more is given up
+
+
+class SimulatorServer:
+    """Listens for one PX4 at a time; a newer connection takes the place of the older."""
+
+    def __init__(self, port: int, host: str = "127.0.0.1", instead: str = "choose another port") -> None:
+        """Listen. Port 0 is one that the system chooses.
+
+        Raises UsageError for a port that is in use, with the advice `instead`.
+        """
+        self._listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # PX4 may come back within a minute
+        try:
+            self._listener.bind((host, port))
+            self._listener.listen(1)  # of two that have bound the same port, the second fails here
+        except OSError as error:
+            self._listener.close()
+            raise bind_error(error, "TCP", host, port, instead) from None
+        self._listener.setblocking(False)
+        self._peer: socket.socket | None = None
+        self._parser = Parser()
+        self.connections = 0  # how many there have been
+
+    @property
+    def port(self) -> int:
+        """The TCP port that is listened on."""
+        return int(self._listener.getsockname()[1])
+
+    @property
+    def connected(self) -> bool:
+        """Whether a PX4 is there, as far as has been noticed."""
+        return self._peer is not None
+
+    def accept(self) -> bool:
+        """Take a connection that waits; return whether there was one."""
+        try:
+            peer, _ = self._listener.accept()
+        except BlockingIOError:
+            return False
+        self._drop()
+        peer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        peer.settimeout(SEND_S)
+        self._peer, self._parser = peer, Parser()
+        self.connections += 1
+        return True
+
+    def send(self, data: bytes) -> None:
+        """Send to the PX4 that is there; one that has gone is noticed, and is no error."""
+        if self._peer is not None:
+            try:
+                self._peer.sendall(data)
+            except OSError:
+                self._drop()
+
+    def receive(self, timeout_s: float) -> list[dialect.MAVLink_message]:
+        """Return the messages that came within `timeout_s` wall seconds; none when PX4 is silent or has gone."""
+        if self._peer is None or not select.select([self._peer], [], [], timeout_s)[0]:
+            return []
+        data = b""
+        with contextlib.suppress(OSError):
+            data = self._peer.recv(65536)
+        if not data:
+            self._drop()
+        return self._parser.feed(data)
+
+    def close(self) -> None:
+        self._drop()
+        self._listener.close()
+
+    def _drop(self) -> None:
+        if self._peer is not None:
+            self._peer.close()
+            self._peer = None
+
+
+RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; a rate controller on less does not hold the vehicle
+BITS_PER_BYTE = 10  # start and stop bit included
+SHARE = 0.5  # of the wire for HIL_SENSOR; commands and parameters of the clients need the rest
+HEARTBEAT_S = 1.0  # wall seconds
+REOPEN_S = 1.0  # wall seconds between two attempts at a cable that was pulled
+FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as MAVSDK has it
+ACTUATORS, HEARTBEAT = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, dialect.MAVLINK_MSG_ID_HEARTBEAT
+MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD  # first byte of a frame
+HELLO = dialect.MAVLink_heartbeat_message(
+    dialect.MAV_TYPE_GENERIC, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+)
+
+
+def sensor_period_us(url: str) -> int:
+    """Return the time (µs, whole milliseconds) between two HIL_SENSOR that a wire carries; 4 ms on any but a slow line.
+
+    Raises UsageError for a serial line that is too slow.
+    """
+    baud = url.rpartition(":")[2]
+    if not url.startswith("serial://") or not baud.isdigit():
+        return 1_000_000 // RATE_MAX_HZ
+    carried_hz = SHARE * int(baud) / BITS_PER_BYTE / SENSOR_BYTES
+    if carried_hz < RATE_LEAST_HZ:
+        raise UsageError(
+            f"--hitl {url}: {baud} baud carry {carried_hz:.0f} sensor messages a second beside the other traffic, and "
+            f"flying needs {RATE_LEAST_HZ}; use USB, or 460800 baud or more on both ends"
+        )
+    return -(-1_000 // min(RATE_MAX_HZ, int(carried_hz))) * 1_000
+
+
+class BoardLine:
+    """One board at the end of a wire, which may be pulled and put back."""
+
+    def __init__(self, connect: Callable[[], Transport], packer: Packer) -> None:
+        """`connect` opens the wire, now and after it broke. Raises what it raises, but only now."""
+        self._connect, self._packer = connect, packer
+        self._transport: Transport | None = connect()
+        self._parser = Parser()
+        self._rest = b""  # the beginning of a frame whose end has not come yet
+        self._clients = bytearray()  # what they have not yet been sent
+        self._hello_due_s = self._reopen_due_s = 0.0
+        self._heard_s = -FORGET_S  # when the autopilot's last heartbeat came
+        self._hil = False
+        self.actuators: dialect.MAVLink_message | None = None  # the newest HIL_ACTUATOR_CONTROLS
+        self.actuators_s = 0.0  # wall time at which it came
+
+    @property
+    def present(self) -> bool:
+        """Whether the autopilot's heartbeat is heard."""
+        return self._transport is not None and time.monotonic() - self._heard_s < FORGET_S
+
+    @property
+    def in_hil(self) -> bool:
+        """Whether the board says that it takes simulated sensors."""
+        return self.present and self._hil
+
+    def exchange(self) -> None:
+        """Take in what has come, say hello when it is due, and open a wire again that broke."""
+        now_s = time.monotonic()  # the board runs on wall time
+        if self._transport is None and now_s >= self._reopen_due_s:
+            self._reopen_due_s = now_s + REOPEN_S
+            with contextlib.suppress(LinkError):
+                self._transport, self._rest = self._connect(), b""
+        if now_s >= self._hello_due_s:
+            self._hello_due_s = now_s + HEARTBEAT_S
+            self.send(HELLO)
+        data = b""
+        if self._transport is not None:
+            try:
+                data = self._transport.receive(0.0)
+            except LinkError:
+                self._lose()
+        frames, self._rest = split(self._rest + data)
+        for frame in frames:
+            self._take(frame, now_s)
+
+    def send(self, *messages: dialect.MAVLink_message) -> None:
+        """Send messages of the simulator's."""
+        self.give(b"".join(self._packer.pack(message) for message in messages))
+
+    def give(self, data: bytes) -> None:
+        """Send what a client says, as it is."""
+        if self._transport is not None and data:
+            try:
+                self._transport.send(data)
+            except (LinkError, OSError):
+                self._lose()
+
+    def take(self) -> bytes:
+        """Return what the board has said to the clients since the last call: everything but the motor outputs."""
+        data = bytes(self._clients)
+        self._clients.clear()
+        return data
+
+    def close(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+
+    def _take(self, frame: bytes, now_s: float) -> None:
+        kind = frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == MAVLINK_2 else frame[5]
+        if kind != ACTUATORS:
+            self._clients += frame
+        for message in self._parser.feed(frame) if kind in (ACTUATORS, HEARTBEAT) else ():
+            if kind == ACTUATORS:
+                self.actuators, self.actuators_s = message, now_s
+            elif message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1:
+                self._heard_s, self._hil = now_s, bool(message.base_mode & HIL_ENABLED)
+
+    def _lose(self) -> None:
+        if self._transport is not None:
+            self._transport.close()
+        self._transport, self._hil = None, False
+
+
+def split(data: bytes) -> tuple[list[bytes], bytes]:
+    """Return the MAVLink frames in a stretch of a wire, unknown messages too, and the beginning of one that goes on."""
+    frames, at = [], 0
+    while at < len(data):
+        if data[at] not in (MAVLINK_1, MAVLINK_2):
+            at += 1  # noise, or a boot loader's chatter
+            continue
+        if len(data) - at < 10:
+            break
+        length = 8 + data[at + 1]
+        if data[at] == MAVLINK_2:
+            length += 4 + (13 if data[at + 2] & 1 else 0)  # longer header; a signature
+        if len(data) - at < length:
+            break
+        frames.append(data[at : at + length])
+        at += length
+    return frames, data[at:]

@@ -1,1 +1,0 @@
-"""PX4's simulator interface: sensors to an autopilot that is not ours, actuators back."""
