@@ -120,10 +120,10 @@ def profiled(episodes: Sequence[str], folder: Path) -> Sampler:
             into = folder / turn / episode
             (into / "frames").mkdir(parents=True)
             if turn == "first":
-                worker.flown(as_json(spec), into)
+                worker.fly_flight(as_json(spec), into)
                 continue
             with sampler.looking():
-                worker.flown(as_json(spec), into)
+                worker.fly_flight(as_json(spec), into)
     return sampler
 
 

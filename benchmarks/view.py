@@ -28,9 +28,8 @@ from benchmarks.machine import Machine
 from dronecats.cli.exit_status import exit_status
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.view.live.heard import HeardFlight
-from dronecats.view.live.tails import FrameTail
-from dronecats.view.live.world import flown_world
+from dronecats.view.live.folder import FrameTail, flown_world
+from dronecats.view.live.wire_state import HeardFlight
 from dronecats.view.scene import display
 from foundation import extras
 from foundation.run_folder import layout

@@ -1,4 +1,4 @@
-"""A benchmark's folder: bench.json, a run folder for each of its runs, and one ledger for all of them."""
+"""The folder of a benchmark: bench.json, a folder per run, and one ledger for all runs."""
 
 from collections.abc import Callable, Collection, Sequence
 from contextlib import ExitStack
@@ -8,7 +8,7 @@ from typing import Any
 
 from dronecats.bench.campaign import Batch, OpenRun
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, benchmark, part_of
-from dronecats.bench.summary import EpisodeScore, score
+from dronecats.bench.tables import EpisodeScore, score
 from dronecats.flight.run.first_question import FirstQuestions
 from dronecats.flight.run.settings import settings
 from dronecats.flight.spec.flight import look_up
@@ -23,7 +23,7 @@ from foundation.run_folder.writing import as_json
 
 
 class Bench:
-    """The open folder. Gone on with as it stands: what it holds of other runs stays."""
+    """An open benchmark folder. An existing one is resumed, and keeps its other runs."""
 
     def __init__(
         self,
@@ -37,34 +37,33 @@ class Bench:
         first: Callable[[], None] = lambda: None,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
-        """`limit` and `shard`: how much of it is flown here and now. Raises UsageError, InfrastructureError.
+        """`limit` and `shard` select the episodes that this process flies. Raises UsageError, InfrastructureError.
 
-        `first` is called when it is known that all can be flown, before bench.json is written: each run that stands
-        there is opened as what is asked for now. New ones are made after that, so that a kill leaves none untold. Each
-        model that is still to fly is asked one small question before that; `say` takes the lines about it.
+        Existing run folders are opened and checked first. Then each model with flights left gets one small test
+        question; `say` takes the lines about it. Then `first` is called and bench.json is written, and only then are
+        new run folders created, so that after a kill bench.json names every run folder.
         """
         self.out = out
         self._opened = ExitStack()
         part = set(part_of(tuple(suite.records), limit, shard))
         try:
             for entry in entries:
-                instructions = [suite.records[each].instruction for each in entry.episodes if each in part]
+                instructions = [suite.records[name].instruction for name in entry.episodes if name in part]
                 roster.check_installed(entry.flight.pilot or "", instructions)
             configurations = _configurations(suite, entries)
-            told = self._joined(as_json(benchmark(suite, entries, retry=retry)))
-            asked = list(zip(entries, configurations, strict=True))
-            open_ones = {entry.name: self._batch(entry, one) for entry, one in asked if (out / entry.name).exists()}
-            flights = [e.flight for e in entries if self._has_left(open_ones.get(e.name), e, part, retry)]
+            manifest = self._with_other_runs(as_json(benchmark(suite, entries, retry=retry)))
+            batches = {e.name: self._batch(e, c) for e, c in configurations if (out / e.name).exists()}
+            flights = [e.flight for e in entries if self._has_left(batches.get(e.name), e, part, retry)]
             questions = FirstQuestions(flights, out, say)
             questions.ask()
-            self._keep(told, first)
+            self._write(manifest, first)
             questions.book(out)
-            open_ones |= {entry.name: self._batch(entry, one) for entry, one in asked if entry.name not in open_ones}
+            batches |= {e.name: self._batch(e, c) for e, c in configurations if e.name not in batches}
             self.runs = tuple(
                 OpenRun(
                     entry=entry,
-                    batch=open_ones[entry.name],
-                    part=tuple(each for each in entry.episodes if each in part),
+                    batch=batches[entry.name],
+                    part=tuple(episode for episode in entry.episodes if episode in part),
                 )
                 for entry in entries
             )
@@ -73,11 +72,11 @@ class Bench:
             raise
 
     def close(self) -> None:
-        """Let another process go on with it."""
+        """Release the folder for another process."""
         self._opened.close()
 
     def stored(self) -> list[tuple[OpenRun, str, Result]]:
-        """Return (run, episode, result) of every episode of this part that has been flown to its end."""
+        """Return (run, episode, result) of every selected episode that is done."""
         return [
             (run, episode, stored_result(run.batch.folder(episode).name, run.batch.folder(episode)))
             for run in self.runs
@@ -86,48 +85,48 @@ class Bench:
         ]
 
     def scores(self, broken: Callable[[OpenRun, str], Result | None]) -> list[EpisodeScore]:
-        """Return what the part that was asked for has come to; `broken` gives the error of a flight that broke off."""
-        found = []
-        flown = {(run.entry.name, episode): result for run, episode, result in self.stored()}
+        """Return the scores of the selected episodes; `broken` returns the error of a flight that broke."""
+        scores = []
+        stored = {(run.entry.name, episode): result for run, episode, result in self.stored()}
         for run in self.runs:
             for episode in run.part:
-                result = flown.get((run.entry.name, episode)) or broken(run, episode)
+                result = stored.get((run.entry.name, episode)) or broken(run, episode)
                 if result is not None:
                     retried, folder = run.batch.retried(episode), run.batch.folder(episode)
-                    found.append(score(setting_of(run.entry), run.entry.flight, folder, result, retried=retried))
-        return found
+                    scores.append(score(setting_of(run.entry), run.entry.flight, folder, result, retried=retried))
+        return scores
 
     @staticmethod
     def _has_left(batch: Batch | None, entry: BenchEntry, part: Collection[str], retry: bool) -> bool:
-        """Return whether something of a run is still to be flown; `batch` None: it was not begun."""
-        asked = [each for each in entry.episodes if each in part]
-        return bool(asked if batch is None else batch.left(asked, retry=retry))
+        """Return whether flights of a run remain; `batch` None: it was not begun."""
+        episodes = [episode for episode in entry.episodes if episode in part]
+        return bool(episodes if batch is None else batch.left(episodes, retry=retry))
 
     def _batch(self, entry: BenchEntry, configuration: dict[str, Any]) -> Batch:
         batch = Batch(self.out / entry.name, configuration)
         self._opened.callback(batch.close)
         return batch
 
-    def _joined(self, now: dict[str, Any]) -> dict[str, Any]:
-        """Return what bench.json is to say: what is asked for now, and behind it the runs that stand there besides."""
+    def _with_other_runs(self, now: dict[str, Any]) -> dict[str, Any]:
+        """Return the contents of bench.json: these runs, then the other runs of the existing file."""
         try:
             before = json_object(self.out / layout.BENCH)
-            stands = self.out.iterdir() if self.out.exists() else ()
-            if before is None and any(not path.name.startswith(layout.STUDY) for path in stands):
+            paths = self.out.iterdir() if self.out.exists() else ()
+            if before is None and any(not path.name.startswith(layout.STUDY) for path in paths):
                 raise UsageError(f"{self.out} is not empty and has no {layout.BENCH}; choose another --out")
         except OSError as error:
             raise _unwritable(self.out, error) from None
         if before is not None and before.get("suite") != now["suite"]:
             raise UsageError(f"{self.out} is a benchmark of other episodes; choose another --out")
         names = {run["name"] for run in now["runs"]}
-        others = [run for run in (before or {}).get("runs", ()) if run.get("name") not in names]
-        return {**now, "runs": [*now["runs"], *others]}
+        kept = [run for run in (before or {}).get("runs", ()) if run.get("name") not in names]
+        return {**now, "runs": [*now["runs"], *kept]}
 
-    def _keep(self, told: dict[str, Any], first: Callable[[], None]) -> None:
+    def _write(self, manifest: dict[str, Any], first: Callable[[], None]) -> None:
         try:
             self.out.mkdir(parents=True, exist_ok=True)
             first()
-            write_json(self.out / layout.BENCH, told)
+            write_json(self.out / layout.BENCH, manifest)
         except OSError as error:
             raise _unwritable(self.out, error) from None
 
@@ -137,16 +136,16 @@ def _unwritable(folder: Path, error: OSError) -> UsageError:
 
 
 def setting_of(entry: BenchEntry) -> str:
-    """Return a run's name without the number of its flight: what is pooled over flights."""
+    """Return the name of a run without its flight number: flights of one setting are pooled."""
     return entry.name.rpartition("-f")[0]
 
 
-def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[dict[str, Any]]:
-    """Return what each run.json holds. Raises UsageError."""
-    found = []
+def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[tuple[BenchEntry, dict[str, Any]]]:
+    """Return the contents of each run.json. Raises UsageError."""
+    configurations = []
     for entry in entries:
         spec = entry.flight  # looked up without its ledger, which is made with the folder
         flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
-        told = settings(flight, flight.camera)
-        found.append({**told, "flight": as_kept(spec), "suite": as_json(suite.flown)})
-    return found
+        configuration = {**settings(flight, flight.camera), "flight": as_kept(spec), "suite": as_json(suite.flown)}
+        configurations.append((entry, configuration))
+    return configurations

@@ -1,7 +1,7 @@
-"""Many flights of many runs: begun in order, flown again where they did not move, stopped when the money is gone.
+"""A campaign: flies the episodes of many runs in order, retries flights that did not move, and stops at the cost limit.
 
-Nothing is remembered but in the run folder, and every step of it is one rename, or one file that is whole or missing. A
-process that is killed at any moment loses what it had in the air, and nothing else.
+All state is in the run folders, and each step of it is one rename or one file that is complete or missing. A process
+that is killed at any moment loses only its flights in the air.
 """
 
 import json
@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.bench.engine import Engine, Sortie
-from dronecats.bench.local import LocalEngine
+from dronecats.bench.engine import Engine, LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.metrics.failure_mode import is_stuck, poses_of, track_m
@@ -26,19 +25,19 @@ from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Result
 from foundation.whole_file import write_json
 
-RETRIED = "retried"  # folder of the run that keeps the flights that did not move, each with another in its place
+RETRIED = "retried"  # folder of the run for flights that did not move and were flown again
 
 
 class Batch:
-    """The run folder. An episode, whatever id or file it is asked for by, has the folder that its record's id names.
+    """A run folder, with a folder per episode that is named after the id of its record.
 
-    It is done when that folder holds the very record with a verdict of success or failure.
+    An episode is done when its folder has the same record, and a verdict of success or failure.
     """
 
     def __init__(self, run: Path, configuration: Mapping[str, Any]) -> None:
-        """Make the folder, or go on with the one that stands there.
+        """Create the folder, or resume an existing one.
 
-        Raises UsageError when it belongs to another configuration or cannot be written.
+        Raises UsageError when it has another configuration or cannot be written.
         """
         self.run = run
         self._records: dict[str, EpisodeRecord] = {}
@@ -47,9 +46,9 @@ class Batch:
             self._lock = hold(run / LOCK, run)
             before = json_object(run / layout.RUN)
             if before is not None:
-                other = differences(before, configuration)
-                if other:
-                    raise UsageError(f"{run} is a run with another {', '.join(other)}; choose another --out")
+                changed = differences(before, configuration)
+                if changed:
+                    raise UsageError(f"{run} is a run with another {', '.join(changed)}; choose another --out")
             elif any(path.name != LOCK for path in run.iterdir()):
                 raise UsageError(f"{run} is not empty and has no run.json; choose another --out")
             write_run(run, dict(configuration))
@@ -57,11 +56,11 @@ class Batch:
             raise UsageError(f"the run folder {run} cannot be written: {error.strerror}") from None
 
     def close(self) -> None:
-        """Let another process go on with the run."""
+        """Release the run for another process."""
         self._lock.close()
 
     def folder(self, episode: str) -> Path:
-        """Return where an episode is kept. Raises UsageError when its record cannot be read."""
+        """Return the folder of an episode. Raises UsageError when its record cannot be read."""
         return self.run / self._record(episode).id
 
     def record(self, episode: str) -> dict[str, Any]:
@@ -69,7 +68,7 @@ class Batch:
         return dict(json.loads(self._record(episode).to_json()))
 
     def done(self, episode: str) -> dict[str, Any] | None:
-        """Return the verdict of an episode that has been flown to its end as its record is now, None for any other."""
+        """Return the verdict of an episode that is done, None of any other."""
         folder = self.folder(episode)
         if json_object(folder / layout.EPISODE) != self.record(episode):
             return None
@@ -77,30 +76,29 @@ class Batch:
         return verdict if verdict is not None and verdict.get("outcome") in SCORED else None
 
     def left(self, episodes: Iterable[str], *, retry: bool = False) -> list[str]:
-        """Return the episodes that are still to be flown, in their order; with `retry` those that are stuck, too."""
-        return [each for each in episodes if self.done(each) is None or (retry and self.stuck(each))]
+        """Return the episodes that remain to be flown, in their order; with `retry` those that are stuck, too."""
+        return [episode for episode in episodes if self.done(episode) is None or (retry and self.stuck(episode))]
 
     def stuck(self, episode: str) -> bool:
-        """Return whether an episode has failed without moving, and was not flown once more for that yet."""
+        """Return whether an episode failed without moving and was not retried yet."""
         folder, verdict = self.folder(episode), self.done(episode)
         if verdict is None or verdict["outcome"] == "success" or self.retried(episode):
             return False
         try:
             return is_stuck(poses_of(folder))
-        except UsageError:  # a damaged log, which the verdict tells of
+        except UsageError:  # a damaged log, which the verdict reports
             return False
 
     def retried(self, episode: str) -> bool:
-        """Return whether an episode, as its record is now, has been flown once more because it did not move."""
+        """Return whether an episode, with its record of now, was retried because it did not move."""
         name, record = self.folder(episode).name, self.record(episode)
         before = [self.run / RETRIED / name, *(self.run / RETRIED).glob(f"{name}-[0-9]*")]
-        return any(json_object(each / layout.EPISODE) == record for each in before)
+        return any(json_object(folder / layout.EPISODE) == record for folder in before)
 
     def fresh(self, episode: str) -> Path:
         """Return an empty folder for an episode.
 
-        What an earlier attempt has left is kept under `unfinished`, and a flight that did not move under `retried`.
-        Raises OSError when the disk does not take it.
+        An earlier attempt moves to `unfinished`, or to `retried` when it did not move. Raises OSError.
         """
         folder = self.folder(episode)
         if folder.exists():
@@ -113,15 +111,14 @@ class Batch:
         return folder
 
     def _retries(self) -> dict[str, Any]:
-        """Return what retries.json holds: of each episode that was flown once more, what the first flight came to."""
-        told: dict[str, Any] = {}
-        for before in sorted((self.run / RETRIED).iterdir()):
-            verdict = json_object(before / layout.VERDICT) or {}
-            told[before.name] = {
-                "outcome": verdict.get("outcome"),
+        """Return the contents of retries.json: outcome and track length (m) of each flight that was retried."""
+        return {
+            before.name: {
+                "outcome": (json_object(before / layout.VERDICT) or {}).get("outcome"),
                 "track_m": round(track_m(poses_of(before)) or 0.0, 3),
             }
-        return told
+            for before in sorted((self.run / RETRIED).iterdir())
+        }
 
     def _record(self, episode: str) -> EpisodeRecord:
         if episode not in self._records:
@@ -130,7 +127,7 @@ class Batch:
 
 
 def _free(folder: Path, name: str, *, bare: bool) -> Path:
-    """Return a place for something in a folder: under its name where that may be `bare`, or with the next number."""
+    """Return a free path in a folder: the name itself when `bare` and free, else the name with the next number."""
     if bare and not (folder / name).exists():
         return folder / name
     number = 1
@@ -144,40 +141,40 @@ Ending = Literal["flown", "budget"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OpenRun:
-    """A run with its folder, which nobody else flies meanwhile."""
+    """A run with its locked folder."""
 
     entry: BenchEntry
     batch: Batch
-    part: tuple[str, ...]  # ids or files, those of its episodes that are flown here and now
+    part: tuple[str, ...]  # ids or files, the episodes of it that this process flies
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Came:
-    """What came of a flight."""
+class EndedFlight:
+    """A flight of a campaign that is over."""
 
     run: OpenRun
     result: Result
-    again: bool  # it did not move, and is flown once more: this is not its result
+    again: bool  # it did not move and is retried: this is not its final result
     dropped: int = 0  # flights of the same model that are not begun, since its endpoint rejects every question
 
 
 class Campaign:
-    """What is still to be flown of some runs. Nothing of it is kept but in their folders."""
+    """The flights that remain of some runs. All state is in their folders."""
 
     def __init__(self, runs: Sequence[OpenRun], *, jobs: int, retry: bool = True) -> None:
-        """`jobs`: flights in the air at a time. `retry`: fly what did not move once more."""
+        """`jobs`: flights in the air at a time. `retry`: fly again what did not move."""
         self._jobs, self._retry = max(1, jobs), retry
         self._todo = deque(_in_order(runs, retry))
 
     @property
     def left(self) -> frozenset[tuple[str, str]]:
-        """What is still to be flown: (run, episode) by name, those among them that are flown once more."""
+        """The flights that remain, retries included: (run, episode) by name."""
         return frozenset((run.entry.name, episode) for run, episode in self._todo)
 
-    def fly(self, engine: Engine, on_came: Callable[[Came], None] = lambda came: None) -> Ending:
-        """Fly them, and return whether all were, or what they may cost is spent. Closes the engine.
+    def fly(self, engine: Engine, on_end: Callable[[EndedFlight], None] = lambda flight: None) -> Ending:
+        """Fly them, and return whether all were flown or the cost limit was reached. Closes the engine.
 
-        `on_came` is called in the caller's thread as each ends. What goes wrong with one flight is its result. Raises
+        `on_end` is called in the caller's thread as each ends. A flight that goes wrong has that as its result. Raises
         DronecatsError when nothing can be flown any more, and lets KeyboardInterrupt through.
         """
         flying: dict[Path, tuple[OpenRun, str]] = {}
@@ -198,13 +195,13 @@ class Campaign:
                 again = self._retry and ending == "flown" and run.batch.stuck(episode)
                 if again:
                     self._todo.appendleft((run, episode))
-                on_came(Came(run=run, result=landed.result, again=again, dropped=dropped))
+                on_end(EndedFlight(run=run, result=landed.result, again=again, dropped=dropped))
         finally:
             engine.close()
         return ending
 
     def _drop(self, rejected: OpenRun) -> int:
-        """Begin no other flight of the models of a run; return how many flights that leaves out."""
+        """Remove the remaining flights of the models of a run; return how many these are."""
         models, before = _models(rejected), len(self._todo)
         self._todo = deque((run, episode) for run, episode in self._todo if _models(run) != models)
         return before - len(self._todo)
@@ -212,19 +209,19 @@ class Campaign:
     def _sortie(self, run: OpenRun, episode: str) -> Sortie:
         try:
             folder = run.batch.fresh(episode)
-        except OSError as full:
-            raise InfrastructureError(f"{run.batch.run} cannot be written: {full.strerror}") from None
+        except OSError as error:
+            raise InfrastructureError(f"{run.batch.run} cannot be written: {error.strerror}") from None
         flight = replace(run.entry.flight, episode=None, record=run.batch.record(episode))
         return Sortie(flight=flight, folder=folder)
 
 
 def _models(run: OpenRun) -> tuple[ModelSpec | None, ModelSpec | None]:
-    """Return the model that flies a run, and the one that commands it."""
+    """Return the pilot model and the commander model of a run."""
     return run.entry.flight.model, run.entry.flight.commander
 
 
 def _in_order(runs: Sequence[OpenRun], retry: bool) -> Iterator[tuple[OpenRun, str]]:
-    """Yield what is left: run after run, and of runs that are flown side by side episode after episode."""
+    """Yield the flights that remain: run after run, but episode after episode for runs that are interleaved."""
     groups: dict[str, list[OpenRun]] = {}
     for run in runs:
         groups.setdefault(f"beside {run.entry.beside}" if run.entry.beside else f"run {run.entry.name}", []).append(run)
@@ -239,20 +236,20 @@ def fly_run(
     flight: FlightSpec,
     episodes: Sequence[str],
     jobs: int,
-    on_came: Callable[[Came], None] = lambda came: None,
+    on_end: Callable[[EndedFlight], None] = lambda flight: None,
 ) -> list[Result]:
-    """Fly what is left of some episodes, once each, and return the results in the order in which they ended.
+    """Fly what remains of some episodes, once each, and return the results in the order in which they ended.
 
-    `flight`: each of them, but for its episode. Raises as `Campaign.fly`.
+    `flight`: the flight of each, without its episode. Raises as `Campaign.fly`.
     """
-    came: list[Came] = []
+    results: list[Result] = []
 
-    def take(each: Came) -> None:
-        came.append(each)
-        on_came(each)
+    def take(ended: EndedFlight) -> None:
+        results.append(ended.result)
+        on_end(ended)
 
     entry = BenchEntry(name=batch.run.name, flight=flight, episodes=tuple(episodes))
     campaign = Campaign([OpenRun(entry=entry, batch=batch, part=entry.episodes)], jobs=jobs, retry=False)
     if campaign.left:
         campaign.fly(LocalEngine(batch.run / "worker.log", min(jobs, len(campaign.left))), take)
-    return [each.result for each in came]
+    return results

@@ -1,4 +1,4 @@
-"""The engine of a cluster: a Ray actor a core, flights handed out by value, episode folders brought home by value.
+"""The engine of a Ray cluster: one actor per core. Flights and episode folders travel by value.
 
 No disk is shared. A node has dronecats installed and, for a model, its key in the environment. Needs the extra
 `cluster`.
@@ -18,40 +18,38 @@ from uuid import uuid4
 import ray
 from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
-from dronecats.bench.engine import Landed, Sortie
-from dronecats.bench.local import ANSWER_S, HANG_S, log_sizes, lost
+from dronecats.bench.engine import ANSWER_S, HANG_S, Landed, Sortie, landed_with, log_sizes, lost
 from dronecats.flight.run.accounts import LedgerKeeper
 from dronecats.flight.run.identity import code_digest
 from dronecats.flight.spec.flight_spec import ON_CLUSTER
 from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError
-from foundation.run_folder.reading import result_of
 
-FLIGHTS_MAX = 64  # at a time of one actor: threads, which mostly wait for a model
+FLIGHTS_MAX = 64  # at a time per actor: threads, which mostly wait for a model
 GONE_S = 30.0  # wall s within which a killed actor is gone
-LOOK_S = 30.0  # wall s between two looks at the workers while nothing lands
-KNOCK_S = 10.0  # wall s for the head of a cluster to take a connection
-STARTED_S = 300.0  # wall s for a worker to be there and have compiled
+LOOK_S = 30.0  # wall s between two checks of the workers while nothing lands
+CONNECT_S = 10.0  # wall s for the head of a cluster to accept a connection
+STARTED_S = 300.0  # wall s for a worker to start and compile
 GONE = (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.exceptions.NodeDiedError,
         ray.exceptions.WorkerCrashedError)  # fmt: skip
 
 
 class ClusterWorker:
-    """The actor: flies in a folder of its own node, and hands back all that was written there."""
+    """The actor: flies in a folder of its node, and returns the files of that folder."""
 
     def __init__(self) -> None:
-        self._folders: dict[str, Path] = {}  # of what is in the air
+        self._folders: dict[str, Path] = {}  # of the flights in the air
 
     def ready(self) -> str:
-        """Compile what has to be, and return the digest of the code that will fly."""
+        """Compile the kernels, and return the digest of the code that will fly."""
         from dronecats.bench.worker import compile_all
 
         compile_all()
         return code_digest()
 
     def fly(self, flight: dict[str, Any], name: str) -> tuple[dict[str, Any], dict[str, bytes]]:
-        """Return what `worker.flown` does, and the episode's files by their paths within its folder."""
-        from dronecats.bench.worker import flown
+        """Return the outcome of `worker.fly_flight`, and the episode's files by their paths within its folder."""
+        from dronecats.bench.worker import fly_flight
         from foundation.run_folder.folder import prepare
 
         with tempfile.TemporaryDirectory(prefix="dronecats-") as scratch:
@@ -59,11 +57,11 @@ class ClusterWorker:
             prepare(folder)
             self._folders[scratch] = folder
             try:
-                told = flown(flight, folder)
+                outcome = fly_flight(flight, folder)
             finally:
                 del self._folders[scratch]
             files = {path.relative_to(folder).as_posix(): path.read_bytes() for path in _files(folder)}
-        return told, files
+        return outcome, files
 
     def written(self) -> dict[str, int]:
         """Return the bytes in the logs of each flight in the air, by its folder's name."""
@@ -71,8 +69,8 @@ class ClusterWorker:
 
 
 @dataclass(slots=True)
-class _Hired:
-    """An actor, and what it has in the air."""
+class _Actor:
+    """An actor, and the number of its flights in the air."""
 
     handle: Any
     load: int = 0
@@ -81,39 +79,39 @@ class _Hired:
 @dataclass(slots=True)
 class _Flying:
     sortie: Sortie
-    worker: _Hired
+    worker: _Actor
     written: int = -1  # bytes, …
     since_s: float = field(default_factory=time.monotonic)  # … and since when there are no more
 
 
 class ClusterEngine:
-    """`jobs` flights at a time on a Ray cluster. Raises no error for a flight that goes wrong: that is its result."""
+    """Flies on a Ray cluster. A flight that goes wrong raises nothing: its result has the error."""
 
     def __init__(self, jobs: int, ledger: Path | None, address: str | None = None) -> None:
-        """`ledger`: the file on this machine in which models are booked, None where nobody is paid.
+        """`jobs`: flights at a time. `ledger`: the file on this machine for the cost of models, None for free pilots.
 
         `address`: of the cluster, None for one on this machine alone. Raises UsageError, InfrastructureError.
         """
-        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nothing of ours is told to anybody
+        os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics to Ray
         self._own = not ray.is_initialized()
         if self._own:
             if address is not None:
-                _knock(address)
+                _check_reachable(address)
             try:
                 ray.init(address=address, log_to_driver=False, include_dashboard=False, logging_level="ERROR")
-            except (ConnectionError, ValueError, RuntimeError) as refused:
-                raise UsageError(f"--address {address}: no Ray cluster answers there: {refused}") from None
+            except (ConnectionError, ValueError, RuntimeError) as error:
+                raise UsageError(f"--address {address}: no Ray cluster answers there: {error}") from None
         self._keeper: Any = None
         self._ledger: str | None = None
         if ledger is not None:
             self._keeper, self._ledger = _keeper(ledger)
-        self._workers: list[_Hired] = []
+        self._workers: list[_Actor] = []
         self._flying: dict[Any, _Flying] = {}
         self._most = max(1, min(jobs, int(ray.cluster_resources().get("CPU", 1))))
 
     def begin(self, sortie: Sortie) -> None:
-        """Hand the flight to the worker that has fewest, or to a new one while the cluster has cores for more."""
-        worker = min(self._workers, key=lambda each: each.load, default=None)
+        """Hand the flight to the least busy worker, or to a new one while the cluster has cores for more."""
+        worker = min(self._workers, key=lambda w: w.load, default=None)
         if worker is None or (worker.load and len(self._workers) < self._most):
             worker = self._hire() or worker
         if worker is None:
@@ -126,7 +124,7 @@ class ClusterEngine:
         self._flying[reference] = _Flying(sortie, worker)
 
     def landed(self) -> Landed:
-        """Wait for the next flight that is over, and bring its folder home."""
+        """Wait for the next flight that is over, and write its folder."""
         ready: list[Any] = []
         while not ready:
             ready, _ = ray.wait(list(self._flying), num_returns=1, timeout=LOOK_S)
@@ -137,25 +135,23 @@ class ClusterEngine:
         flying.worker.load -= 1
         sortie = flying.sortie
         try:
-            told, files = ray.get(reference)
+            outcome, files = ray.get(reference)
         except GONE as death:
             if flying.worker in self._workers:
                 self._workers.remove(flying.worker)
                 ray.kill(flying.worker.handle)
-            return Landed(sortie=sortie, result=lost(sortie, f"its worker is gone: {type(death).__name__}"))
+            return lost(sortie, f"its worker is gone: {type(death).__name__}")
         except ray.exceptions.RayError as fault:
-            return Landed(sortie=sortie, result=lost(sortie, f"its worker failed: {type(fault).__name__}"))
-        _bring_home(files, sortie.folder)
-        fault_said = told.get("fault")
-        result = lost(sortie, fault_said) if fault_said is not None else result_of(told["result"])
-        return Landed(sortie=sortie, result=result)
+            return lost(sortie, f"its worker failed: {type(fault).__name__}")
+        _write_files(files, sortie.folder)
+        return landed_with(outcome, sortie)
 
     def close(self) -> None:
-        """Break off what is in flight; a cluster of somebody else's goes on."""
+        """Abort the flights in the air; a cluster that was running before goes on."""
         actors = [worker.handle for worker in self._workers] + ([self._keeper] if self._keeper is not None else [])
         for actor in actors:
             ray.kill(actor)
-        for actor in actors:  # a kill is only a request: one that the cluster has not taken yet is lost with us
+        for actor in actors:  # a kill is only a request, and is lost if we end before the cluster takes it
             with contextlib.suppress(ray.exceptions.RayError):
                 ray.get(actor.__ray_ready__.remote(), timeout=GONE_S)
         self._workers, self._flying = [], {}
@@ -163,7 +159,7 @@ class ClusterEngine:
             ray.shutdown()
 
     def _look(self) -> None:
-        """End the workers that do not answer, and those with a flight that hangs: what they have in the air lands."""
+        """End the workers that do not answer, and those with a flight that hangs: their flights land."""
         for worker in self._workers:
             try:
                 written = ray.get(worker.handle.written.remote(), timeout=ANSWER_S)
@@ -178,43 +174,43 @@ class ClusterEngine:
                     ray.kill(worker.handle)
                     break
 
-    def _hire(self) -> _Hired | None:
-        """Return another worker, None where the cluster has no core for it any more. Raises DronecatsError."""
+    def _hire(self) -> _Actor | None:
+        """Return another worker, None when the cluster has no core for it. Raises DronecatsError."""
         options = {"num_cpus": 1, "max_concurrency": FLIGHTS_MAX, "scheduling_strategy": "SPREAD"}
-        nodes = len(ray.nodes())  # one that is gone is counted on until the cluster has noticed: another node is asked
-        for asked in range(1, nodes + 1):
+        nodes = len(ray.nodes())  # a lost node counts until the cluster notices: try another node
+        for attempt in range(1, nodes + 1):
             handle = ray.remote(ClusterWorker).options(**options).remote()
             try:
-                coming = handle.ready.remote()
-                if not self._comes(coming):
+                ready = handle.ready.remote()
+                if not self._starts(ready):
                     ray.kill(handle)
                     self._most = max(1, len(self._workers))
                     return None
-                theirs = ray.get(coming)
+                digest = ray.get(ready)
                 break
             except ray.exceptions.RayError as fault:
                 ray.kill(handle)
-                if asked == nodes or not isinstance(fault, GONE):
+                if attempt == nodes or not isinstance(fault, GONE):
                     raise InfrastructureError(
                         f"no worker of the cluster can be started: {_first_line(fault)}"
                     ) from None
-        if theirs != code_digest():
+        if digest != code_digest():
             ray.kill(handle)
             raise UsageError("a node of the cluster has another dronecats; install the same on all of them")
-        self._workers.append(_Hired(handle))
+        self._workers.append(_Actor(handle))
         return self._workers[-1]
 
-    def _comes(self, worker: Any) -> bool:
-        """Wait for a worker, and return whether it came: a node may go with the core that it was to have.
+    def _starts(self, ready: Any) -> bool:
+        """Wait for a worker, and return whether it started: its node may be lost meanwhile.
 
-        Raises RayError when it has not come in `STARTED_S`.
+        Raises RayError when it has not started in `STARTED_S`.
         """
         ends_s = time.monotonic() + STARTED_S
-        while not ray.wait([worker], timeout=LOOK_S)[0]:
+        while not ray.wait([ready], timeout=LOOK_S)[0]:
             if _cores_of(ray.nodes()) <= len(self._workers):
                 return False
             if time.monotonic() > ends_s:
-                raise ray.exceptions.GetTimeoutError(f"a worker has not come for {STARTED_S:g} s")
+                raise ray.exceptions.GetTimeoutError(f"a worker has not started in {STARTED_S:g} s")
         return True
 
 
@@ -222,15 +218,15 @@ def _cores_of(nodes: list[dict[str, Any]]) -> int:
     return int(sum(node["Resources"].get("CPU", 0.0) for node in nodes if node["Alive"]))
 
 
-def _knock(address: str) -> None:
-    """Raise UsageError when nothing listens at HOST:PORT, which Ray itself would wait for by the minute."""
+def _check_reachable(address: str) -> None:
+    """Raise UsageError when nothing listens at HOST:PORT; Ray itself would wait for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not port.isdigit():
-        raise UsageError(f"--address wants HOST:PORT of the cluster's head, got '{address}'")
+        raise UsageError(f"--address must be HOST:PORT of the cluster's head, got '{address}'")
     try:
-        socket.create_connection((host.strip("[]"), int(port)), timeout=KNOCK_S).close()
-    except OSError as refused:
-        raise UsageError(f"--address {address}: no Ray cluster answers there: {refused}") from None
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+    except OSError as error:
+        raise UsageError(f"--address {address}: no Ray cluster answers there: {error}") from None
 
 
 def _keeper(ledger: Path) -> tuple[Any, str]:
@@ -249,18 +245,18 @@ def _files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-def _bring_home(files: Mapping[str, bytes], folder: Path) -> None:
+def _write_files(files: Mapping[str, bytes], folder: Path) -> None:
     """Write an episode's files. Raises InfrastructureError."""
     try:
         for name, data in files.items():
             inside = PurePosixPath(name)
             if inside.is_absolute() or ".." in inside.parts:
-                raise InfrastructureError(f"a worker of the cluster handed back {name}, which is no file of an episode")
+                raise InfrastructureError(f"a worker of the cluster returned {name}, outside the episode's folder")
             path = folder / inside
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(data)
-    except OSError as full:
-        raise InfrastructureError(f"{folder} cannot be written: {full.strerror}") from None
+    except OSError as error:
+        raise InfrastructureError(f"{folder} cannot be written: {error.strerror}") from None
 
 
 def _first_line(fault: Exception) -> str:

@@ -1,4 +1,4 @@
-"""What a benchmark consists of: every pilot under every command and latency, so many flights of each."""
+"""The runs of a benchmark: every pilot under every command and latency, and the suite that they fly."""
 
 import re
 from collections import Counter
@@ -27,12 +27,12 @@ class BenchEntry:
     name: str  # of its folder
     flight: FlightSpec  # but for the episode
     episodes: tuple[str, ...]  # ids or files
-    beside: str | None = None  # runs that have this in common are flown side by side, episode after episode
+    beside: str | None = None  # runs with the same value are interleaved, episode after episode
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChosenSuite:
-    """Episodes, and what they are together."""
+    """The episodes of a benchmark, and the suite that they form."""
 
     name: str | None  # None: episodes by name
     records: Mapping[str, EpisodeRecord]  # by id or file, in their order; each of another id
@@ -40,21 +40,21 @@ class ChosenSuite:
 
 
 def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
-    """Return the episodes of some suites, or these. Raises UsageError for one that cannot be read, and for none."""
+    """Return the episodes of some suites, or these. Raises UsageError for no episode, and for an unreadable one."""
     if episodes and names:
         raise UsageError("choose one: the episodes by name, or --suite")
     chosen = list(dict.fromkeys(episodes))
     for name in () if chosen else names:
-        chosen += [each for each in suites.ids(name) if each not in chosen]
+        chosen += [episode for episode in suites.ids(name) if episode not in chosen]
     if not chosen:
-        raise UsageError("say what is flown: --suite NAME, or episodes by id or file")
+        raise UsageError("no episodes: add --suite NAME, or episodes by id or file")
     records = {episode: catalogue.load(episode) for episode in chosen}
     times = Counter(record.id for record in records.values())
     for episode, record in records.items():
         if times[record.id] > 1:
-            raise UsageError(f"two of the episodes have the id '{record.id}', which each needs to itself")
+            raise UsageError(f"two of the episodes have the id '{record.id}'; give each its own")
         if record.id in catalogue.known() and not catalogue.ships(record):
-            raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; give yours another one")
+            raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; choose another id")
     versions = {record.version for record in records.values()}
     title = None if episodes else "+".join(names)
     digest = suite_digest((record.id, record.to_json()) for record in records.values())
@@ -66,9 +66,9 @@ def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
 
 
 def part_of(episodes: Sequence[str], limit: int | None = None, shard: tuple[int, int] | None = None) -> tuple[str, ...]:
-    """Return the first `limit` of these, and of them the i-th of n parts, (i, n) with 1 ≤ i ≤ n.
+    """Return shard i of n of the first `limit` episodes; `shard` is (i, n) with 1 ≤ i ≤ n.
 
-    The parts of one list hold each of its episodes once, whichever machine flies which.
+    Each episode is in exactly one shard.
     """
     first = tuple(episodes[:limit])
     return first if shard is None else first[shard[0] - 1 :: shard[1]]
@@ -84,39 +84,41 @@ def entries(
 ) -> list[BenchEntry]:
     """Return every run of the matrix, the first flight of all before the second of any.
 
-    `pilots` are (name, flight but for episode, command and latency). How a fleet is commanded says nothing of one
-    drone, so that episodes of one are flown once, under `flat`. The k-th flight differs from the first in its seed
-    alone. Raises UsageError for what has two runs of one name, or no run at all.
+    `pilots` are (name, flight without episode, command and latency). Commands apply to fleets: episodes of one drone
+    are flown once, under `flat`. The k-th flight differs from the first in its seed alone. Raises UsageError for two
+    runs of one name, and for no run.
     """
-    if strange := next((each for each in commands if each not in COMMANDS), None):
-        raise UsageError(f"--command wants one of {', '.join(COMMANDS)}, got '{strange}'")
-    fleets = {each for each, record in suite.records.items() if len(record.starts) > 1}
-    alone = suite.records.keys() - fleets
-    found: list[BenchEntry] = []
+    if unknown := next((command for command in commands if command not in COMMANDS), None):
+        raise UsageError(f"--command must be one of {', '.join(COMMANDS)}, got '{unknown}'")
+    fleets = {episode for episode, record in suite.records.items() if len(record.starts) > 1}
+    single = suite.records.keys() - fleets
+    runs: list[BenchEntry] = []
     for number in range(flights):
         for name, base in pilots:
             for command in dict.fromkeys(("flat", *commands)):
-                led = replace(base, seed=base.seed + number, **commanded(command))
-                flown = (*(alone if command == "flat" else ()), *(fleets if command in commands else ()))
-                for latency in latencies if flown else ():
-                    flight = replace(led, latency=latency)
-                    found.append(
+                flight = replace(
+                    base, seed=base.seed + number, **command_fields(command)
+                )  # refuses impossible commands
+                selected = {*(single if command == "flat" else ()), *(fleets if command in commands else ())}
+                agent = "" if base.agent == PAPER else f"-{slug(base.agent)}"
+                for latency in latencies if selected else ():
+                    runs.append(
                         BenchEntry(
-                            name=f"{slug(name)}{_flown_by(base.agent)}-{command}-{slug(str(latency))}-f{number + 1}",
-                            flight=flight,
-                            episodes=tuple(each for each in suite.records if each in flown),
+                            name=f"{slug(name)}{agent}-{command}-{slug(str(latency))}-f{number + 1}",
+                            flight=replace(flight, latency=latency),
+                            episodes=tuple(episode for episode in suite.records if episode in selected),
                         )
                     )
-    times = Counter(entry.name for entry in found)
+    times = Counter(entry.name for entry in runs)
     if double := next((name for name, count in times.items() if count > 1), None):
-        raise UsageError(f"two of the runs would be called {double}; give their pilots other names in the file")
-    if not found:
-        raise UsageError("nothing is to be flown: name a pilot with --model or --pilot")
-    return found
+        raise UsageError(f"two of the runs have the name {double}; give their pilots other names in the file")
+    if not runs:
+        raise UsageError("no pilot to fly: name one with --model or --pilot")
+    return runs
 
 
 def benchmark(suite: ChosenSuite, runs: Sequence[BenchEntry], *, retry: bool) -> Benchmark:
-    """Return what bench.json says of it all."""
+    """Return the contents of bench.json."""
     return Benchmark(
         suite=suite.flown,
         retry=retry,
@@ -124,7 +126,7 @@ def benchmark(suite: ChosenSuite, runs: Sequence[BenchEntry], *, retry: bool) ->
             BenchmarkRun(
                 name=entry.name,
                 flight=as_kept(entry.flight),
-                episodes=tuple(suite.records[each].id for each in entry.episodes),
+                episodes=tuple(suite.records[episode].id for episode in entry.episodes),
             )
             for entry in runs
         ),
@@ -132,16 +134,11 @@ def benchmark(suite: ChosenSuite, runs: Sequence[BenchEntry], *, retry: bool) ->
 
 
 def slug(text: str) -> str:
-    """Return a name as a folder has it."""
+    """Return a name in the characters of a folder's name."""
     return re.sub(r"[^A-Za-z0-9.]+", "-", text).strip("-.") or "unnamed"
 
 
-def _flown_by(agent: str) -> str:
-    """Return what a folder's name has of an agent: nothing of the paper's."""
-    return "" if agent == PAPER else f"-{slug(agent)}"
-
-
-def commanded(command: str) -> dict[str, Any]:
-    """Return the fields of a flight that say how its fleet is commanded; a commander goes with a hierarchy alone."""
+def command_fields(command: str) -> dict[str, Any]:
+    """Return the fields of a flight for a command; only a hierarchical one keeps its commander."""
     without = {} if command == "hierarchical" else {"commander": None, "scripted": None}
     return {"command": command, **without}

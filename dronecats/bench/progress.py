@@ -1,9 +1,28 @@
-"""How far a campaign is: counts as flights end, and one line that says them. Pure: all times are the caller's."""
+"""Progress and cost of a campaign.
 
+`Progress` is pure: all times are the caller's. `CostEstimate` foresees the cost, and corrects it by the flights that
+have ended. A flight that fails flies to its cap and costs most, and each remaining flight counts as one of these.
+"""
+
+import statistics
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
-from dronecats.agent.models.ledger import Spent
+from dronecats.agent.history import NONE_YET
+from dronecats.agent.latency import Circumstance, Question
+from dronecats.agent.models.http_model import tokens_of
+from dronecats.agent.models.ledger import Spent, cost
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.prompt import Prompt
+from dronecats.bench.benchmark_folder import setting_of
+from dronecats.bench.campaign import OpenRun
+from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.statistics.shares import known_share
+from dronecats.report.results.usage import usage_of
+from foundation.errors import UsageError
+from foundation.protocol import HISTORY_LENGTH, STEP_S
 from foundation.run_folder.results import SCORED, Result
 from foundation.wording import counted
 
@@ -12,14 +31,14 @@ HOUR_S = 3600.0
 
 @dataclass(slots=True)
 class Progress:
-    """What has come of the flights so far; `before` of them were there when this sitting began."""
+    """Counts of the flights of a campaign; `before` of them were done when this process began."""
 
     total: int
     before: int = 0
     outcomes: dict[str, list[bool]] = field(default_factory=dict)  # successes of the scored flights, by episode
     errors: int = 0
     retries: int = 0
-    flown: int = 0  # flights of this sitting, those that are flown once more included
+    ended: int = 0  # flights of this process, retries included
 
     @property
     def solved(self) -> int:
@@ -33,47 +52,47 @@ class Progress:
 
     @property
     def done(self) -> int:
-        """Episodes of which something has come, errors included."""
+        """Episodes that have a result, errors included."""
         return self.solved + self.failed + self.errors
 
     def stored(self, result: Result) -> None:
-        """Take in what came of a flight before this sitting."""
+        """Add the result of a flight from before this process."""
         self.before += 1
         self._count(result)
 
-    def came(self, result: Result, *, again: bool) -> None:
-        """Take in what came of a flight; `again`: it did not move and is flown once more."""
-        self.flown += 1
+    def add(self, result: Result, *, again: bool) -> None:
+        """Add the result of a flight; `again`: it did not move and is retried."""
+        self.ended += 1
         if again:
             self.retries += 1
         else:
             self._count(result)
 
     def per_hour(self, wall_s: float) -> float:
-        """Return how many flights have ended an hour of this sitting, which has lasted `wall_s`."""
-        return self.flown * HOUR_S / wall_s if wall_s > 0.0 else 0.0
+        """Return the flights per hour of this process, which has run for `wall_s`."""
+        return self.ended * HOUR_S / wall_s if wall_s > 0.0 else 0.0
 
     def left_s(self, wall_s: float) -> float | None:
-        """Return how many wall seconds are left at this pace; None while nobody knows."""
-        return (self.total - self.done) * wall_s / self.flown if self.flown else None
+        """Return the wall seconds left at this pace; None before the first flight has ended."""
+        return (self.total - self.done) * wall_s / self.ended if self.ended else None
 
     def line(self, wall_s: float, spent: Spent | None = None, left_usd: float | None = None) -> str:
-        """Return it all in one line; `left_usd`: what is left is going to cost, None where that is not known."""
-        told = [f"{self.done}/{self.total}"]
+        """Return the progress as one line; `left_usd`: cost of the remaining flights, None when unknown."""
+        fields = [f"{self.done}/{self.total}"]
         left_s = self.left_s(wall_s)
         if left_s is not None and self.done < self.total:
-            told.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
+            fields.append(f"{_clock(left_s)} left, {self.per_hour(wall_s):.0f} an hour")
         if self.outcomes:  # the interval is that of the table: episodes are the unit
-            known = known_share(list(self.outcomes.values()))
-            told.append(f"SR {known.share:.0%} ({known.low:.0%}–{known.high:.0%})")
-        told.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
+            share = known_share(list(self.outcomes.values()))
+            fields.append(f"SR {share.share:.0%} ({share.low:.0%}–{share.high:.0%})")
+        fields.append(f"{self.solved} solved, {self.failed} failed, {counted(self.errors, 'error')}")
         if self.retries:
-            told.append(counted(self.retries, "retry", "retries"))
+            fields.append(counted(self.retries, "retry", "retries"))
         if spent is not None and spent.questions:
             usd = f", ${spent.usd:.2f}" if spent.usd else ""
             usd += f" of about ${spent.usd + left_usd:.2f}" if usd and left_usd else ""
-            told.append(f"{spent.tokens:,} tokens{usd}")
-        return "; ".join(told)
+            fields.append(f"{spent.tokens:,} tokens{usd}")
+        return "; ".join(fields)
 
     def _count(self, result: Result) -> None:
         if result.outcome in SCORED:
@@ -87,3 +106,99 @@ def _clock(seconds: float) -> str:
     if minutes >= 60:
         return f"{minutes // 60} h {minutes % 60:02d} min"
     return f"{minutes} min {s:02d} s" if minutes else f"{s} s"
+
+
+REPLY_TOKENS = 40  # of an action as JSON, without reasoning
+LATENCY_S = 0.5  # of a reply, when the latency policy does not foresee it
+STEPS = 20  # over which foreseen latencies are averaged
+
+
+class CostEstimate:
+    """The estimated cost of the remaining flights of models, corrected as flights end."""
+
+    def __init__(self, runs: Sequence[OpenRun], left: Collection[tuple[str, str]]) -> None:
+        """`left`: the remaining flights, (run, episode) by name, from `Campaign.left`."""
+        self._left: dict[tuple[str, str], tuple[OpenRun, str]] = {
+            (run.entry.name, run.batch.folder(episode).name): (run, episode)
+            for run in runs
+            if run.entry.flight.model is not None
+            for episode in run.part
+            if (run.entry.name, episode) in left
+        }
+        self._failed: dict[str, list[float]] = {}  # $ of each flight that failed, by setting
+        self._succeeded: dict[str, list[float]] = {}  # $ of each flight that succeeded, by setting
+        self._foreseen: dict[tuple[str, str], float] = {}  # $ by setting and episode
+
+    @property
+    def flights(self) -> int:
+        """The number of remaining flights of models."""
+        return len(self._left)
+
+    @property
+    def unpriced(self) -> str | None:
+        """A model without prices, PROVIDER/NAME; None when all have prices."""
+        models = (model for run, _ in self._left.values() for model in _models(run.entry.flight))
+        return next((model.title for model in models if None in (model.input_usd, model.output_usd)), None)
+
+    def add(self, run: OpenRun, result: Result, *, again: bool = False) -> None:
+        """Add a flight that has ended; `again`: it is retried."""
+        if not again:
+            self._left.pop((run.entry.name, result.episode), None)
+        usd = _measured_usd(run, result.episode) if result.outcome in SCORED else None
+        if usd is not None:
+            kept = self._succeeded if result.outcome == "success" else self._failed
+            kept.setdefault(setting_of(run.entry), []).append(usd)
+
+    def left_usd(self) -> float | None:
+        """Return the cost of the remaining flights, $; None when a price is missing."""
+        if self.unpriced is not None:
+            return None
+        return sum(self._flight_usd(run, episode) for run, episode in self._left.values())
+
+    def _flight_usd(self, run: OpenRun, episode: str) -> float:
+        setting = setting_of(run.entry)
+        if measured := self._failed.get(setting) or self._succeeded.get(setting):
+            return statistics.median(measured)
+        if (setting, episode) not in self._foreseen:
+            self._foreseen[setting, episode] = foreseen_usd(run.entry.flight, run.batch.record(episode))
+        return self._foreseen[setting, episode]
+
+
+def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
+    """Return the foreseen cost of a flight to its cap, $, for replies without reasoning."""
+    model = flight.model
+    assert model is not None
+    drones = flight.drones or len(record["starts"])
+    together = drones if flight.command == "flat" else 1  # drones per question
+    prompt = Prompt.load() if flight.prompt is None else Prompt.of(flight.prompt, "the prompt")
+    text = prompt.render(str(record["instruction"]), NONE_YET, HISTORY_LENGTH, model.axis_order, together)
+    questions = flight.seconds / (STEP_S + _latency_s(flight)) * drones / together
+    tokens_in = tokens_of(Request(text, (b"",) * together, thinking=False))
+    return questions * cost(model, tokens_in, REPLY_TOKENS * together)
+
+
+def _latency_s(flight: FlightSpec) -> float:
+    """Return the mean latency of a reply, vehicle s, as far as the policy foresees it."""
+    if not flight.latency.foreseen:
+        return LATENCY_S
+    return statistics.fmean(flight.latency.charge_s(Question((0,), k, 0), Circumstance(None)) for k in range(STEPS))
+
+
+def _measured_usd(run: OpenRun, episode: str) -> float | None:
+    """Return the cost of a flight by its logs, $; None when they are damaged or lack token counts."""
+    pilot = run.entry.flight.model
+    if pilot is None:
+        return None
+    commander = run.entry.flight.commander or pilot
+    try:
+        used = usage_of(run.batch.run / episode)
+    except UsageError:
+        return None
+    if used.tokens_in is None or used.tokens_out is None:
+        return None
+    commanded = cost(commander, used.commander_in or 0, used.commander_out or 0)
+    return cost(pilot, used.tokens_in, used.tokens_out) + commanded
+
+
+def _models(flight: FlightSpec) -> list[ModelSpec]:
+    return [model for model in (flight.model, flight.commander) if model is not None]

@@ -1,6 +1,6 @@
-"""A worker: a process that flies episodes, several at a time, and dies with whoever started it.
+"""The worker process of the local engine: flies several episodes at a time, and ends with its parent process.
 
-A flight is a thread. What the flights of a worker share is what never changes: code, compiled kernels, and the maps.
+Each flight is a thread. The flights of a worker share code, compiled kernels and maps, which never change.
 """
 
 import gc
@@ -25,18 +25,18 @@ from foundation.threads import COMPUTING, expect_more
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WorkerConfig:
-    """A worker that flies what it is told to, several flights at a time where they mostly wait for a model."""
+    """The configuration of a worker."""
 
-    poll_s: float = 0.2  # wall s at most until it answers whether a flight is over
+    poll_s: float = 0.2  # wall s, the longest wait before it answers that no flight is over
 
 
-# Short, since a flight asks for the interpreter anew after each picture and each line that it writes, and would wait
-# for this long whenever another one computes.
+# Short, since a flight requests the interpreter again after each picture and each written line, and would wait this
+# long whenever another one computes.
 SWITCH_S = 0.0005
 
 
 class Worker:
-    """A child process of a campaign. `fly` begins a flight, `ended` tells of one that is over."""
+    """Flies for a campaign. The command `fly` begins a flight, `ended` returns one that is over."""
 
     def __init__(self, config: WorkerConfig) -> None:
         self._poll_s = config.poll_s
@@ -44,17 +44,17 @@ class Worker:
         self._ended: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         sys.setswitchinterval(SWITCH_S)
         expect_more()
-        with in_turn():  # all start at once: the first compiles what has to be, the others find it done
+        with in_turn():  # all start at once: the first compiles, the others find the cache
             compile_all()
-        gc.freeze()  # code and kernels stay for good: no collection has to look at them again
+        gc.freeze()  # code and kernels are permanent: collections can skip them
 
     def ready(self) -> dict[str, Any]:
         return {"pid": os.getpid()}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        """Begin to fly a `flight` in `folder`, or return one that has ended; None while there is none.
+        """Begin to fly a `flight` in `folder`, or return one that has ended, None while there is none.
 
-        What has ended is told with its `folder`, and has a `result`, or the `fault` for which there is none.
+        An ended flight has its `folder`, and a `result` or the `fault` for which there is none.
         """
         if command == "ended":
             try:
@@ -65,31 +65,30 @@ class Worker:
         return None
 
     def _fly(self, flight: dict[str, Any], folder: str) -> None:
-        said = flown(flight, Path(folder))
+        outcome = fly_flight(flight, Path(folder))
         gc.collect()  # a flight is full of circles, and the buffers of its pictures are large
-        self._ended.put({**said, "folder": folder})
+        self._ended.put({**outcome, "folder": folder})
 
     def turn(self) -> None:
-        """Wait a little; `dronecats.flight.processes.child` looks for the next command."""
+        """Wait a little before `dronecats.flight.processes.child` reads the next command."""
         self._idle.wait(0.01)
 
     def orphaned(self) -> None:
-        """Whoever wanted the result is gone: nobody waits for a flight of minutes to end."""
+        """End at once: the parent process is gone, and nothing needs the flights."""
         os._exit(1)
 
     def close(self) -> None:
         pass
 
 
-def flown(told: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Fly the flight that JSON values are, in a folder that is prepared for it; whatever happens, return.
+def fly_flight(flight: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Fly a flight, given as JSON values, in a prepared empty folder. Raises nothing.
 
-    Returns its `result` as `fly --json` has it, or the `fault` for which there is none. Any engine may call it, and
-    anywhere: all that it needs is the flight and an empty folder.
+    Returns its `result` as `fly --json` has it, or the `fault` for which there is none.
     """
     try:
-        spec = from_json(told, "a worker's order")
-        with COMPUTING.taken() if waits_for_models_alone(spec) else nullcontext():
+        spec = from_json(flight, "a worker's order")
+        with COMPUTING.taken() if is_compute_bound(spec) else nullcontext():
             result = SimulatedFlight(look_up(spec)).fly_in(folder, lambda line: None)
     except DronecatsError as error:
         return {"fault": str(error)}
@@ -99,17 +98,17 @@ def flown(told: dict[str, Any], folder: Path) -> dict[str, Any]:
     return {"result": {key: value for key, value in result.items() if key not in ("status", "run_dir")}}
 
 
-def waits_for_models_alone(spec: FlightSpec) -> bool:
-    """Return whether a flight's thread computes all the time, but for its model: in lockstep, with all in one process.
+def is_compute_bound(spec: FlightSpec) -> bool:
+    """Return whether a flight's thread computes whenever it does not wait for its model: in lockstep, in one process.
 
-    In real time it mostly waits for the clock, and under a PX4 for that.
+    In real time it mostly waits for the clock, and with a PX4 for that process.
     """
     simulated = spec.simulated
     return simulated is not None and simulated.speed is None and simulated.autopilot == "ours"
 
 
 def compile_all() -> None:
-    """Have every kernel of flight compiled, so that workers that start later find them in the cache."""
+    """Compile every kernel of flight, so that workers that start later find them in the cache."""
     from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle
     from vehicles import airframe
 

@@ -37,7 +37,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when everything was flown, 3 when something broke or the budget is spent."""
     from dronecats.bench.benchmark_folder import Bench
-    from dronecats.bench.summary import table
+    from dronecats.bench.tables import bench_rows
     from dronecats.cli import bench_spec
 
     if args.episodes[:1] == [EXPORT]:
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     bench = Bench(out, chosen, entries, retry=retry, limit=args.limit, shard=shard, say=sitting.say_line)
     with ExitStack() as beside:
         sat = sitting.sit(bench, args, retry=retry, beside=beside)
-        sitting.say(sat, table(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)
+        sitting.say(sat, bench_rows(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)
     return sitting.status(sat, "bench")
 
 

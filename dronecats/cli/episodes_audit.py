@@ -3,6 +3,7 @@
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ from dronecats.cli.output import Drawing, show
 from foundation.wording import printable
 
 if TYPE_CHECKING:
-    from dronecats.bench.campaign import Came
+    from dronecats.bench.campaign import EndedFlight
     from dronecats.flight.spec.flight_spec import FlightSpec
     from episodes.records.baselines import BlindFlight
     from foundation.run_folder.results import Result
@@ -42,10 +43,10 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
-    from dronecats.bench.audit import as_table, flights, floor, groups, pars, row
     from dronecats.bench.campaign import Batch, fly_run
-    from dronecats.bench.local import cores
+    from dronecats.bench.engine import cores
     from dronecats.bench.matrix import suite_of
+    from dronecats.bench.tables import audit_table, blind_flights, floor, groups, pars, score_row
     from dronecats.flight.run.settings import settings
     from dronecats.flight.spec.flight import look_up
     from episodes.records.baselines import load_blind
@@ -67,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     results = [stored_result(batch.folder(e).name, batch.folder(e)) for e in chosen if batch.done(e) is not None]
     bar = _bar(len(chosen), len(results))
 
-    def ended(came: "Came") -> None:
+    def ended(came: "EndedFlight") -> None:
         result = came.result
         if result.outcome != "success":
             bar.write(printable(f"{result.episode}: {result.outcome}{_reason(result)}"), file=bar.fp)
@@ -81,24 +82,24 @@ def run(args: argparse.Namespace) -> int:
     finally:
         bar.close()
     lines = groups(results)
-    rows = [row(name, members) for name, members in lines.items()]
+    rows = [score_row(name, members) for name, members in lines.items()]
     if args.write_par:
         _keep(pars(results))
     if args.write_blind:
-        _keep_blind(args.pilot, flights(results))
-    under = {name: floor(load_blind(), name, members) for name, members in lines.items()}
+        _keep_blind(args.pilot, blind_flights(results))
+    floors = {name: floor(load_blind(), name, members) for name, members in lines.items()}
     if args.json:
         unsolved = {r.episode: r.outcome for r in results if r.outcome != "success"}
-        report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [r.as_json() for r in rows]}
+        report = {"pilot": args.pilot, "run_dir": str(batch.run), "rows": [asdict(r) for r in rows]}
         report["blind"] = [
-            {"pilot": pilot, "best_by": kind, **its.as_json()}
-            for below in under.values()
+            {"pilot": pilot, "best_by": kind, **asdict(row)}
+            for below in floors.values()
             if below
-            for kind, (pilot, its) in (("solved", below.solved), ("solved_within_three", below.within_three))
+            for kind, (pilot, row) in (("solved", below.solved), ("solved_within_three", below.within_three))
         ]
         print(json.dumps({**report, "unsolved": unsolved}))
     else:
-        show(as_table(rows, under))
+        show(audit_table(rows, floors))
         print(f"run folder: {batch.run}")
     if rows[-1].errors:
         return 3

@@ -34,8 +34,7 @@ def run(args: argparse.Namespace) -> int:
     import json
     import time
 
-    from dronecats.view.film.encoders import said
-    from dronecats.view.film.film import make
+    from dronecats.view.film.film import make, said
     from dronecats.view.film.plan import filmable, plan
     from foundation.errors import UsageError
 

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.campaign import Ending
     from dronecats.bench.engine import Engine
-    from dronecats.bench.estimate import CostEstimate
-    from dronecats.bench.summary import BenchRow, EpisodeScore
+    from dronecats.bench.progress import CostEstimate
+    from dronecats.bench.tables import BenchRow, EpisodeScore
     from foundation.run_folder.results import Result
 
 FILES = 256  # open ones that a sitting needs besides a lock a run
@@ -75,10 +75,9 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
 
     A page that is wanted is opened `beside`, and is there until that is closed.
     """
-    from dronecats.bench.campaign import Came, Campaign
-    from dronecats.bench.estimate import CostEstimate
-    from dronecats.bench.local import cores
-    from dronecats.bench.progress import Progress
+    from dronecats.bench.campaign import Campaign, EndedFlight
+    from dronecats.bench.engine import cores
+    from dronecats.bench.progress import CostEstimate, Progress
     from dronecats.cli.live import Live
     from dronecats.flight.run.accounts import Spending
     from dronecats.view.live.opening import opened
@@ -93,17 +92,17 @@ def sit(bench: "Bench", args: argparse.Namespace, *, retry: bool, beside: ExitSt
         for each, episode, result in bench.stored():
             if (each.entry.name, episode) not in left:
                 progress.stored(result)
-                estimate.came(each, result)
+                estimate.add(each, result)
         spending, began_s = Spending(bench.out), time.monotonic()
         ending: Ending = "flown"
 
         def told() -> str:
             return progress.line(time.monotonic() - began_s, spending.spent(), estimate.left_usd())
 
-        def came(each: Came) -> None:
+        def came(each: EndedFlight) -> None:
             name = f"{each.run.entry.name}/{each.result.episode}"
-            progress.came(each.result, again=each.again)
-            estimate.came(each.run, each.result, again=each.again)
+            progress.add(each.result, again=each.again)
+            estimate.add(each.run, each.result, again=each.again)
             if each.result.outcome == "error":
                 broken[each.run.entry.name, each.result.episode] = each.result
                 live.say(f"{name}: {each.result.error}")
@@ -149,7 +148,7 @@ def _foreseen(estimate: "CostEstimate") -> str:
 
 def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
     """Return what flies. Raises UsageError for a cluster that is not there."""
-    from dronecats.bench.local import LocalEngine
+    from dronecats.bench.engine import LocalEngine
     from foundation.errors import UsageError
     from foundation.run_folder.layout import LEDGER
 
@@ -164,14 +163,14 @@ def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
 
 def say(sat: Sitting, rows: "Sequence[BenchRow]", *, as_json: bool, more: Mapping[str, Any] | None = None) -> None:
     """Print the table and the folder, or with `as_json` one object with these and `more`."""
-    from dronecats.bench.summary import as_table
+    from dronecats.bench.tables import bench_table
 
     if as_json:
         paid = {"tokens": sat.spent.tokens, "usd": round(sat.spent.usd, 6)} if sat.spent else None
         told = {"out": str(sat.out), "ending": sat.ending, "episodes": sat.episodes, "done": sat.done, "spent": paid}
-        print(json.dumps({**told, **(more or {}), "rows": [row.as_json() for row in rows]}))
+        print(json.dumps({**told, **(more or {}), "rows": [asdict(row) for row in rows]}))
     else:
-        show(as_table(rows))
+        show(bench_table(rows))
         print(f"folder: {sat.out}")
 
 

@@ -82,7 +82,7 @@ def fly(asked: "AskedStudy") -> int:
     What does not move stays as it is: a second flight on the same seed is the first one, or breaks the pair.
     """
     from dronecats.bench.benchmark_folder import Bench
-    from dronecats.bench.summary import table
+    from dronecats.bench.tables import bench_rows
     from dronecats.cli import bench_spec
     from dronecats.study import continued, folder
 
@@ -105,7 +105,7 @@ def fly(asked: "AskedStudy") -> int:
                 print(f"  {command}")
         report = shlex.join(["dronecats", "study", "report", str(out)])
         more = {"study": study.name, "again": repeats, "report": report}
-        sitting.say(sat, table(sat.scores), as_json=args.json, more=more)
+        sitting.say(sat, bench_rows(sat.scores), as_json=args.json, more=more)
         if not args.json:
             print(f"report: {report}")
     return sitting.status(sat, "study")

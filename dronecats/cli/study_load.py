@@ -102,6 +102,6 @@ def _command(args: argparse.Namespace) -> str:
 
 
 def _machine() -> str:
-    from dronecats.bench.local import cores
+    from dronecats.bench.engine import cores
 
     return f"On a machine with {cores()} cores, which may have had other work too."

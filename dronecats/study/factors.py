@@ -11,7 +11,7 @@ from typing import Any
 
 from dronecats.agent.latency import CAP, FIXED, JITTER, KINDS, RATE, STALL, split_policy
 from dronecats.agent.models.rows import model_of
-from dronecats.bench.matrix import COMMANDS, commanded
+from dronecats.bench.matrix import COMMANDS, command_fields
 from dronecats.flight import disturbances
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.latency_trace import carried, latency_policy
@@ -78,7 +78,7 @@ def _agent(flight: FlightSpec, level: Level) -> FlightSpec:
 
 
 def _command(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, **commanded(str(level)))
+    return replace(flight, **command_fields(str(level)))
 
 
 def _pilot(flight: FlightSpec, level: Level) -> FlightSpec:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.bench.audit import as_table, flights, floor, groups, row, table
+from dronecats.bench.tables import audit_table, blind_flights, floor, groups, score_row
 from dronecats.cli.main import main
 from dronecats.pilots.scripted.blind import PATTERNS
 from dronecats.report.writers import as_terminal
@@ -55,7 +55,7 @@ def made(flown: list[dict[str, object]]) -> list[Result]:
 @settings(deadline=None, max_examples=60)
 @given(results())
 def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, object]]) -> None:
-    lines = {one.name: one for one in table(made(flown))}
+    lines = {name: score_row(name, members) for name, members in groups(made(flown)).items()}
     for name, line in lines.items():
         if name == "all":
             mine = flown
@@ -79,19 +79,28 @@ def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, objec
             if one["declarations"]:
                 shares.append(1 - int(str(one["false_declarations"])) / int(str(one["declarations"])))
         assert (line.solved, line.flown, line.errors) == (len(steps), tally["flown"], tally["errors"])
-        assert (line.at_first, line.within_three, line.censored) == (tally["first"], tally["three"], tally["censored"])
+        assert (line.solved_at_first, line.solved_within_three, line.censored) == (
+            tally["first"],
+            tally["three"],
+            tally["censored"],
+        )
         assert line.precision == (pytest.approx(sum(shares) / len(shares), abs=1e-4) if shares else None)
         each = tally["false"] / tally["flown"] if tally["flown"] else None
         assert line.false_declarations == (None if each is None else pytest.approx(each, abs=1e-4))
         half = sorted(steps)
-        assert line.steps == ((half[(len(half) - 1) // 2] + half[len(half) // 2]) / 2 if half else None)
-    assert len(as_terminal(as_table(lines.values(), {})).splitlines()) == len(lines) + 4
+        assert line.median_steps == ((half[(len(half) - 1) // 2] + half[len(half) // 2]) / 2 if half else None)
+    assert len(as_terminal(audit_table(lines.values(), {})).splitlines()) == len(lines) + 4
 
 
 def test_what_was_not_measured_is_a_dash_and_no_nought() -> None:
-    bare = row("all", made([{"episode": IDS[0], "outcome": "success", "steps": 4}]))
-    assert (bare.at_first, bare.within_three, bare.precision, bare.false_declarations) == (None, None, None, None)
-    assert as_terminal(as_table([bare], {})).splitlines()[2].split() == ["all", "1/1", "–", "–", "–", "–", "4"]
+    bare = score_row("all", made([{"episode": IDS[0], "outcome": "success", "steps": 4}]))
+    assert (bare.solved_at_first, bare.solved_within_three, bare.precision, bare.false_declarations) == (
+        None,
+        None,
+        None,
+        None,
+    )
+    assert as_terminal(audit_table([bare], {})).splitlines()[2].split() == ["all", "1/1", "–", "–", "–", "–", "4"]
 
 
 def a_flight(**values: Any) -> BlindFlight:
@@ -109,14 +118,14 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
     both = made([{"episode": episode} for episode in two])
     under = floor(flown, "all", both)
     assert under is not None
-    assert (under.solved[0], under.solved[1].solved, under.solved[1].within_three) == ("blind:slow", 2, 0)
-    assert (under.within_three[0], under.within_three[1].within_three) == ("blind:quick", 1)
+    assert (under.solved[0], under.solved[1].solved, under.solved[1].solved_within_three) == ("blind:slow", 2, 0)
+    assert (under.within_three[0], under.within_three[1].solved_within_three) == ("blind:quick", 1)
     assert floor(flown, "all", [*both, *made([{"episode": IDS[2]}])]) is None
     one = floor(flown, "all", both[:1])
     assert one is not None
     assert one.within_three[0] == "blind:lucky"
-    lost = row("all", made([{"episode": e, "outcome": "failure", "steps": 9} for e in two]))
-    shown = as_terminal(as_table([lost], {"all": under}))
+    lost = score_row("all", made([{"episode": e, "outcome": "failure", "steps": 9} for e in two]))
+    shown = as_terminal(audit_table([lost], {"all": under}))
     assert [line.split()[0] for line in shown.splitlines()[2:5]] == ["all", "blind:slow", "blind:quick"]
 
 
@@ -124,11 +133,11 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
 @given(results())
 def test_kept_flights_make_the_rows_that_were_flown(flown: list[dict[str, object]]) -> None:
     scored = [f for f in flown if f["outcome"] != "error"]
-    kept = merged({}, "blind:any", flights(made(flown)), IDS)
+    kept = merged({}, "blind:any", blind_flights(made(flown)), IDS)
     read = {"blind:any": {episode: BlindFlight(**one) for episode, one in kept["blind:any"].items()}}
     for name, members in groups(made(scored)).items():
         under = floor(read, name, members)
-        mine = dataclasses.replace(row(name, members), censored=0)
+        mine = dataclasses.replace(score_row(name, members), censored=0)
         assert under is None if not members else under is not None
         assert under is None or under.solved[1] == mine
 
@@ -192,7 +201,7 @@ def too_good(table: BlindTable, cell: str) -> list[str]:
             continue
         its = under.solved[1]
         sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that fan out are a sweep
-        if (its.within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not sweeps):
+        if (its.solved_within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not sweeps):
             found.append(name)
     return found
 

@@ -7,8 +7,8 @@ import pytest
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
-from dronecats.bench.local import LocalEngine
+from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
+from dronecats.bench.engine import LocalEngine
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.run.settings import settings
 from dronecats.flight.spec.flight import look_up
@@ -36,7 +36,7 @@ def test_an_episode_that_cost_too_much_is_flown_again_under_a_greater_limit(tmp_
         flight = look_up(each)
         batch = Batch(tmp_path / "run", settings(flight, flight.camera))
         try:
-            came: list[Came] = []
+            came: list[EndedFlight] = []
             run = OpenRun(entry=BenchEntry(name="run", flight=each, episodes=(EASY,)), batch=batch, part=(EASY,))
             ending = Campaign([run], jobs=1).fly(LocalEngine(tmp_path / "worker.log", 1), came.append)
             return ending, [one.result for one in came], batch.left([EASY])

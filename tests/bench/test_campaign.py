@@ -12,7 +12,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.campaign import RETRIED, Batch, Campaign, OpenRun
 from dronecats.bench.matrix import BenchEntry, entries, part_of, suite_of
-from dronecats.bench.summary import table
+from dronecats.bench.tables import bench_rows
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.judge.metrics.failure_mode import is_stuck, track_m
@@ -62,7 +62,7 @@ def test_what_broke_is_flown_again_and_what_failed_is_kept(tmp_path):
     again = bench(tmp_path / "b")
     engine, _, _ = fly(again, lambda sortie, time: SOLVED)
     assert [name.split("/")[1] for name in engine.flown] == [FOUR[1]]
-    assert [line.solved for line in table(again.scores(lambda run, episode: None)) if line.group == "all"] == [1]
+    assert [line.solved for line in bench_rows(again.scores(lambda run, episode: None)) if line.group == "all"] == [1]
     again.close()
 
 
@@ -83,7 +83,7 @@ def test_what_did_not_move_is_flown_once_more_and_then_stands(tmp_path):
     scores = {each.episode: each for each in opened.scores(lambda run, episode: None)}
     assert [scores[name].retried for name in FOUR] == [True, True, False, False]
     assert [scores[name].outcome for name in FOUR] == ["failure", "success", "failure", "failure"]
-    (line,) = [line for line in table(list(scores.values())) if line.group == "all"]
+    (line,) = [line for line in bench_rows(list(scores.values())) if line.group == "all"]
     assert (line.flights, line.solved, line.retries) == (4, 1, 2)
     opened.close()
     again = bench(tmp_path / "b")
@@ -177,7 +177,7 @@ def test_shards_flown_apart_are_one_benchmark_when_they_are_put_together(tmp_pat
             shutil.copy(path, there)
     whole = bench(tmp_path / "1", flights=2)
     assert not Campaign(whole.runs, jobs=1).left
-    (line,) = [line for line in table(whole.scores(lambda run, episode: None)) if line.group == "all"]
+    (line,) = [line for line in bench_rows(whole.scores(lambda run, episode: None)) if line.group == "all"]
     assert line.flights == 8
     whole.close()
 

@@ -10,9 +10,9 @@ import ray
 from ray.cluster_utils import Cluster
 
 from dronecats.agent.models.ledger import Ledger, Spent
-from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
+from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
 from dronecats.bench.cluster import ClusterEngine
-from dronecats.bench.local import LocalEngine
+from dronecats.bench.engine import LocalEngine
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.run.accounts import RemoteLedger
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -44,7 +44,7 @@ def fly(run, engine, flight=FLIGHT, episodes=FOUR, on_came=lambda came: None):
     batch = Batch(run, {"flight": as_kept(flight)})
     entry = BenchEntry(name="run", flight=flight, episodes=tuple(episodes))
     campaign = Campaign([OpenRun(entry=entry, batch=batch, part=entry.episodes)], jobs=4, retry=False)
-    came: list[Came] = []
+    came: list[EndedFlight] = []
 
     def take(each):
         came.append(each)

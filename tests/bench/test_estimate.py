@@ -9,9 +9,8 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, OpenRun
-from dronecats.bench.estimate import CostEstimate, foreseen_usd
 from dronecats.bench.matrix import BenchEntry
-from dronecats.bench.progress import Progress
+from dronecats.bench.progress import CostEstimate, Progress, foreseen_usd
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.run_folder.results import Result
 from tests.judge.episode_logs import decision
@@ -41,20 +40,20 @@ def test_the_median_of_the_failed_flights_is_what_each_that_is_left_is_going_to_
     estimate = CostEstimate([run], [("run-f1", episode) for episode in IDS])
     before = estimate.left_usd()
     assert before == pytest.approx(sum(foreseen_usd(FLIGHT, run.batch.record(episode)) for episode in IDS))
-    estimate.came(run, ended(run, IDS[0], "success", 1000))
+    estimate.add(run, ended(run, IDS[0], "success", 1000))
     assert estimate.flights == 3  # while none has failed
     assert estimate.left_usd() == pytest.approx(3 * 0.004)
-    estimate.came(run, ended(run, IDS[1], "failure", 5000))
+    estimate.add(run, ended(run, IDS[1], "failure", 5000))
     assert estimate.flights == 2
     assert estimate.left_usd() == pytest.approx(2 * 0.020)
-    estimate.came(run, ended(run, IDS[2], "error", 9000))
+    estimate.add(run, ended(run, IDS[2], "error", 9000))
     assert estimate.flights == 1
     assert estimate.left_usd() == pytest.approx(0.020)
 
 
 def test_a_flight_that_is_flown_once_more_is_left(run):
     estimate = CostEstimate([run], [("run-f1", IDS[0])])
-    estimate.came(run, ended(run, IDS[0], "failure", 1000), again=True)
+    estimate.add(run, ended(run, IDS[0], "failure", 1000), again=True)
     assert estimate.flights == 1
     assert estimate.left_usd() == pytest.approx(0.004)
 

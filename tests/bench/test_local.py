@@ -15,9 +15,8 @@ import pytest
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
-from dronecats.bench.engine import Sortie
-from dronecats.bench.local import LocalEngine
+from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
+from dronecats.bench.engine import LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -52,7 +51,7 @@ def campaign(batch, flight, episodes, jobs=1):
 
 def fly(batch, flight, episodes, jobs=1, engine=LocalEngine, **how):
     """Fly what is left, and return the results by episode."""
-    came: list[Came] = []
+    came: list[EndedFlight] = []
     made = engine(batch.run / "worker.log", jobs, **how)
     campaign(batch, flight, episodes, jobs).fly(made, came.append)
     return {each.result.episode: each.result for each in came}

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
 from dronecats.agent.models.ledger import Spent
 from dronecats.agent.models.model import Reply
 from dronecats.bench.progress import Progress
-from dronecats.bench.summary import EpisodeScore, as_table, broken_pins, score, table
+from dronecats.bench.tables import EpisodeScore, bench_rows, bench_table, broken_pins, score
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.statistics.shares import known_share, wilson
 from dronecats.report.writers import as_terminal
@@ -45,7 +45,7 @@ def scores(draw):
 @settings(deadline=None)
 @given(scores(), st.booleans())
 def test_the_table_counts_what_a_second_count_counts(flown, drop):
-    lines = table(flown, drop_stalled=drop)
+    lines = bench_rows(flown, drop_stalled=drop)
     settings_flown = {each.setting for each in flown}
     assert [line.setting for line in lines if line.group == "all"] == list(dict.fromkeys(e.setting for e in flown))
     assert {line.setting for line in lines} == settings_flown
@@ -66,8 +66,8 @@ def test_the_table_counts_what_a_second_count_counts(flown, drop):
         if line.rate_hz:
             assert line.rate_hz[1] == pytest.approx(float(np.median(rates)), abs=1e-3)
             assert list(line.rate_hz) == sorted(line.rate_hz)
-        json.dumps(line.as_json())
-    told = as_terminal(as_table(lines))
+        json.dumps(asdict(line))
+    told = as_terminal(bench_table(lines))
     explained = any(line.unreadable for line in lines)
     assert len(told.splitlines()) == len(lines) + len(settings_flown) + 4 + explained  # three lines are heads
     assert ("cut off" in told) == explained
@@ -105,7 +105,7 @@ def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
     (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
     found = score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="failure"), retried=False)
     assert (found.unreadable, found.refused, found.cut_off) == (4, 2, 1)
-    assert re.search(r"\b4 +2 +1\b", as_terminal(as_table(table([found]))))
+    assert re.search(r"\b4 +2 +1\b", as_terminal(bench_table(bench_rows([found]))))
 
 
 def test_the_interval_on_the_way_is_that_of_the_table():
@@ -136,9 +136,9 @@ def test_the_line_says_how_far_it_is_and_what_it_has_cost():
     assert re.findall(r"[\d.]+", progress.line(0.0)) == ["0", "8", "0", "0", "0"]
     progress.stored(Result(episode="z", outcome="success"))
     assert progress.left_s(10.0) is None  # what was there before says nothing of the pace
-    progress.came(Result(episode="a", outcome="failure"), again=True)
-    progress.came(Result(episode="a", outcome="failure"), again=False)
-    progress.came(Result(episode="b", outcome="error"), again=False)
+    progress.add(Result(episode="a", outcome="failure"), again=True)
+    progress.add(Result(episode="a", outcome="failure"), again=False)
+    progress.add(Result(episode="b", outcome="error"), again=False)
     line = progress.line(60.0, Spent(3, 1000, 234, 1.5))
     for part in (
         "3/8",

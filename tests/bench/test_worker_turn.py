@@ -9,12 +9,11 @@ import pytest
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.bench import local
-from dronecats.bench.campaign import Batch, Came, Campaign, OpenRun
-from dronecats.bench.engine import Sortie
-from dronecats.bench.local import LocalEngine
+from dronecats.bench import engine as local
+from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
+from dronecats.bench.engine import LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
-from dronecats.bench.worker import flown, waits_for_models_alone
+from dronecats.bench.worker import fly_flight, is_compute_bound
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, as_kept
 from foundation.run_folder.folder import prepare
@@ -81,7 +80,7 @@ def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
     )
     batch = Batch(tmp_path / "run", {"flight": as_kept(flight)})
     run = OpenRun(entry=BenchEntry(name="run", flight=flight, episodes=EPISODES), batch=batch, part=EPISODES)
-    came: list[Came] = []
+    came: list[EndedFlight] = []
     Campaign([run], jobs=2, retry=False).fly(LocalEngine(tmp_path / "log", 2, workers=1), came.append)
     server.shutdown()
     assert [each.result.error for each in came] == [None, None]
@@ -90,16 +89,16 @@ def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
 
 def test_who_waits_for_more_than_a_model_computes_beside_the_others():
     flight = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
-    assert waits_for_models_alone(flight)
+    assert is_compute_bound(flight)
     for others in (Simulated(speed=1.0), Simulated(speed=None, autopilot="px4")):
-        assert not waits_for_models_alone(dataclasses.replace(flight, simulated=others))
+        assert not is_compute_bound(dataclasses.replace(flight, simulated=others))
 
 
 def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
     told: list[dict[str, object]] = []
     flight = as_json(FlightSpec(episode="nowhere", pilot="oracle", simulated=Simulated(speed=None)))
     with COMPUTING.taken():
-        waiting = threading.Thread(target=lambda: told.append(flown(flight, tmp_path)), daemon=True)
+        waiting = threading.Thread(target=lambda: told.append(fly_flight(flight, tmp_path)), daemon=True)
         waiting.start()
         while not COMPUTING._queue:
             assert waiting.is_alive(), told
@@ -110,7 +109,7 @@ def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
 
 def test_who_waits_for_a_first_turn_hangs_only_where_nobody_goes_on(tmp_path, monkeypatch):
     now, flying = [0.0], []
-    monkeypatch.setattr("dronecats.bench.local.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "waits"):
         prepare(tmp_path / name)
         sortie = Sortie(flight=FlightSpec(pilot="oracle", simulated=Simulated()), folder=tmp_path / name)
@@ -127,7 +126,7 @@ def test_who_waits_for_a_first_turn_hangs_only_where_nobody_goes_on(tmp_path, mo
 def test_a_flight_that_hangs_before_its_first_line_is_found_while_others_go_on(tmp_path, monkeypatch):
     """It had its turn, since its record is there: it builds its map for ever."""
     now, flying = [0.0], []
-    monkeypatch.setattr("dronecats.bench.local.time.monotonic", lambda: now[0])
+    monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "hangs"):
         prepare(tmp_path / name)
         (tmp_path / name / "episode.json").write_text("{}")

@@ -18,8 +18,8 @@ from dronecats.flight.picture.flight_picture import FLIGHT_COLORS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.report.kit import palette
 from dronecats.view.live.moment import Moment
-from dronecats.view.live.page import LiveFlight
 from dronecats.view.live.scene import CHOSEN
+from dronecats.view.live.viewer_process import LiveFlight
 from dronecats.view.replay.moments import FlightMoments, flight_moments
 from dronecats.view.replay.page import RUN_COLORS, ReplayPage
 from dronecats.view.replay.views import AgainView

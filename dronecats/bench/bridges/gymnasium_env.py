@@ -1,12 +1,12 @@
-"""`DroneCATS-v0`: one episode of one drone, or of a fleet under one command, as a Gymnasium environment.
+"""`DroneCATS-v0`: one episode of one drone, or of a fleet under joint command, as a Gymnasium environment.
 
     import gymnasium
     import dronecats.bench.bridges.gymnasium_env
     env = gymnasium.make("DroneCATS-v0", episodes=["residential-approaching-01"])
 
-Observed are the picture and the instruction, as the agent's model gets them; an action is one of the four. Of a fleet
-there is a picture and an action for each drone (`gymnasium_spaces.py`). The same controller, autopilot, logger and
-verifier fly and judge it as fly every pilot, and its folder is a run's.
+An observation is the picture and the instruction, as the agent's model gets them. An action is one of the four. A fleet
+has a picture and an action per drone. Controller, autopilot, logger and verifier are those of every flight, and the
+flight's folder is that of a run.
 """
 
 import tempfile
@@ -16,23 +16,29 @@ from typing import Any, Literal
 
 import gymnasium
 import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete, Text, Tuple
 from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.bridges import spaces
-from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
-from dronecats.bench.bridges.spaces import Acted, Seen
+from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
 from dronecats.flight.spec.latency_trace import latency_policy
 from episodes.records import catalogue, suites
 from foundation.errors import InfrastructureError, UsageError
-from foundation.protocol import CAP_S
+from foundation.protocol import CAP_S, POINT_SPAN
 
 ENV_ID = "DroneCATS-v0"
+DEPTH_MAX_M = 300.0
+ANGLE_MAX_DEG = 90.0
+CHARACTERS = frozenset(map(chr, range(32, 0x2100)))  # of instructions
+
+EnvObservation = dict[str, Any]  # {"frame": (360, 640, 3) uint8 RGB, "instruction": str}; of a fleet "frames"
+EnvAction = dict[str, Any] | tuple[dict[str, Any], ...]  # of a fleet an action for each drone
+# an action: {"kind": 0 … 3, "point": (2,) 0 … 1000, "depth_m": (1,) m, "angle_deg": (1,) °}
 
 
-class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
-    """An episode. `reset` begins a flight of the next one; a step ends when the next pictures are there.
+class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
+    """An episode. `reset` begins a flight of the next one; a step ends when the next pictures have arrived.
 
     terminated: the verdict is decided, which within an episode only success does. truncated: its time is over.
     """
@@ -50,30 +56,34 @@ class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
         policy: str = "policy",
         render_mode: str | None = None,
     ) -> None:
-        """`episodes`: ids or files, of which `reset` takes one after another; none: the one-drone suite.
+        """`episodes`: ids or files, which `reset` takes one after another; empty: the one-drone suite.
 
-        `reward`: nothing ever, or 1 for the step with which the episode is won. `out`: where the flights are kept, a
-        folder each; None: nowhere. `policy`: what run.json calls who acts. Raises UsageError
-        for episodes of different numbers of drones, which have different spaces.
+        `reward`: always 0, or 1 for the step that completes the episode. `out`: the folder that takes a folder per
+        flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises UsageError for episodes of
+        different numbers of drones, which have different spaces.
         """
-        self._records = {each: catalogue.load(each) for each in episodes or suites.ids("one-drone")}
+        self._records = {name: catalogue.load(name) for name in episodes or suites.ids("one-drone")}
         self._names = list(self._records)
         self._drones = len(self._records[self._names[0]].starts)
         for name, record in self._records.items():
             if len(record.starts) != self._drones:
-                others = f"{len(record.starts)} drones, and {self._names[0]} for {self._drones}"
-                raise UsageError(f"{name} is for {others}: each number wants an environment of its own")
+                raise UsageError(
+                    f"{name} is for {len(record.starts)} drones, and {self._names[0]} for {self._drones}: "
+                    "each number of drones needs its own environment"
+                )
         self._reward, self._latency, self._seconds, self._policy = reward, latency, seconds, policy
         self._kept = None if out is not None else tempfile.TemporaryDirectory(prefix="dronecats-")
         self._out = Path(out if out is not None else self._kept.name)  # type: ignore[union-attr]
         self._begun = 0
         self._flight: OutsideFlight | None = None
         self.render_mode = render_mode
-        self.observation_space = spaces.observation_space(self._drones)
-        self.action_space = spaces.action_space(self._drones)
-        self._frames: NDArray[np.uint8] = np.zeros(spaces.frames_shape(self._drones), np.uint8)
+        self.observation_space = observation_space(self._drones)
+        self.action_space = action_space(self._drones)
+        self._frames: NDArray[np.uint8] = np.zeros(frames_shape(self._drones), np.uint8)
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Seen, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[EnvObservation, dict[str, Any]]:
         """Begin a flight: of `options["episode"]`, or with a seed of the episode that it draws, else of the next one.
 
         Equal seeds give equal flights. Raises UsageError, InfrastructureError.
@@ -83,7 +93,7 @@ class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
         if options and "episode" in options:
             name = str(options["episode"])
             if name not in self._records:
-                raise UsageError(f"{name} is none of the environment's episodes")
+                raise UsageError(f"{name} is not an episode of this environment")
         else:
             name = self._names[self._begun % len(self._names) if seed is None else seed % len(self._names)]
         drawn = int(self.np_random.integers(2**31 - 1))
@@ -102,20 +112,20 @@ class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
             raise InfrastructureError(f"the flight ended before its first picture: {self._flight.result().error}")
         return self._seen(question), {"episode": self._records[name].id}
 
-    def step(self, action: Acted) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
-        """Fly an action to its end, and return what is seen then. Raises InfrastructureError when the flight broke."""
+    def step(self, action: EnvAction) -> tuple[EnvObservation, float, bool, bool, dict[str, Any]]:
+        """Fly an action to its end and return the next observation. Raises InfrastructureError for a broken flight."""
         if self._flight is None:
             raise gymnasium.error.ResetNeeded("there is no flight; call reset")
-        self._flight.answer(OutsideReply(spaces.joint_reply(action, self._drones)))
+        self._flight.answer(OutsideReply(joint_reply(action, self._drones)))
         question = self._flight.question()
         if question is not None:
             return self._seen(question), 0.0, False, False, {}
         flight, self._flight = self._flight, None
         result = flight.result()
         if result.outcome == "error":
-            raise InfrastructureError(f"the flight is nobody's failure: {result.error}")
+            raise InfrastructureError(f"the flight broke and is not scored: {result.error}")
         won = result.outcome == "success"
-        last = spaces.seen(self._frames.copy(), flight.instruction)
+        last = observation(self._frames.copy(), flight.instruction)
         return last, float(won and self._reward == "verdict"), won, not won, {"verdict": result.as_json()}
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -123,7 +133,7 @@ class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
         return self._frames.reshape(-1, *self._frames.shape[-2:]).copy() if self.render_mode == "rgb_array" else None
 
     def close(self) -> None:
-        """End the flight, and remove what nobody wanted kept."""
+        """End the flight, and remove folders that are not kept."""
         self._end()
         if self._kept is not None:
             self._kept.cleanup()
@@ -133,10 +143,69 @@ class DroneCatsEnv(gymnasium.Env[Seen, Acted]):
             self._flight.close()
             self._flight = None
 
-    def _seen(self, question: Request) -> Seen:
+    def _seen(self, question: Request) -> EnvObservation:
         assert self._flight is not None
-        self._frames = spaces.frames(question.images_jpeg)
-        return spaces.seen(self._frames, self._flight.instruction)
+        self._frames = frames(question.images_jpeg)
+        return observation(self._frames, self._flight.instruction)
+
+
+class Instruction(Text):
+    """A text space whose `repr` has the number of characters in place of all of them."""
+
+    def __repr__(self) -> str:
+        return f"Instruction({self.min_length}, {self.max_length}, charset of {len(self.character_set):,} characters)"
+
+
+def observation_space(drones: int) -> Dict:
+    """Return the space of observations."""
+    pictures = Box(0, 255, frames_shape(drones), np.uint8)
+    instruction = Instruction(max_length=1000, charset=CHARACTERS)
+    return Dict({"frame" if drones == 1 else "frames": pictures, "instruction": instruction})
+
+
+def action_space(drones: int) -> gymnasium.Space[Any]:
+    """Return the space of an action, or of a tuple of one action per drone."""
+    return _action() if drones == 1 else Tuple([_action() for _ in range(drones)])
+
+
+def _action() -> Dict:
+    return Dict(
+        {
+            "kind": Discrete(len(KINDS)),
+            "point": Box(0.0, POINT_SPAN, (2,), np.float32),
+            "depth_m": Box(0.1, DEPTH_MAX_M, (1,), np.float32),
+            "angle_deg": Box(-ANGLE_MAX_DEG, ANGLE_MAX_DEG, (1,), np.float32),
+        }
+    )
+
+
+def joint_reply(action: EnvAction, drones: int) -> str:
+    """Return the reply of an action. Raises ValueError when the number of actions is not that of the drones."""
+    if isinstance(action, dict):
+        action = (action,)
+    if len(action) != drones:
+        raise ValueError(f"{drones} drones need one action each, got {len(action)}")
+    replies = [
+        reply(int(a["kind"]), a["point"], float(np.ravel(a["depth_m"])[0]), float(np.ravel(a["angle_deg"])[0]))
+        for a in action
+    ]
+    return replies[0] if drones == 1 else f"[{', '.join(replies)}]"
+
+
+def frames_shape(drones: int) -> tuple[int, ...]:
+    """Return the shape of all pictures: (360, 640, 3), or (n, 360, 640, 3) for a fleet."""
+    return PICTURE_SHAPE if drones == 1 else (drones, *PICTURE_SHAPE)
+
+
+def frames(images_jpeg: Sequence[bytes]) -> NDArray[np.uint8]:
+    """Return the pictures of a question in `frames_shape`."""
+    pictures = [picture(jpeg) for jpeg in images_jpeg]
+    return pictures[0] if len(pictures) == 1 else np.stack(pictures)
+
+
+def observation(pictures: NDArray[np.uint8], instruction: str) -> EnvObservation:
+    """Return the observation of pictures in `frames_shape`."""
+    return {"frame" if pictures.ndim == len(PICTURE_SHAPE) else "frames": pictures, "instruction": instruction}
 
 
 if ENV_ID not in gymnasium.registry:

@@ -3,8 +3,8 @@
     inspect eval dronecats/dronecats --model PROVIDER/NAME -T suite=quick
     inspect view
 
-Inspect asks its own model, with its own retries, limits and cache; all else is as under `dronecats fly`: prompt,
-pictures, controller, autopilot, logger. The run folders of the flights are runs like any other.
+Inspect calls its own model, with its own retries, limits and cache. Prompt, pictures, controller, autopilot and logger
+are those of `dronecats fly`. The run folders of the flights are runs like any other.
 """
 
 import base64
@@ -43,7 +43,7 @@ from foundation.run_folder.folder import fresh_run
 from foundation.wording import counted
 
 Effort = Literal["minimal", "low", "medium", "high", "xhigh", "max"]  # of Inspect's reasoning_effort
-FOLDER = "dronecats_folder"  # in the sample's store: where it was flown
+FOLDER = "dronecats_folder"  # key of the flight's folder in the sample's store
 _DECLARED = ModelSpec(provider="local", name="")  # the sampling of the paper
 
 
@@ -59,19 +59,19 @@ def dronecats(
     agent: str = PAPER,
     lifted: Effort | None = None,
 ) -> Task:
-    """Return the suite as a task: one-drone, commanding, quick, all, or ids and files with commas between.
+    """Return the suite as a task: one-drone, commanding, quick, all, or comma-separated ids and files.
 
-    Inspect itself makes a list of a text with commas.
+    Inspect itself splits a text with commas into a list.
 
-    `latency`: what a reply costs in vehicle time (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
-    `axis_order`: xy or yx, as the model points. `out`: the folder that takes a run for each epoch; None: a new one.
-    `agent`: who flies: paper, steady or MODULE:NAME. `lifted`: the effort of reasoning that is asked for in the call
-    after a `think`, and in no other; None: none beyond the evaluation's, since not every model takes one.
+    `latency`: the vehicle time that a reply costs (docs/latency.md). Epoch k flies with the seed `seed` + k - 1.
+    `axis_order`: xy or yx, the order of the model's points. `out`: the folder that takes a run for each epoch; None: a
+    new one. `agent`: paper, steady or MODULE:NAME. `lifted`: the reasoning effort of the call after a `think`, and of
+    no other; None: the evaluation's own, since not every model takes one.
 
     Raises UsageError for an effort that Inspect does not know.
     """
     if lifted is not None and lifted not in get_args(Effort):
-        raise UsageError(f"-T lifted wants one of {', '.join(get_args(Effort))}, got '{lifted}'")
+        raise UsageError(f"-T lifted must be one of {', '.join(get_args(Effort))}, got '{lifted}'")
     return Task(
         dataset=MemoryDataset([_sample(name) for name in suites.episodes_of(suite)], name=f"dronecats-{_title(suite)}"),
         solver=flight(latency, seconds, seed, axis_order, full, out, agent, lifted),
@@ -105,7 +105,7 @@ def flight(
     agent: str = PAPER,
     lifted: Effort | None = None,
 ) -> Solver:
-    """Fly the sample's episode, its questions asked of the evaluation's model. An error is nobody's failure."""
+    """Fly the sample's episode with the evaluation's model. An infrastructure error is not scored."""
     runs: dict[int, Path] = {}
 
     async def solve(state: TaskState, generate: Generate) -> TaskState:
@@ -125,20 +125,20 @@ def flight(
             seed=seed + state.epoch - 1,
             full=full,
         )
-        flown = await run_sync(OutsideFlight, spec, runs[state.epoch])
-        state.store.set(FOLDER, str(flown.folder))
+        outside = await run_sync(OutsideFlight, spec, runs[state.epoch])
+        state.store.set(FOLDER, str(outside.folder))
         try:
-            while (question := await run_sync(flown.question)) is not None:
-                asked = ChatMessageUser(content=content(question))
+            while (question := await run_sync(outside.question)) is not None:
+                message = ChatMessageUser(content=content(question))
                 effort = lifted if question.thinking else None
-                output = await model.generate([asked], config=GenerateConfig(reasoning_effort=effort))
+                output = await model.generate([message], config=GenerateConfig(reasoning_effort=effort))
                 if output.error:
-                    flown.fail(output.error)
+                    outside.fail(output.error)
                     continue
-                state.messages += [asked, output.message]
+                state.messages += [message, output.message]
                 state.output = output
                 used = output.usage
-                flown.answer(
+                outside.answer(
                     OutsideReply(
                         output.completion,
                         used.input_tokens if used else None,
@@ -147,10 +147,10 @@ def flight(
                 )
         finally:
             with anyio.CancelScope(shield=True):
-                await run_sync(flown.close)
-        result = flown.result()
+                await run_sync(outside.close)
+        result = outside.result()
         if result.outcome not in ("success", "failure"):
-            raise InfrastructureError(f"{result.episode} is nobody's failure: {result.error}")
+            raise InfrastructureError(f"{result.episode} broke and is not scored: {result.error}")
         return state
 
     return solve
@@ -167,22 +167,22 @@ def verdict() -> Scorer:
         return Score(
             value=CORRECT if judged.outcome == "success" else INCORRECT,
             explanation=f"{judged.outcome}: navigation error {error}, {counted(judged.declarations, 'declaration')}",
-            metadata=_told(judged.as_json(), folder),
+            metadata=_metadata(judged.as_json(), folder),
         )
 
     return score
 
 
 def content(question: Request) -> list[Content]:
-    """Return a question as Inspect sends it: the text, then each picture behind its label."""
-    parts: list[Content] = [ContentText(text=question.text)]
+    """Return a question as Inspect sends it: the text, then each picture after its label."""
+    message: list[Content] = [ContentText(text=question.text)]
     for label, jpeg in question.pictures:
         if label is not None:
-            parts.append(ContentText(text=label))
-        parts.append(ContentImage(image=f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"))
-    return parts
+            message.append(ContentText(text=label))
+        message.append(ContentImage(image=f"data:image/jpeg;base64,{base64.b64encode(jpeg).decode()}"))
+    return message
 
 
-def _told(verdict_json: dict[str, Any], folder: Path) -> dict[str, Any]:
+def _metadata(verdict_json: dict[str, Any], folder: Path) -> dict[str, Any]:
     kept = ("outcome", "ne_m", "steps", "declarations", "success_at_first", "false_declarations", "diagnostics")
     return {**{name: verdict_json.get(name) for name in kept}, "folder": str(folder)}

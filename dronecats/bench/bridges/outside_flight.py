@@ -1,59 +1,91 @@
-"""A simulated flight whose pilot is asked from outside: question by question, at the caller's own pace.
+"""A simulated flight whose pilot is another harness, which answers question by question at its own pace.
 
-In lockstep the vehicle's clock stands still between a question and its answer, however long that takes; the flight's
-latency policy alone says what an answer costs.
+In lockstep the vehicle's clock stands still between a question and its answer, however long that takes. The flight's
+latency policy alone determines the vehicle time that an answer costs.
 """
 
+import json
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Reply, Request
 from dronecats.flight.run.settings import settings
 from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
+from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
+from foundation.picture import WIDTH_MAX
+from foundation.protocol import FINISHED, GO, ROTATE, THINK
 from foundation.run_folder import folder as folders
 from foundation.run_folder.reading import result_of
 from foundation.run_folder.results import Result
 
-_CREATING = threading.Lock()  # flights of one run that begin at once find or make its run.json one after the other
+KINDS = (GO, ROTATE, THINK, FINISHED)  # an action's number is its index here
+_CAMERA = CameraModel()
+PICTURE_SHAPE = (_CAMERA.height * WIDTH_MAX // _CAMERA.width, WIDTH_MAX, 3)  # as models get it: height, width, RGB
+_CREATING = threading.Lock()  # flights of one run that begin together find or create its run.json one after the other
+
+
+def picture(jpeg: bytes) -> NDArray[np.uint8]:
+    """Return a JPEG as (height, width, 3) RGB."""
+    decoded = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), np.uint8)
+
+
+def reply(kind: int, point: Sequence[float], depth_m: float, angle_deg: float) -> str:
+    """Return the JSON reply of an action, without the fields that its kind does not need.
+
+    `point`: (x, y), 0 … 1000 from the picture's upper left corner. Raises ValueError for an unknown kind.
+    """
+    if kind not in range(len(KINDS)):
+        raise ValueError(f"the kind of an action is 0 … {len(KINDS) - 1}, got {kind}")
+    fields: dict[str, object] = {"action": KINDS[kind]}
+    if KINDS[kind] == GO:
+        fields |= {"point": [float(point[0]), float(point[1])], "depth_m": float(depth_m)}
+    elif KINDS[kind] == ROTATE:
+        fields |= {"angle_deg": float(angle_deg)}
+    return json.dumps(fields)
 
 
 class Abandoned(KeyboardInterrupt):
-    """Nobody answers any more. Like a Ctrl-C it ends the flight, which is nobody's failure."""
+    """The caller does not answer any more. Like a Ctrl-C it ends the flight, which is not scored."""
 
 
 @dataclass(frozen=True, slots=True)
 class OutsideReply:
-    """What the caller says to a question."""
+    """The caller's answer to a question."""
 
     text: str  # a reply as a model would give it: one JSON action
     tokens_in: int | None = None
     tokens_out: int | None = None
 
 
-class _Handed:
-    """The model of such a flight: it hands each question out, and waits for what is handed back."""
+class _OutsideModel:
+    """The model of such a flight: puts each question out, and waits for the answer."""
 
-    def __init__(self, name: str, ask_out: Callable[[Request], None]) -> None:
+    def __init__(self, name: str, put_question: Callable[[Request], None]) -> None:
         self.name = name
         self.answers: queue.SimpleQueue[OutsideReply | BaseException] = queue.SimpleQueue()
-        self._ask_out = ask_out
+        self._put_question = put_question
 
     def ask(self, request: Request) -> Reply:
-        asked_s = time.monotonic()
-        self._ask_out(request)
+        start_s = time.monotonic()
+        self._put_question(request)
         answer = self.answers.get()
         if isinstance(answer, BaseException):
             raise answer
-        return Reply(answer.text, time.monotonic() - asked_s, answer.tokens_in, answer.tokens_out)
+        return Reply(answer.text, time.monotonic() - start_s, answer.tokens_in, answer.tokens_out)
 
     def check(self) -> None:
         pass
@@ -63,31 +95,31 @@ class _Handed:
 
 
 class OutsideFlight:
-    """One flight in lockstep. `question` and `answer` take turns until there is no question any more."""
+    """One flight in lockstep. The caller alternates `question` and `answer` until there is no further question."""
 
     def __init__(self, spec: FlightSpec, run: Path) -> None:
-        """Begin to fly into a folder of the run. Raises UsageError for a spec that nobody outside can fly."""
+        """Begin to fly into a folder of the run. Raises UsageError for a spec that cannot be flown from outside."""
         if spec.outside is None:
-            raise UsageError("a flight that is flown from outside names in `outside` by whom")
-        self._held = ExitStack()  # the folder, until the flight is over
-        self._told: queue.SimpleQueue[Request | dict[str, Any] | BaseException] = queue.SimpleQueue()
-        self._handed = _Handed(spec.outside.name, self._told.put)
-        self._flight = look_up(spec, outside=self._handed)
+            raise UsageError("a flight that is flown from outside names its harness in `outside`")
+        self._folder_lock = ExitStack()  # holds the folder until the flight is over
+        self._events: queue.SimpleQueue[Request | dict[str, Any] | BaseException] = queue.SimpleQueue()
+        self._model = _OutsideModel(spec.outside.name, self._events.put)
+        self._flight = look_up(spec, outside=self._model)
         if self._flight.record is None or self._flight.spec.simulated is None:
             raise UsageError("a flight that is flown from outside is a simulated episode")
         self._setup = SimulatedFlight(self._flight)
-        found = settings(self._flight, self._flight.camera)
-        created = folders.create(run, spec.pilot_name, self._setup.episode, found)
+        configuration = settings(self._flight, self._flight.camera)
+        created = folders.create(run, spec.pilot_name, self._setup.episode, configuration)
         with _CREATING:
-            self.folder = self._held.enter_context(created)
-        self._waiting = False  # whether a question is out
+            self.folder = self._folder_lock.enter_context(created)
+        self._waiting = False  # whether a question is unanswered
         self._ended: dict[str, Any] | BaseException | None = None
         self._thread = threading.Thread(target=self._fly, name="flight", daemon=True)
         self._thread.start()
 
     @property
     def instruction(self) -> str:
-        """What the pilot is told to do."""
+        """The pilot's instruction."""
         return self._flight.instruction
 
     def question(self) -> Request | None:
@@ -96,20 +128,20 @@ class OutsideFlight:
             raise RuntimeError("the question before has not been answered")
         if self._ended is not None:
             return None
-        told = self._told.get()
-        if isinstance(told, Request):
+        event = self._events.get()
+        if isinstance(event, Request):
             self._waiting = True
-            return told
-        self._ended = told
+            return event
+        self._ended = event
         self._thread.join()
         return None
 
     def answer(self, answer: OutsideReply) -> None:
-        """OutsideReply the question that is out. Raises RuntimeError when none is."""
+        """Answer the open question. Raises RuntimeError when there is none."""
         self._hand_back(answer)
 
     def result(self) -> Result:
-        """Return what came of a flight that is over. Raises what broke it, RuntimeError while it goes on."""
+        """Return the result of a flight that is over. Raises the error that ended it, RuntimeError before its end."""
         if self._ended is None:
             raise RuntimeError("the flight is not over")
         if isinstance(self._ended, BaseException):
@@ -117,26 +149,26 @@ class OutsideFlight:
         return result_of(self._ended, str(self.folder))
 
     def fail(self, why: str) -> None:
-        """Tell instead of an answer why there is none: an error of the infrastructure, which ends the flight."""
+        """End the flight with an infrastructure error, in place of an answer."""
         self._hand_back(ModelError(why))
 
     def close(self) -> None:
-        """End the flight where it is, if it is not over."""
+        """Abort the flight if it is not over."""
         while self._ended is None:
             if self._waiting:
                 self._hand_back(Abandoned())
             self.question()
 
-    def _hand_back(self, what: OutsideReply | BaseException) -> None:
+    def _hand_back(self, answer: OutsideReply | BaseException) -> None:
         if not self._waiting:
             raise RuntimeError("there is no question to answer")
         self._waiting = False
-        self._handed.answers.put(what)
+        self._model.answers.put(answer)
 
     def _fly(self) -> None:
         try:
-            self._told.put(self._setup.fly_in(self.folder, lambda line: None))
+            self._events.put(self._setup.fly_in(self.folder, lambda line: None))
         except BaseException as error:
-            self._told.put(error)
+            self._events.put(error)
         finally:
-            self._held.close()
+            self._folder_lock.close()

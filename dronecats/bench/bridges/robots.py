@@ -3,8 +3,8 @@
     inspect-robots list
     eval("dronecats", policy=MyPolicy(), embodiment="dronecats")
 
-An action is five numbers, in the order of `LABELS`: which of the four actions (rounded), and what they need. What the
-action does not need is passed over.
+An action is five numbers, in the order of `LABELS`: the kind of action (rounded), and its arguments. Arguments that
+the kind does not need are ignored.
 """
 
 from collections.abc import Mapping
@@ -24,8 +24,7 @@ from inspect_robots.task import Task
 from inspect_robots.types import Action, Observation, StepResult
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
-from dronecats.bench.bridges.spaces import KINDS, PICTURE_SHAPE, picture, reply
+from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
 from dronecats.flight.spec.latency_trace import latency_policy
 from dronecats.judge.episode import judge_folder
@@ -36,11 +35,11 @@ from foundation.run_folder.folder import fresh_run
 from foundation.run_folder.results import Result
 
 CAMERA = "forward"
-FOLDER = "dronecats_folder"  # in a step's info: where the flight is kept
+FOLDER = "dronecats_folder"  # key of the flight's folder in a step's info
 LABELS = ("kind", "point_x", "point_y", "depth_m", "angle_deg")
 LOW = np.array([0.0, 0.0, 0.0, 0.1, -90.0])
 HIGH = np.array([len(KINDS) - 1.0, POINT_SPAN, POINT_SPAN, 300.0, 90.0])
-STEPS_MAX = 1000  # of an episode; none is so short that more fit into its time
+STEPS_MAX = 1000  # of an episode, more than fit into its time
 NOTES = """One step is one decision. `kind`: 0 go, 1 rotate, 2 think, 3 finished.
 go: fly towards the picture's point (`point_x`, `point_y`, 0 to 1000 from the upper left corner), which is `depth_m`
 away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. finished: claim to have arrived, within
@@ -48,12 +47,12 @@ away; at most 3 m a step. rotate: turn by `angle_deg`, + right. think: hover. fi
 
 
 class DroneEmbodiment(EmbodimentBase):
-    """A simulated drone of ours, under our autopilot. A scene's id is an episode's."""
+    """A simulated drone under our autopilot. The id of a scene is the id of an episode."""
 
     def __init__(
         self, latency: str = LATENCY, seconds: float = CAP_S, out: str | Path | None = None, policy: str = "policy"
     ) -> None:
-        """`latency`: what a decision costs in vehicle time. `out`: run folder; None: a new one for each flight."""
+        """`latency`: the vehicle time that a decision costs. `out`: run folder; None: a new one for each flight."""
         self._latency, self._seconds, self._policy = latency, seconds, policy
         self._out = None if out is None else Path(out)
         self._flight: OutsideFlight | None = None
@@ -92,7 +91,7 @@ class DroneEmbodiment(EmbodimentBase):
         return self._seen(question)
 
     def step(self, action: Action) -> StepResult:
-        """Fly one action to its end. Raises EmbodimentFault when the flight broke, which is nobody's failure."""
+        """Fly one action to its end. Raises EmbodimentFault when the flight broke."""
         flight = self._flight
         if flight is None:
             raise EmbodimentFault("there is no flight; reset the embodiment")
@@ -104,7 +103,7 @@ class DroneEmbodiment(EmbodimentBase):
         self._flight = None
         result = flight.result()
         if result.outcome not in ("success", "failure"):
-            raise EmbodimentFault(f"the flight is nobody's failure: {result.error}")
+            raise EmbodimentFault(f"the flight broke and is not scored: {result.error}")
         return _ended(flight, result)
 
     def close(self) -> None:
@@ -127,7 +126,7 @@ def _ended(flight: OutsideFlight, result: Result) -> StepResult:
 
 @dataclass(frozen=True)
 class Verdict5m:
-    """The verifier as a scorer: it judges the flight's folder anew, from the logger's files alone."""
+    """The verifier as a scorer: judges the flight's folder from the logger's files alone."""
 
     name: str = "dronecats"
 
@@ -135,12 +134,12 @@ class Verdict5m:
         folder = next((step.result.info[FOLDER] for step in reversed(record.steps) if FOLDER in step.result.info), None)
         if folder is None:
             return Score(value=False, explanation="no step was flown")
-        told = judge_folder(Path(str(folder))).verdict
-        return Score(value=told.outcome == "success", explanation=told.outcome, metadata={"ne_m": told.ne_m})
+        verdict = judge_folder(Path(str(folder))).verdict
+        return Score(value=verdict.outcome == "success", explanation=verdict.outcome, metadata={"ne_m": verdict.ne_m})
 
 
 def dronecats_task(suite: str = "one-drone") -> Task:
-    """Return a suite of one-drone episodes as a task; or ids and files with commas between."""
+    """Return the one-drone episodes of a suite, or of comma-separated ids and files, as a task."""
     names = suites.episodes_of(suite)
     scenes = []
     for name in names:

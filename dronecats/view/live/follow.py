@@ -8,12 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.view.live.heard import HeardFlight
-from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
-from dronecats.view.live.pictures import PictureTail
-from dronecats.view.live.sight import ChosenSight, chosen_go, sight
-from dronecats.view.live.tails import FrameTail, LineTail
-from dronecats.view.live.world import instruction_in, lens_in
+from dronecats.view.live.folder import FrameTail, LineTail, PictureTail, instruction_in, lens_in
+from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go, sight
+from dronecats.view.live.wire_state import HeardFlight
 from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3

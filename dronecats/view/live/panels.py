@@ -1,13 +1,20 @@
-"""The panels beside the map: what each pilot saw and said, what each vehicle does, and the judge's view on demand."""
+"""The panels beside the map: pictures, replies, vehicle states, and the judge's view on demand."""
 
-from collections.abc import Callable
+import base64
+import json
+import math
+from collections.abc import Callable, Sequence
+from html import escape
 from typing import Any
 
 import viser
+from msgspec import UNSET
 
-from dronecats.view.live import markup
-from dronecats.view.live.moment import DroneMoment, Moment
-from foundation.run_folder.rows import drone_label
+from dronecats.report.kit.palette import DARK, LIGHT, MARKS
+from dronecats.report.kit.words import action_or_reason
+from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go
+from foundation.protocol import POINT_SPAN
+from foundation.run_folder.rows import Decision, drone_label
 
 NOBODY = "nobody"
 WIDTH_PX, FLEET_PX = 400, 520
@@ -64,18 +71,18 @@ class FlightPanels:
     def show(self, moment: Moment) -> None:
         """Bring the panels up to a moment."""
         with self._server.atomic():
-            self._write("state", self._state, (markup.clock(moment.t_s), moment.state, moment.instruction),
-                        lambda: markup.state_html(moment))  # fmt: skip
+            self._write("state", self._state, (clock(moment.t_s), moment.state, moment.instruction),
+                        lambda: state_html(moment))  # fmt: skip
             drones = moment.drones[: self._drones]
             if self._frames is not None:
                 frames = tuple(_pictured(drone) for drone in drones)
-                self._write("frames", self._frames, frames, lambda: markup.frames_html(drones))
+                self._write("frames", self._frames, frames, lambda: frames_html(drones))
                 decided = tuple((one.decision and one.decision.step, one.prompt) for one in drones)
-                self._write("pilots", self._pilots, decided, lambda: markup.decisions_html(drones))
-            self._write("numbers", self._numbers, markup.numbers_html(drones))
+                self._write("pilots", self._pilots, decided, lambda: decisions_html(drones))
+            self._write("numbers", self._numbers, numbers_html(drones))
             said = tuple(drone.said for drone in moment.drones)
-            self._write("messages", self._messages, said, lambda: markup.messages_html(moment.drones))
-            judged = markup.judge_html(moment.judge) if self.judge_shown else ""
+            self._write("messages", self._messages, said, lambda: messages_html(moment.drones))
+            judged = judge_html(moment.judge) if self.judge_shown else ""
             self._write("judge", self._judged, judged)
         self._server.flush()
 
@@ -126,5 +133,233 @@ def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
 
 def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
     """Return what tells the picture that is shown of a drone from others, and the ring in it."""
-    picture, decision = markup.newest_decided(drone)
+    picture, decision = newest_decided(drone)
     return (picture.frame_id if picture else None, decision.step if decision else None)
+
+
+YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]
+MESSAGES, FLEETS_MESSAGES = 6, 3  # the newest that are shown of each drone
+HEADS = ("speed", "height", "battery", "mode")
+WIDE, HIGH = 1280, 720  # of a drawing over a picture, whatever that measures
+NO_PICTURE = (
+    f'<div style="aspect-ratio:{WIDE}/{HIGH};background:{DARK["panel"]};color:{DARK["quiet"]};display:flex;'
+    'align-items:center;justify-content:center;font-size:12px">no picture yet</div>'
+)
+
+
+def frame_html(drone: DroneMoment, label: str) -> str:
+    """Return the picture of the newest decision with its point ringed, or the newest where nothing is decided yet."""
+    picture, decision = newest_decided(drone)
+    if picture is None:
+        body = NO_PICTURE
+    else:
+        ring = _ring_svg(decision) if decision is not None else ""
+        data = base64.b64encode(picture.jpeg).decode()
+        body = (
+            f'<div class="frame" data-drone="{drone.drone}" data-frame="{picture.frame_id}" '
+            f'style="position:relative"><img alt="" style="display:block;width:100%;border-radius:4px" '
+            f'src="data:image/jpeg;base64,{data}"/>{ring}</div>'
+        )
+    taken = f" at {picture.t_s:.1f} s" if picture is not None and picture.t_s is not None else ""
+    return f'<div style="padding:2px 10px 4px">{_small(escape(label) + taken)}{body}</div>'
+
+
+def frames_html(drones: Sequence[DroneMoment]) -> str:
+    """Return the pictures of all drones, of a fleet two beside one another."""
+    if len(drones) == 1:
+        return frame_html(drones[0], "the picture that was asked about")
+    cells = "".join(f"<div>{frame_html(one, drone_label(one.drone))}</div>" for one in drones)
+    return f'<div style="display:grid;grid-template-columns:1fr 1fr">{cells}</div>'
+
+
+def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | None]:
+    """Return the picture that is shown of a drone and the decision whose point is ringed in it, if any is."""
+    newer = drone.picture is not None and (
+        drone.decided_on is None or drone.picture.frame_id > drone.decided_on.frame_id
+    )
+    return (drone.picture, None) if newer else (drone.decided_on, drone.decision)
+
+
+def decisions_html(drones: Sequence[DroneMoment]) -> str:
+    """Return what was asked last, what came back, and what is made of it; a reply for several drones once."""
+    if len(drones) == 1:
+        return decision_html(drones[0])
+    shown, told = "", set[tuple[int, str]]()
+    for one in drones:
+        said = one.decision
+        words = "no decision yet" if said is None else action_or_reason(said)
+        shown += (
+            f'<div class="action" data-drone="{one.drone}" style="font-size:13px;font-weight:600;color:{ACCENT};'
+            f'padding:3px 10px 0"><span style="opacity:0.65">{drone_label(one.drone)}</span> {escape(words)}</div>'
+        )
+        alone = said is not None and not any(_together(said, other.decision) for other in drones if other is not one)
+        if said is not None and alone:
+            shown += _box(_answered(one, said))
+        elif said is not None:
+            told.add((said.step, str(said.reply)))
+    for step, _ in sorted(told):
+        one = next(each for each in drones if each.decision is not None and each.decision.step == step)
+        assert one.decision is not None
+        shown += _box(_answered(one, one.decision))
+    return shown
+
+
+def _together(said: Decision, other: Decision | None) -> bool:
+    """Return whether two decisions came of one reply."""
+    return other is not None and (said.step, said.reply) == (other.step, other.reply)
+
+
+def decision_html(drone: DroneMoment) -> str:
+    """Return what was asked last, what came back and what is made of it."""
+    said = drone.decision
+    if said is None:
+        return _box(_small("no decision yet"))
+    return _box(
+        f'<div class="action" data-step="{said.step}" style="font-size:14px;font-weight:600;color:{ACCENT};'
+        f'margin:2px 0 4px">{escape(action_or_reason(said))}</div>' + _answered(drone, said)
+    )
+
+
+def _answered(drone: DroneMoment, said: Decision) -> str:
+    """Return a reply, what it took, and what was asked."""
+    reply = said.reply if said.reply is not UNSET else ""
+    took = "" if said.latency_s is None else f"{said.latency_s:.2f} s"
+    rate = "" if said.rate_hz is None else f"{said.rate_hz:.2f} a second"
+    rows = [("step", str(said.step)), ("latency", took), ("decisions", rate), ("tokens", _tokens(said))]
+    asked = ""
+    if drone.prompt:
+        asked = (
+            f'<details><summary style="cursor:pointer;opacity:0.65">prompt</summary>{_quoted(drone.prompt)}</details>'
+        )
+    return (
+        _small("reply")
+        + f'<div class="reply">{_quoted(str(reply))}</div>'
+        + _pairs([row for row in rows if row[1]])
+        + asked
+    )
+
+
+def numbers_html(drones: Sequence[DroneMoment]) -> str:
+    """Return speed, height, battery and mode; of a fleet a line each."""
+    if len(drones) == 1:
+        return _box(_pairs([row for row in _numbers(drones[0]) if row[1]]))
+    head = "".join(f'<th style="font-weight:400;opacity:0.65">{name}</th>' for name in ("", *HEADS))
+    lines = "".join(
+        f"<tr><td>{drone_label(one.drone)}</td>"
+        + "".join(
+            f'<td style="text-align:center"><b>{escape(value)}</b></td>' for _, value in _numbers(one, brief=True)
+        )
+        + "</tr>"
+        for one in drones
+    )
+    return _box(f'<table style="width:100%;font-size:11px"><tr>{head}</tr>{lines}</table>')
+
+
+def _numbers(drone: DroneMoment, *, brief: bool = False) -> list[tuple[str, str]]:
+    speed = None if drone.velocity_ned is None else math.hypot(*drone.velocity_ned)
+    told = None if drone.setpoint_ned is None else math.hypot(*drone.setpoint_ned)
+    mode = drone.mode + ("" if drone.armed is None or brief else " · armed" if drone.armed else " · disarmed")
+    wanted = "" if told is None or brief else f" (told {told:.1f})"
+    rows = [
+        ("speed", "" if speed is None else f"{speed:.1f} m/s{wanted}"),
+        ("height", "" if drone.height_m is None else f"{drone.height_m:.1f} m"),
+        ("battery", "" if drone.battery is None else f"{100 * drone.battery:.0f} %"),
+        ("mode", mode.strip(" ·")),
+        ("pose", "" if drone.position_ned is None else "the true one" if drone.true else "the autopilot's own"),
+    ]
+    return rows[: len(HEADS)] if brief else rows
+
+
+def messages_html(drones: Sequence[DroneMoment]) -> str:
+    """Return the newest of what autopilots and envelopes have said, newest first."""
+    several = len(drones) > 1
+    most = FLEETS_MESSAGES if several else MESSAGES
+    who = {one.drone: f"{drone_label(one.drone)}: " if several else "" for one in drones}
+    lines = [who[one.drone] + said for one in drones for said in one.said[-most:][::-1]]
+    rows = "".join(f'<div style="border-top:1px solid rgba(128,128,128,0.18)">{escape(line)}</div>' for line in lines)
+    return _box(_small("messages") + f'<div class="messages">{rows or "none"}</div>')
+
+
+def state_html(moment: Moment) -> str:
+    """Return the clock, the state and the instruction."""
+    said = (
+        f'<div style="font-size:13px;margin-top:2px"><b>{escape(moment.instruction)}</b></div>'
+        if moment.instruction
+        else ""
+    )
+    return _box(
+        f'<div class="state" style="font-size:15px;font-weight:600">{clock(moment.t_s)} '
+        f'<span style="font-weight:400;opacity:0.7">{escape(moment.state)}</span></div>{said}'
+    )
+
+
+def clock(t_s: float) -> str:
+    """Return a time of the episode, in whole tenths of a second; nothing before it."""
+    return f"{t_s:.1f} s" if t_s > 0.0 else "before the episode"
+
+
+def judge_html(judge: JudgeMoment) -> str:
+    """Return what only the judge knows."""
+    far = [("" if len(judge.distance_m) < 2 else f"drone {k} ", d) for k, d in enumerate(judge.distance_m)]
+    rows = [(f"{who}to the target", f"{d:.2f} m") for who, d in far if d is not None]
+    lines = "".join(f"<div>{escape(line)}</div>" for line in judge.said[-MESSAGES:][::-1])
+    return (
+        f'<div class="judge" style="border-left:3px solid {JUDGE};margin:2px 10px">'
+        + _box(_small("only the judge knows this") + _pairs(rows) + lines)
+        + "</div>"
+    )
+
+
+def _ring_svg(decision: Decision) -> str:
+    go = chosen_go(decision)
+    if go is None:
+        return ""
+    x, y = go.x * WIDE / POINT_SPAN, go.y * HIGH / POINT_SPAN
+    rings = "".join(
+        f'<circle cx="{x:.1f}" cy="{y:.1f}" r="48" fill="none" stroke="{color}" stroke-width="{width}"/>'
+        for color, width in (("#000", 16), (YELLOW, 9))
+    )
+    return (
+        f'<svg class="ring" data-x="{go.x:g}" data-y="{go.y:g}" viewBox="0 0 {WIDE} {HIGH}" '
+        'preserveAspectRatio="none" '
+        f'style="position:absolute;inset:0;width:100%;height:100%;overflow:hidden">{rings}</svg>'
+    )
+
+
+def _tokens(decision: Decision) -> str:
+    if decision.tokens_in is None and decision.tokens_out is None:
+        return ""
+    return f"{decision.tokens_in or 0} in, {decision.tokens_out or 0} out"
+
+
+def _quoted(text: str) -> str:
+    return (
+        '<pre style="white-space:pre-wrap;overflow-wrap:anywhere;font-size:11px;line-height:1.35;margin:2px 0 6px;'
+        'padding:5px 7px;max-height:190px;overflow-y:auto;background:rgba(128,128,128,0.12);border-radius:4px">'
+        f"{escape(_plain(text))}</pre>"
+    )
+
+
+def _plain(text: str) -> str:
+    """Return a reply that is one JSON object on many lines as one line, anything else as it is."""
+    try:
+        value: Any = json.loads(text)
+    except (ValueError, RecursionError):
+        return text.strip()
+    return json.dumps(value, ensure_ascii=False) if isinstance(value, dict) else text.strip()
+
+
+def _pairs(rows: Sequence[tuple[str, str]]) -> str:
+    return "".join(
+        f'<div style="display:flex;justify-content:space-between;gap:10px"><span style="opacity:0.65">{escape(name)}'
+        f'</span><b style="text-align:right">{escape(value)}</b></div>'
+        for name, value in rows
+    )
+
+
+def _small(text: str) -> str:
+    return f'<div style="font-size:11px;opacity:0.65;margin:2px 0">{text}</div>'
+
+
+def _box(inner: str) -> str:
+    return f'<div style="font-size:12px;line-height:1.5;padding:2px 10px 4px">{inner}</div>'

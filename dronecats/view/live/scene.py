@@ -9,10 +9,8 @@ import numpy as np
 import viser
 
 from dronecats.report.kit import palette
-from dronecats.view.live.added_things import AddedThings
-from dronecats.view.live.judged import JudgedMarks
+from dronecats.view.live.layers import AddedThings, JudgedMarks, Trail
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
-from dronecats.view.live.trail import Trail
 from dronecats.view.scene import display
 from episodes.maps.scene import Moved, Scene, Sun
 from foundation.camera import CameraModel

@@ -10,8 +10,7 @@ import numpy as np
 import viser
 
 from dronecats.view.film.lettering import Picture
-from dronecats.view.replay.moments import FlightMoments
-from dronecats.view.replay.occurrences import Occurrence, OccurrenceKind
+from dronecats.view.replay.moments import FlightMoments, Occurrence, OccurrenceKind
 from dronecats.view.replay.player import SPEEDS, PlaybackClock
 from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, AgainView
 from foundation.run_folder.rows import drone_label

@@ -9,8 +9,7 @@ from dronecats.view.film.lettering import Picture
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import COLORS, FlightScene
 from dronecats.view.replay.controls import CHOICES, Controls, bind
-from dronecats.view.replay.moments import FlightMoments, of_one_episode
-from dronecats.view.replay.occurrences import OccurrenceKind, following, preceding
+from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, following, of_one_episode, preceding
 from dronecats.view.replay.player import PlaybackClock, Player
 from dronecats.view.replay.views import AgainView, AgainViews, ViewWish
 from dronecats.view.scene.page import LoopbackServer

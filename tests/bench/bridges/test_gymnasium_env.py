@@ -9,9 +9,9 @@ import pytest
 from gymnasium.spaces import Text
 from gymnasium.utils.env_checker import check_env
 
-from dronecats.bench.bridges import spaces
+from dronecats.bench.bridges import gymnasium_env
 from dronecats.bench.bridges.gymnasium_env import ENV_ID
-from dronecats.bench.bridges.spaces import picture
+from dronecats.bench.bridges.outside_flight import picture
 from foundation.errors import UsageError
 from foundation.run_folder.layout import frame_name
 
@@ -79,7 +79,7 @@ def test_a_fleet_is_commanded_by_one_action_for_each_drone(tmp_path):
         kept = folder / "frames" / frame_name(row["frame_id"], row["drone"])
         np.testing.assert_array_equal(picture(kept.read_bytes()), frame)
     with pytest.raises(ValueError, match=r"4 .*1"):
-        spaces.joint_reply(DECLARE, 4)
+        gymnasium_env.joint_reply(DECLARE, 4)
 
 
 def test_one_environment_flies_one_number_of_drones():
@@ -88,7 +88,7 @@ def test_one_environment_flies_one_number_of_drones():
 
 
 def test_a_space_is_printed_on_a_line_and_is_one_of_texts():
-    space = spaces.observation_space(1)
+    space = gymnasium_env.observation_space(1)
     assert len(str(space)) < 200
     assert "1000" in str(space)
-    assert space["instruction"] == Text(1000, charset=spaces.CHARACTERS)
+    assert space["instruction"] == Text(1000, charset=gymnasium_env.CHARACTERS)

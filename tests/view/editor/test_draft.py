@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from dronecats.view.editor.draft import HEIGHT_M, Drafting
-from dronecats.view.editor.session import Session
+from dronecats.view.editor.editor import Session
 from episodes import maps
 from episodes.authoring.check.finding import GRID_SIDE_M, NEAREST_PAIR_M, WIDEST_PAIR_M
 from episodes.maps import assets

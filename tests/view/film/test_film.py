@@ -16,7 +16,7 @@ import pytest
 from PIL import Image
 
 from dronecats.cli.main import main
-from dronecats.view.film import encoders
+from dronecats.view.film import film as encoders
 from dronecats.view.film.film import MANIFEST, FilmPart, draw_part, folder_beside, make, opened
 from dronecats.view.film.plan import FilmPlan, filmable, plan
 from foundation.errors import InfrastructureError, UsageError

@@ -10,9 +10,8 @@ import pytest
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.view.film import composition
-from dronecats.view.film.composition import action_words, caption_bar, chosen, panes, pilot_view, verdict_words
+from dronecats.view.film.composition import MapPane, action_words, caption_bar, chosen, panes, pilot_view, verdict_words
 from dronecats.view.film.lettering import MAGENTA, YELLOW, fitted, width_px
-from dronecats.view.film.map_pane import MapPane
 from foundation.run_folder import layout
 from tests.view.film.conftest import GREY
 

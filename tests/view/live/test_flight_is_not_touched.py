@@ -14,9 +14,9 @@ from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.view.live.config import ViewerConfig
+from dronecats.view.live.folder import flown_world
 from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.opening import VIEWER
-from dronecats.view.live.world import flown_world
 from foundation.run_folder import layout
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision

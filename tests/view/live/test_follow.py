@@ -11,10 +11,9 @@ from dronecats.flight.logger.estimate import EstimateRecorder
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.logger.world_measure import measured_in
 from dronecats.flight.sitl.scenario import origin
+from dronecats.view.live.folder import FrameTail, flown_world
 from dronecats.view.live.follow import FlightFollower
-from dronecats.view.live.sight import chosen_go, sight
-from dronecats.view.live.tails import FrameTail
-from dronecats.view.live.world import flown_world
+from dronecats.view.live.moment import chosen_go, sight
 from episodes.records import catalogue
 from episodes.world.world import World
 from foundation.camera import CameraModel

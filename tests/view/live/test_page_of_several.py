@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from benchmarks.page_client import CAMERA, PageClient
-from dronecats.view.live.episodes import EpisodeList, newest_flown
-from dronecats.view.live.page import NEWEST, LivePage, WantedView
+from dronecats.view.live.folder import EpisodeList, newest_flown
+from dronecats.view.live.viewer_process import NEWEST, LivePage, WantedView
 from dronecats.view.scene.page import LoopbackServer
 from foundation.run_folder import layout
 

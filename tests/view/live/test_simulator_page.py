@@ -5,7 +5,7 @@ import pytest
 from dronecats.flight.processes.supervisor import ChildKind, ChildProcess
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.view.live.config import WatchedWires
-from dronecats.view.live.wires import WireFollower
+from dronecats.view.live.wire_state import WireFollower
 from episodes.records import catalogue
 from episodes.world.world import World
 

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.view.live.tails import FrameTail, LineTail, intact
+from dronecats.view.live.folder import FrameTail, LineTail, intact
 from foundation.mavlink import Packer, dialect
 from foundation.run_folder.writing import TelemetryLog
 

@@ -13,7 +13,7 @@ import pytest
 from benchmarks.page_client import PageClient
 from dronecats.report.kit.words import action_or_reason
 from dronecats.view.editor.draft import Drafting
-from dronecats.view.live import markup
+from dronecats.view.live import panels as markup
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
 from dronecats.view.live.panels import FlightPanels
 from dronecats.view.live.scene import FlightScene

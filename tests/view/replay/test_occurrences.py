@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.view.replay.moments import flight_moments
-from dronecats.view.replay.occurrences import Occurrence, OccurrenceKind, following, preceding
+from dronecats.view.replay.moments import Occurrence, OccurrenceKind, flight_moments, following, preceding
 from foundation.mavlink import Packer, dialect
 from foundation.px4 import MODES
 from foundation.run_folder import layout

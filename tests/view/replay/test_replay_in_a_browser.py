@@ -6,8 +6,7 @@ import socket
 
 import pytest
 
-from dronecats.view.replay.moments import flight_moments
-from dronecats.view.replay.occurrences import OccurrenceKind
+from dronecats.view.replay.moments import OccurrenceKind, flight_moments
 from dronecats.view.replay.page import ReplayPage
 from dronecats.view.replay.player import SPEEDS
 from dronecats.view.replay.views import AgainView

@@ -1,4 +1,4 @@
-"""What flight.tlog tells of each drone: where it truly is, or thinks it is, and what its autopilot says."""
+"""The state of each drone, decoded from MAVLink frames of flight.tlog or of a simulator's sockets."""
 
 import struct
 from collections import deque
@@ -6,11 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dronecats.view.live.moment import DroneMoment
-from dronecats.view.live.tails import intact
+from dronecats.flight.logger.telemetry import subscribe
+from dronecats.flight.processes.bus_listener import Listener
+from dronecats.view.live.config import WatchedWires
+from dronecats.view.live.folder import intact
+from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
+from episodes.world.world import World
 from foundation import wire
 from foundation.frames import Quat, Vec3, quat_from_euler
-from foundation.mavlink import dialect
+from foundation.mavlink import Parser, dialect
 from foundation.px4 import mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
 from hil.link.telemetry import TOLD, StatusTexts, VehicleState, asked_velocity, update
@@ -154,3 +158,52 @@ def _decoded(frame: bytes) -> Any:
     if frame[2] & wire.SIGNED:
         frame = frame[: -wire.SIGNATURE_BYTES]
     return wire.BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame)
+
+
+_TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
+DELIVERIES = 400  # of each wire that are taken at a time, so that one that never falls silent holds nobody up
+
+
+class WireFollower:
+    """Follows a simulator; `turn` never waits."""
+
+    def __init__(self, wires: WatchedWires, world: World) -> None:
+        scene = world.scene
+        self._world, self._drones = world, wires.drones
+        self._heard = HeardFlight((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
+        self._listeners = [Listener(wires.truth, self._taker())]
+        for index, url in enumerate(wires.telemetry):
+            listener = Listener(url, self._taker())
+            subscribe(listener.send, index + 1)
+            self._listeners.append(listener)
+
+    def turn(self) -> Moment:
+        """Take in what has come, and return the moment that it makes."""
+        for listener in self._listeners:
+            for _ in range(DELIVERIES):
+                if not listener.read(0.0):
+                    break
+        drones = tuple(self._heard.moment(k, self._world.ground_down) for k in range(self._drones))
+        judge, moved = JudgeMoment(self._world.target_centre(0.0)), self._world.moved(0.0)
+        flying = any(drone.armed for drone in drones)
+        return Moment(self._heard.time_us / 1e6, drones, judge, moved, "armed" if flying else "on the ground")
+
+    def close(self) -> None:
+        for listener in self._listeners:
+            listener.close()
+
+    def _taker(self) -> Callable[[bytes], None]:
+        """Return what takes the bytes of one wire."""
+        parser = Parser()
+
+        def take(data: bytes) -> None:
+            self._heard.feed([(self._time(frame), frame) for frame in parser.frames(data)])
+
+        return take
+
+    def _time(self, frame: bytes) -> int:
+        """Return the vehicle's time (µs) of a frame: a true pose tells it, and all else is as late as the newest."""
+        number = frame[7] | frame[8] << 8 | frame[9] << 16
+        if frame[6] == TRUTH_COMPONENT and number == POSE and frame[1] >= _TIME.size:
+            return int(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0])
+        return self._heard.time_us

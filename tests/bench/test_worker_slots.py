@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from dronecats.bench.engine import Berths
+from dronecats.bench.engine import WorkerSlots
 
 C, R = "campus", "residential"
 
 
 def shared_out(jobs, workers, maps):
     """Return which worker has each flight when all of them begin at once."""
-    berths = Berths(jobs, workers)
+    berths = WorkerSlots(jobs, workers)
     return [berths.take(Path(str(k)), name) for k, name in enumerate(maps)]
 
 
@@ -36,7 +36,7 @@ def test_no_worker_stands_idle_for_the_sake_of_a_map():
 
 
 def test_what_comes_later_goes_where_its_map_is_and_there_is_room():
-    berths = Berths(4, 2)
+    berths = WorkerSlots(4, 2)
     flights = [Path(str(k)) for k in range(7)]
     assert [berths.take(f, name) for f, name in zip(flights, [C, C, R, R], strict=False)] == [0, 0, 1, 1]
     berths.leave(flights[0])
