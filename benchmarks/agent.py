@@ -33,8 +33,8 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated

@@ -1,4 +1,4 @@
-"""The four actions a pilot may take, and one JSON object as one of them. Paper, "Action Space"."""
+"""The four actions of a pilot, and their parser from a JSON object. Paper, "Action Space"."""
 
 import math
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ class Go:
 class Rotate:
     """Yaw in place."""
 
-    angle_deg: float  # + right; ±90 is asked for in the prompt and not enforced
+    angle_deg: float  # + right; the prompt asks for ±90, which is not enforced
 
     def as_json(self) -> dict[str, Any]:
         return {"action": ROTATE, "angle_deg": self.angle_deg}
@@ -53,10 +53,10 @@ Action = Go | Rotate | Think | Finished
 
 
 class ActionError(ValueError):
-    """A reply holds no valid action; the text says why. A failure of the pilot, never of the infrastructure."""
+    """A reply without a valid action; the text is the reason. A failure of the pilot, never of the infrastructure."""
 
 
-MAX_ROTATION_DEG = 3600.0  # ten turns: beyond it the number is noise, not an intention
+MAX_ROTATION_DEG = 3600.0  # ten turns
 MAX_DEPTH_M = 100_000.0
 
 
@@ -75,8 +75,8 @@ def action_from(value: Any, axis_order: AxisOrder = "xy") -> Action:
             return Finished()
         case None:
             raise ActionError('the object has no "action"')
-        case other:
-            raise ActionError(f"unknown action {str(other)[:40]!r}")
+        case name:
+            raise ActionError(f"unknown action {str(name)[:40]!r}")
 
 
 def _go(value: dict[str, Any], axis_order: AxisOrder) -> Go:
@@ -99,13 +99,13 @@ def _number(value: dict[str, Any], key: str, low: float, high: float) -> float:
     return number
 
 
-def _finite(value: Any, what: str) -> float:
+def _finite(value: Any, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ActionError(f"{what} is not a number")
+        raise ActionError(f"{name} is not a number")
     try:
         number = float(value)
     except OverflowError:
-        raise ActionError(f"{what} is too large") from None
+        raise ActionError(f"{name} is too large") from None
     if not math.isfinite(number):
-        raise ActionError(f"{what} is not finite")
+        raise ActionError(f"{name} is not finite")
     return number

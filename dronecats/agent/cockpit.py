@@ -1,13 +1,13 @@
-"""What an agent is given to fly an episode with. All of it comes in here, and nothing else."""
+"""The interface between an agent and one episode: vehicles, camera, clock and logs. An agent gets nothing else."""
 
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from dronecats.agent.drone import Aircraft
-from dronecats.agent.host_pace import HostPace
+from dronecats.agent.controller import Aircraft
 from dronecats.agent.models.model import Request
 from dronecats.agent.pictures import PicturePath
 from foundation.camera import Camera, CameraModel, Frame
@@ -16,38 +16,98 @@ from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog, PromptLog
 
 
+class HostPace:
+    """The wall clock that paces the vehicle's clock, and the watches on its lag. The caller supplies wall time.
+
+    Paper, "Throughput sensitivity": a step that the host delays is not the model's. It exists in real time only; in
+    lockstep everything waits for everything.
+    """
+
+    def __init__(self, wall_s: Callable[[], float], speed: float) -> None:
+        """`wall_s` reads the wall's clock, `speed` is the factor on it by which vehicle time shall pass."""
+        self._wall_s, self._speed = wall_s, speed
+        self._watches: list[HostWatch] = []
+
+    @property
+    def now_s(self) -> float:
+        """s of wall time × speed, from any zero; vehicle time differs by a constant if the host is never late."""
+        return self._wall_s() * self._speed
+
+    def watch(self) -> "HostWatch":
+        """Return a watch for one decider. It runs from now on."""
+        self._watches.append(HostWatch(self))
+        return self._watches[-1]
+
+    def tick(self, vehicle_s: float) -> None:
+        """Report the vehicle's time (s) at its newest telemetry."""
+        late_s = self.now_s - vehicle_s
+        for watch in self._watches:
+            watch.late(late_s)
+
+
+class HostWatch:
+    """How late the host was since the last `take`."""
+
+    def __init__(self, pace: HostPace) -> None:
+        self._pace = pace
+        self._least_s = self._newest_s = math.inf  # smallest and newest lateness
+        self._lag_s = 0.0
+        self._waited_s = 0.0
+
+    @property
+    def now_s(self) -> float:
+        """s of wall time × speed, from any zero."""
+        return self._pace.now_s
+
+    def late(self, late_s: float) -> None:
+        """Report how late the vehicle's clock is, s less a constant. The lag is the growth of this value."""
+        self._least_s, self._newest_s = min(self._least_s, late_s), late_s
+        self._lag_s = max(self._lag_s, late_s - self._least_s)
+
+    def waited(self, seconds: float) -> None:
+        """Add the time (s of wall time × speed) that one picture took to come."""
+        self._waited_s += seconds
+
+    def take(self) -> tuple[float, float]:
+        """Return (s by which the vehicle's clock fell behind, s that pictures were waited for) since the last time."""
+        taken = self._lag_s, self._waited_s
+        # measured from the newest on, so that a stall that begins now belongs to the next step
+        self._least_s, self._lag_s, self._waited_s = self._newest_s, 0.0, 0.0
+        return taken
+
+
 def _nothing(*_: object) -> None:
-    """Take what nobody listens to."""
+    """Do nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cockpit:
-    """One episode's vehicles, eyes and log. Times of the episode count from `t0_us` on the vehicles' clock."""
+    """One episode's vehicles, camera and logs. Episode time counts from `t0_us` on the vehicles' clock."""
 
     aircraft: Sequence[Aircraft]  # one per drone, in a fixed order
     camera: Camera
     camera_model: CameraModel
     log: LineLog
     frames_dir: Path
-    executor: Executor  # where what may take long is called
+    executor: Executor  # runs calls that may take long
     t0_us: int  # µs, the vehicles' clock when the episode began
     prompts: PromptLog | None = None  # logs the text of every question; None: prompts are not logged
     commander_log: Path | None = None  # where a hierarchy keeps its exchanges; None: nowhere
-    seed: tuple[int, ...] = (0,)  # of all that an agent draws
+    seed: tuple[int, ...] = (0,)  # of all random draws of an agent
     on_step: Callable[[Decision], None] = _nothing  # called with every decision
-    on_tick: Callable[[], None] = _nothing  # called at every tick; what it raises ends the flight
-    pictures: PicturePath | None = None  # what is done to pictures on purpose; None: each is had when it is taken
-    host: HostPace | None = None  # what the vehicle's clock is held to; None: nothing, and no host can be late
+    on_tick: Callable[[], None] = _nothing  # called at every tick; an exception in it ends the flight
+    pictures: PicturePath | None = None  # declared disturbances of pictures; None: there are none
+    host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep, no host can be late
 
-    def log_prompt(self, request: Request, frames: Sequence[Frame], asked_s: float) -> None:
-        """Log the text of a question that is about to be asked, `asked_s` after the episode began."""
+    def log_prompt(self, request: Request, frames: Sequence[Frame], time_s: float) -> None:
+        """Log the text of a question, sent `time_s` after the episode began."""
         if self.prompts:
             ids = [frame.frame_id for frame in frames]
-            self.prompts.write(request.role, request.drone, request.step, asked_s, ids, request.labels, request.text)
+            self.prompts.write(request.role, request.drone, request.step, time_s, ids, request.labels, request.text)
 
 
 class Agent(Protocol):
-    """Whoever flies. `dronecats.agent.loop.PaperAgent` is the paper's; another is one class more."""
+    """An agent that flies one episode. `dronecats.agent.loop.PaperAgent` is the paper's."""
 
     @property
     def now_s(self) -> float:
@@ -56,11 +116,11 @@ class Agent(Protocol):
 
     @property
     def steps(self) -> int:
-        """How many steps were decided."""
+        """Number of decided steps."""
         ...
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
-        """Fly until `cap_s`, or until `stop` says so of a decision just made. Raises DronecatsError."""
+        """Fly until `cap_s`, or until `stop` returns True for a new decision. Raises DronecatsError."""
         ...
 
 

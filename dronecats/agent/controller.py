@@ -1,14 +1,16 @@
-"""The fixed geometric controller: one action in, at most a turn and a move out. Paper, appendix "Execution".
+"""The fixed geometric controller, and a drone that flies its segments. Paper, appendix "Execution".
 
-Geometry solved once per step, without feedback; what tracks the result is the autopilot's business. Its angles are
-counted from the heading that the vehicle had when the picture was taken, so a go flies to its pixel whatever the
-vehicle has done meanwhile.
+One action becomes at most a turn and a move. The geometry is solved once per step, without feedback; the autopilot
+tracks the result. Angles count from the heading that the vehicle had when the picture was taken, so a go flies to its
+pixel whatever the vehicle has done meanwhile.
 """
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.agent.history import History
 from foundation.camera import CameraModel
 from foundation.protocol import (
     BEARING_DEADBAND_DEG,
@@ -21,7 +23,7 @@ from foundation.protocol import (
     STRIDE_MAX_M,
     YAW_RATE_DEG,
 )
-from foundation.setpoints import Hold, Setpoint, Turn, Velocity
+from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
 
 YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
 SETTLE_S = 3.0  # s that a turn may take beyond its angle at that rate: a vehicle lags, and a gust may shake it
@@ -78,3 +80,95 @@ def _move(ahead: float, up: float, depth_m: float, bearing: float) -> Segment:
         scale *= NEAR_SCALE
     climb = up * scale / STEP_S if up else None
     return Segment(Velocity(ahead * scale / STEP_S, climb, bearing), STEP_S)
+
+
+class Aircraft(Protocol):
+    """One drone over MAVLink. `hil.link.link.Link` implements it."""
+
+    @property
+    def time_us(self) -> int:
+        """µs, the vehicle's clock at its newest telemetry."""
+        ...
+
+    @property
+    def steady(self) -> bool:
+        """True when the nose has reached the heading of the current turn and has stopped turning."""
+        ...
+
+    def sight(self, time_us: int) -> Sight:
+        """Return where the vehicle was at a time of its clock (µs), by its own estimate. Raises LinkError."""
+        ...
+
+    def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
+        """Stream this setpoint from the next tick on, and a hold after `seconds` of vehicle time.
+
+        The setpoint's angles count from `seen`.
+        """
+        ...
+
+    def listen(self) -> None:
+        """Read the messages that have arrived, without waiting, so that `time_us` is up to date."""
+        ...
+
+    def tick(self) -> None:
+        """Wait for the next telemetry tick (20 Hz of vehicle time), then send the setpoint. Raises LinkError."""
+        ...
+
+
+class Drone:
+    """Flies one action after the other. A decider chooses them."""
+
+    def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
+        self.index, self.aircraft = index, aircraft
+        self.history = History(camera_model)
+        self.thinks_next = False  # the newest reply was a think: the next call reasons at length
+        self._segments: list[Segment] = []  # of the current action, still to be flown
+        self._segment_ends_s = 0.0
+        self._seen: Sight | None = None  # where it was when the picture of its action was taken
+        self._counts_from: Sight | None = None  # origin of the angles, where it is not `_seen`
+        self._seen_us = 0  # µs, its clock, of `_seen`
+
+    @property
+    def busy(self) -> bool:
+        """True while its action is being flown."""
+        return bool(self._segments)
+
+    def see(self, time_us: int) -> None:
+        """Remember where it was when its picture was taken. The angles of the next action count from there."""
+        self.aircraft.listen()  # the frame took a while to come
+        if self._seen is None or time_us != self._seen_us:  # the track may no longer reach back to the same picture
+            self._seen, self._seen_us = self.aircraft.sight(time_us), time_us
+
+    def _settle(self) -> None:
+        """Look up an extrapolated sight again: telemetry may have come since."""
+        if self._seen is not None and self._seen.carried_on:
+            self._seen = self.aircraft.sight(self._seen_us)
+
+    def plan(self, action: Action | None) -> None:
+        """Plan an action, None for an unreadable reply. `begin` flies it."""
+        self._segments, self._counts_from = list(plan(action, self.history.camera)), None
+
+    def begin(self, now_s: float) -> None:
+        """Start to fly the plan."""
+        self._next_segment(now_s, now_s)
+
+    def advance(self, now_s: float) -> None:
+        """Start the next segment when one has been flown."""
+        if self._segments and self._is_over(now_s):
+            settled = self._segments.pop(0).settle_s > 0.0
+            self._next_segment(now_s if settled else self._segment_ends_s, now_s)
+
+    def _is_over(self, now_s: float) -> bool:
+        """Return whether the segment has been flown. A turn is over when the vehicle has reached it and is steady."""
+        late_s = now_s - self._segment_ends_s
+        return late_s >= -1e-9 and (self.aircraft.steady or late_s >= self._segments[0].settle_s)
+
+    def _next_segment(self, starts_s: float, now_s: float) -> None:
+        if self._segments:
+            self._settle()
+            segment = self._segments[0]
+            self._segment_ends_s = starts_s + segment.duration_s
+            seconds = self._segment_ends_s + segment.settle_s - now_s
+            self.aircraft.fly(segment.setpoint, seconds, self._counts_from or self._seen)
+        else:
+            self.aircraft.fly(Hold())

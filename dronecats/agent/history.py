@@ -1,6 +1,6 @@
-"""The last five actions, in the compact form that the prompt shows and the logs use.
+"""The last five actions, in the compact form of the prompt and the logs.
 
-Apart from `action.py`, since a camera brings numpy, and a list of models needs no more than the order of a point.
+Apart from `action.py`, since a camera imports numpy, and a list of models needs only the order of a point.
 """
 
 from collections import deque
@@ -15,8 +15,8 @@ NONE_YET = "(none yet — this is the first step)"
 def compact(action: Action, camera: CameraModel | None = None) -> str:
     """Return the action on one line.
 
-    With a camera GO's coordinates are its pixels, as in the history of the paper's prompt; without, its point as in
-    a reply, 0–1000 on both axes.
+    The coordinates of a GO are pixels with a camera, as in the history of the paper's prompt, and 0–1000 without, as in
+    a reply.
     """
     match action:
         case Go(x, y, depth_m):
@@ -33,7 +33,7 @@ def compact(action: Action, camera: CameraModel | None = None) -> str:
 
 
 class History:
-    """What one drone did last."""
+    """The last actions of one drone."""
 
     def __init__(self, camera: CameraModel, length: int = HISTORY_LENGTH) -> None:
         self.camera = camera

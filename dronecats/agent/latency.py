@@ -1,10 +1,10 @@
-"""Model latency in vehicle time: as it really passes, as measured, fixed, drawn, recorded, or by the token.
+"""Model latency in vehicle time: real, measured, fixed, drawn, recorded, or by the token.
 
 The drone holds while the model decodes, and the world keeps moving. In real time latency passes by itself; in lockstep
-it is charged: after the call, for which the vehicle's clock stands still, or beside it where it is foreseen. What each
-policy promises: docs/latency.md.
+it is charged: after the call, during which the vehicle's clock stands still, or beside the call where it is foreseen.
+All policies: docs/latency.md.
 
-A policy is a value (`LatencyPolicy`). Its text is read once, and stands in run.json and spec files as it was written.
+A policy is a value (`LatencyPolicy`). run.json and spec files hold its text as it was written.
 """
 
 import hashlib
@@ -20,53 +20,53 @@ from foundation.declaration import ABOVE_0, DeclaredNumber
 from foundation.errors import UsageError
 
 LONGEST_S = 300.0  # an episode
-FASTEST_HZ = 20.0  # of the ticks on which a reply is noticed
+FASTEST_HZ = 20.0  # rate of the ticks on which a reply is noticed
 SLOWEST_HZ = 1.0 / LONGEST_S
-TRACE_MAX = 10_000  # latencies of a trace: they stand in every run.json
-CHARACTERS_A_TOKEN = 4  # of a reply whose tokens nobody has counted, as a built-in pilot's
-COMMANDER = 255  # the drone of a commander's questions: no vehicle has that number
-STEADY_CV = 1e-3  # below this a gamma is as good as its mean
+TRACE_MAX = 10_000  # latencies of a trace, all of which are in run.json
+CHARACTERS_A_TOKEN = 4  # of a reply without a token count, such as a built-in pilot's
+COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
+STEADY_CV = 1e-3  # below it a gamma equals its mean
 NOTHING_ADDED = "--latency real is what really passes, to which nothing is added"
 REAL, TRACE, FIXED, RATE, JITTER, STALL, CAP = "real", "trace", "fixed", "rate", "jitter", "stall", "cap"
 
-Seed = tuple[int, ...]  # of the episode, and of this flight of it
+Seed = tuple[int, ...]  # of the episode and of this flight
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What tells one question from every other: nothing of a random latency depends on anything else."""
+    """The identity of a question. Random draws depend on nothing else."""
 
     seed: Seed
-    step: int  # how many were asked for these drones before it
-    drone: int  # the first of those that are asked together, or COMMANDER
+    step: int  # number of the question, from 0, for these drones
+    drone: int  # first drone of the question, or COMMANDER
 
 
 @dataclass(frozen=True, slots=True)
 class Circumstance:
-    """What a charge may go by beside the question."""
+    """Other inputs of a charge."""
 
     reply: Reply | None = None  # None where the charge is foreseen
-    since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: there is none
+    since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: the first
 
 
 @dataclass(frozen=True, slots=True)
 class LatencyPart:
-    """One of the policies that are joined by +."""
+    """One term of a policy; + joins them."""
 
-    text: str  # "jitter:2,0.5", of a trace "trace:DIGEST"
+    text: str  # "jitter:2,0.5"; for a trace "trace:DIGEST"
     kind: str  # a key of KINDS
     numbers: tuple[float, ...]  # of a trace: the recorded latencies, s
 
     def charge_s(self, question: Question, of: Circumstance) -> float:
-        """Return what it adds to a reply, vehicle seconds."""
+        """Return its share of a reply's latency, vehicle seconds."""
         return KINDS[self.kind].charge(question, of, *self.numbers)
 
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """How long a reply takes in vehicle time: the sum of its parts, no less than its cap."""
+    """The latency of replies in vehicle time: the sum of its parts, no less than its cap."""
 
-    parts: tuple[LatencyPart, ...]  # none: the time that really passes
+    parts: tuple[LatencyPart, ...]  # empty: real time
 
     @classmethod
     def parse(cls, text: str, trace: Sequence[float] | None = None) -> "LatencyPolicy":
@@ -93,12 +93,12 @@ class LatencyPolicy:
 
     @property
     def real(self) -> bool:
-        """Whether a call lasts as long as it really lasts: nothing is charged."""
+        """True when a call takes its real time and nothing is charged."""
         return not self.parts
 
     @property
     def foreseen(self) -> bool:
-        """Whether the charge is known before the reply is there."""
+        """True when the charge is known before the reply."""
         return not self.real and all(KINDS[part.kind].foreseen for part in self.parts)
 
     @property
@@ -117,9 +117,9 @@ class LatencyPolicy:
         return part.numbers if part else ()
 
     def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
-        """Return it with another part: in the place of one of these kinds, else as the last.
+        """Return it with another part: in the place of the first of these kinds, else as the last.
 
-        A part of the same kind is left out. Raises UsageError.
+        The new part replaces one of its own kind. Raises UsageError.
         """
         if self.real:
             raise UsageError(f"{NOTHING_ADDED}, got '{text}'")
@@ -130,19 +130,19 @@ class LatencyPolicy:
         return LatencyPolicy((*(part for part in self.parts if part.kind != new.kind), new))
 
     def charge_s(self, question: Question, of: Circumstance) -> float:
-        """Return what a reply costs, vehicle seconds. Not of a `real` one."""
+        """Return the latency of a reply, vehicle seconds. Not for a `real` policy."""
         taken_s = sum(part.charge_s(question, of) for part in self.parts if part.kind != CAP)
         cap = self.part(CAP)
         return taken_s if cap is None else max(taken_s, cap.charge_s(question, of))
 
 
 def split_policy(text: str) -> list[str]:
-    """Return the texts of the parts that are joined by +; a plus in a number or a file's name joins nothing."""
+    """Return the texts of the parts. A plus within a number or a file name does not separate parts."""
     return _JOINT.split(text)
 
 
 def trace_name(trace: Sequence[float]) -> str:
-    """Return how a policy names recorded latencies wherever they are flown: the beginning of their SHA-256."""
+    """Return the name of recorded latencies in a policy: the beginning of their SHA-256."""
     return hashlib.sha256(",".join(f"{seconds:.6f}" for seconds in trace).encode()).hexdigest()[:8]
 
 
@@ -166,110 +166,111 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# What random latencies are drawn from. Each kind has a stream of numbers of its own, so that kinds that are added up
-# are independent of one another. What is drawn is a quantile: of two levels of one policy the same questions are slow.
-# No stream is 0, which a seed would not tell from nothing; 6 is the pictures' (`pictures.py`); without a stream, a
-# lognormal would be drawn from that of a pilot who draws (`pilots/noisy.py`).
+# Random streams. Each kind has its own, so that added kinds are independent. The draw is a quantile: at two levels of a
+# policy the same questions are slow. No stream is 0, which a seed sequence ignores; 6 is taken (`pictures.py`); and a
+# lognormal without a stream would share the draws of the noisy pilot (`pilots/oracle/noisy.py`).
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
 
 
-def _lognormal_s(asked: Question, _of: Circumstance, median_s: float, sigma: float) -> float:
+def _lognormal_s(question: Question, _of: Circumstance, median_s: float, sigma: float) -> float:
     """Return a draw whose logarithm is normal, so half of all replies come within the median."""
-    draw = np.random.default_rng((*asked.seed, asked.step, asked.drone, LOGNORMAL_STREAM)).normal(0.0, sigma)
+    draw = np.random.default_rng((*question.seed, question.step, question.drone, LOGNORMAL_STREAM)).normal(0.0, sigma)
     return min(median_s * math.exp(draw), LONGEST_S)
 
 
-def _gamma_s(asked: Question, _of: Circumstance, mean_s: float, cv: float) -> float:
+def _gamma_s(question: Question, _of: Circumstance, mean_s: float, cv: float) -> float:
     """Return a draw of a mean and a coefficient of variation (standard deviation / mean); 1 is the exponential."""
     if cv < STEADY_CV:
         return mean_s
     from scipy.special import gammaincinv  # a base dependency, but slow to import, and most flights draw no gamma
 
     shape = 1.0 / (cv * cv)
-    return min(mean_s / shape * float(gammaincinv(shape, _share(asked, GAMMA_STREAM))), LONGEST_S)
+    return min(mean_s / shape * float(gammaincinv(shape, _share(question, GAMMA_STREAM))), LONGEST_S)
 
 
-def _bimodal_s(asked: Question, _of: Circumstance, fast_s: float, slow_s: float, share: float) -> float:
-    """Return `fast_s` for this share of all questions, else `slow_s`: a cache that hits, or misses."""
-    return fast_s if _share(asked, BIMODAL_STREAM) < share else slow_s
+def _bimodal_s(question: Question, _of: Circumstance, fast_s: float, slow_s: float, share: float) -> float:
+    """Return `fast_s` for this share of all questions, else `slow_s`: cache hits and misses."""
+    return fast_s if _share(question, BIMODAL_STREAM) < share else slow_s
 
 
-def _stall_s(asked: Question, _of: Circumstance, probability: float, seconds: float) -> float:
+def _stall_s(question: Question, _of: Circumstance, probability: float, seconds: float) -> float:
     """Return `seconds` with a probability, else nothing."""
-    return seconds if _share(asked, STALL_STREAM) < probability else 0.0
+    return seconds if _share(question, STALL_STREAM) < probability else 0.0
 
 
-def _jitter_s(asked: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
-    """Return a draw around 1 / `rate_hz`, which is the mean, with this coefficient of variation.
+def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, rho: float = 0.0) -> float:
+    """Return a draw with the mean 1 / `rate_hz` and this coefficient of variation.
 
-    The logarithm is normal and from question to question an autoregression of the first order: `rho` is what two in a
-    row are correlated by. The whole sequence is drawn up to this question, so that it matters to nobody who asked.
+    The logarithm is normal and a first-order autoregression over the questions; `rho` is the correlation of two in a
+    row. The sequence up to this question is drawn every time, so that no state is kept.
     """
     variance = math.log1p(cv * cv)
-    shocks = np.random.default_rng((*asked.seed, 0, asked.drone, JITTER_STREAM)).standard_normal(asked.step + 1)
+    shocks = np.random.default_rng((*question.seed, 0, question.drone, JITTER_STREAM)).standard_normal(
+        question.step + 1
+    )
     level, kept = float(shocks[0]), math.sqrt(1.0 - rho * rho)
     for shock in shocks[1:]:
         level = rho * level + kept * float(shock)
     return min(math.exp(math.sqrt(variance) * level - variance / 2.0) / rate_hz, LONGEST_S)
 
 
-def _traced_s(asked: Question, _of: Circumstance, *trace: float) -> float:
-    """Return what was recorded: in its order, from a place that is drawn once for a drone's flight, and round again.
+def _traced_s(question: Question, _of: Circumstance, *trace: float) -> float:
+    """Return the recorded latency: in order from a place that is drawn once per drone and flight, and cyclic.
 
-    So what one reply says of the next is kept.
+    That keeps the correlation of successive replies.
     """
-    begin = int(np.random.default_rng((*asked.seed, 0, asked.drone, TRACE_STREAM)).integers(len(trace)))
-    return trace[(begin + asked.step) % len(trace)]
+    begin = int(np.random.default_rng((*question.seed, 0, question.drone, TRACE_STREAM)).integers(len(trace)))
+    return trace[(begin + question.step) % len(trace)]
 
 
-def _share(asked: Question, stream: int) -> float:
-    return float(np.random.default_rng((*asked.seed, asked.step, asked.drone, stream)).random())
+def _share(question: Question, stream: int) -> float:
+    return float(np.random.default_rng((*question.seed, question.step, question.drone, stream)).random())
 
 
-def _by_token_s(_asked: Question, of: Circumstance, first_s: float, rate_hz: float) -> float:
-    """Return the time to the first token and that of all others; a `think` costs what it is long."""
+def _by_token_s(_question: Question, of: Circumstance, first_s: float, rate_hz: float) -> float:
+    """Return the time to the first token plus that of all tokens."""
     assert of.reply is not None  # it is not foreseen
     counted = of.reply.tokens_out
     tokens = math.ceil(len(of.reply.text) / CHARACTERS_A_TOKEN) if counted is None else counted
     return min(first_s + tokens / rate_hz, LONGEST_S)
 
 
-def _measured_s(_asked: Question, of: Circumstance) -> float:
+def _measured_s(_question: Question, of: Circumstance) -> float:
     assert of.reply is not None  # it is not foreseen
     return of.reply.latency_s
 
 
-def _held_s(_asked: Question, of: Circumstance, rate_hz: float) -> float:
-    """Return how long a reply is held back, that none comes sooner after the last one than a rate allows."""
+def _held_s(_question: Question, of: Circumstance, rate_hz: float) -> float:
+    """Return the time by which a reply is held back, so that replies come no faster than a rate."""
     return 0.0 if of.since_s is None else max(0.0, 1.0 / rate_hz - of.since_s)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LatencyKind:
-    """One kind of policy: its numbers, and what they come to."""
+    """One kind of policy: its numbers and its charge."""
 
     charge: Callable[..., float]  # (question, circumstance, *numbers) → vehicle seconds
     quantities: tuple[DeclaredNumber, ...] = ()
-    optional: int = 0  # how many of the last numbers may be left out
+    optional: int = 0  # number of optional quantities, the last ones
     foreseen: bool = True
-    file: str = ""  # what it takes in the place of numbers
+    file: str = ""  # placeholder of a file in the place of numbers
 
     def form(self, name: str) -> str:
-        """Return how it is written: "jitter:RATE,CV[,RHO]"."""
+        """Return its syntax: "jitter:RATE,CV[,RHO]"."""
         needed = len(self.quantities) - self.optional
-        numbers = ",".join(each.name for each in self.quantities[:needed])
-        more = "".join(f"[,{each.name}]" for each in self.quantities[needed:])
+        numbers = ",".join(quantity.name for quantity in self.quantities[:needed])
+        more = "".join(f"[,{quantity.name}]" for quantity in self.quantities[needed:])
         return f"{name}:{numbers or self.file}{more}" if numbers or self.file else name
 
     def read(self, text: str, values: Sequence[str]) -> tuple[float, ...]:
-        """Return its numbers. Raises UsageError for too few, too many, and one that is out of its bounds."""
+        """Return its numbers. Raises UsageError for too few, too many, or one out of bounds."""
         try:
             if not len(self.quantities) - self.optional <= len(values) <= len(self.quantities):
                 raise ValueError
-            return tuple(of.read(float(value)) for of, value in zip(self.quantities, values, strict=False))
+            return tuple(quantity.read(float(value)) for quantity, value in zip(self.quantities, values, strict=False))
         except (ValueError, UsageError):
-            wanted = ", ".join(f"{each.name} {each.wanted}" for each in self.quantities) or "no number"
+            wanted = ", ".join(f"{quantity.name} {quantity.wanted}" for quantity in self.quantities) or "no number"
             raise UsageError(f"--latency {self.form(text.partition(':')[0])} wants {wanted}, got '{text}'") from None
 
 
@@ -287,8 +288,8 @@ def _rate(name: str) -> DeclaredNumber:
 
 KINDS = {
     "measured": LatencyKind(charge=_measured_s, foreseen=False),
-    FIXED: LatencyKind(charge=lambda _asked, _of, seconds: seconds, quantities=(_seconds("SECONDS"),)),
-    RATE: LatencyKind(charge=lambda _asked, _of, hz: 1.0 / hz, quantities=(_rate("HZ"),)),
+    FIXED: LatencyKind(charge=lambda _question, _of, seconds: seconds, quantities=(_seconds("SECONDS"),)),
+    RATE: LatencyKind(charge=lambda _question, _of, hz: 1.0 / hz, quantities=(_rate("HZ"),)),
     "lognormal": LatencyKind(charge=_lognormal_s, quantities=(_seconds("MEDIAN", ABOVE_0), _number("SIGMA", 0.0, 3.0))),
     "gamma": LatencyKind(charge=_gamma_s, quantities=(_seconds("MEAN", ABOVE_0), _number("CV", 0.0, 3.0))),
     "bimodal": LatencyKind(

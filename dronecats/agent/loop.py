@@ -1,24 +1,24 @@
 """The loop of the paper: see, decide, act, log. It knows a frame, an instruction, its history, and MAVLink.
 
-A decider decides for some drones together: their pictures in one question, an action for each out of one reply. It is a
+A decider decides for a group of drones: their pictures in one question, an action for each from one reply. It is a
 generator that yields whenever vehicle time has to pass, so several of them fly side by side.
 """
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 from msgspec import UNSET, UnsetType
 
 from dronecats.agent import action as actions
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.drone import Aircraft, Drone
+from dronecats.agent.controller import Drone
 from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.model_call import Asking, await_reply
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.agent.reply.reading import ReplyParser, reading
-from foundation.camera import CameraModel, Frame
+from foundation.camera import Frame
 from foundation.errors import CameraError, ModelError
 from foundation.picture import encode
 from foundation.protocol import CAP_S, HISTORY_LENGTH
@@ -31,7 +31,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Questions:
-    """Whom a decider asks, and how."""
+    """The model of a decider, and the settings of its questions."""
 
     model: Model
     prompt: Prompt
@@ -39,13 +39,13 @@ class Questions:
     latency: LatencyPolicy
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
-    patience_s: float | None = None  # s of vehicle time without a frame or a reply, then the flight ends; None: theirs
-    beside: bool = False  # the model knows nothing but the question, so that a clock that waits may go on meanwhile
-    last_reply: bool = True  # one that is under way at the cap is waited for: whether its model is slow, or dead
+    patience_s: float | None = None  # s of vehicle time without a frame or a reply that end the flight; None: no limit
+    beside: bool = False  # the model depends on the question alone, so a clock that waits may go on meanwhile
+    last_reply: bool = True  # a reply under way at the cap is awaited, to tell a slow model from a dead endpoint
 
 
 class Tally:
-    """Numbers the steps of an episode as they are decided, over all who decide in it: so none is ever missing."""
+    """Numbers the steps of an episode as they are decided, over all its deciders, without gaps."""
 
     def __init__(self) -> None:
         self.taken = 0
@@ -57,30 +57,23 @@ class Tally:
 
 
 class Decider:
-    """Decides for its drones, step by step. Of one drone it is the paper's pilot, of four its joint command."""
+    """Decides for its drones, step by step. With one drone it is the paper's pilot, with four its joint command."""
 
     def __init__(
-        self,
-        questions: Questions,
-        drones: Sequence[Drone],
-        cockpit: Cockpit,
-        now_s: Callable[[], float],
-        tally: Tally | None = None,
+        self, questions: Questions, drones: Sequence[Drone], cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
     ) -> None:
-        """`now_s` reads the episode's clock; `tally` numbers the steps, shared by who shares the episode."""
+        """`now_s` reads the episode's clock; all deciders of an episode share `tally`."""
         self._questions, self._drones, self._cockpit = questions, drones, cockpit
-        self._now_s = now_s
-        self._tally = tally or Tally()
-        self._asked = 0  # questions; of the only decider of an episode each is the step of its number
+        self._now_s, self._tally = now_s, tally
+        self._questions_sent = 0
         self._decided_s: float | None = None
-        self._served: str | None = None  # what answered last, in the vendor's words
+        self._served: str | None = None  # the model of the last reply, as the vendor names it
         self._host = cockpit.host.watch() if cockpit.host else None
-        self.steps = 0
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Decide and act until `cap_s`, or until `stop` says so of a decision; yield for every tick that passes.
+        """Decide and act until `cap_s`, or until `stop` returns True for a decision; yield once per tick.
 
-        Returns whether it was told to stop. Raises ModelError, CameraError, LinkError.
+        Returns whether `stop` ended it. Raises ModelError, CameraError, LinkError.
         """
         while self._now_s() < cap_s:
             frames = yield from self._see(cap_s)
@@ -92,10 +85,10 @@ class Decider:
         return False
 
     def _see(self, cap_s: float) -> Generator[None, None, list[Frame] | None]:
-        """Return every drone's newest frame, from which the angles of its next action count; None: it came too late."""
+        """Return the newest frame of each drone; None if the episode ended first. Later angles count from it."""
         indices = [drone.index for drone in self._drones]
-        asked_s = self._host.now_s if self._host else 0.0
-        question = Question(self._cockpit.seed, self._asked, indices[0])
+        start_s = self._host.now_s if self._host else 0.0
+        question = Question(self._cockpit.seed, self._questions_sent, indices[0])
         frames = yield from newest_frames(
             self._cockpit, question, indices, self._now_s, cap_s, self._questions.patience_s
         )
@@ -105,40 +98,42 @@ class Decider:
             return None
         if self._host:
             on_purpose_s = self._cockpit.pictures.held_s if self._cockpit.pictures else 0.0
-            self._host.waited(max(0.0, self._host.now_s - asked_s - on_purpose_s) / len(indices))
+            self._host.waited(max(0.0, self._host.now_s - start_s - on_purpose_s) / len(indices))
         for drone, frame in zip(self._drones, frames, strict=True):
             drone.see(frame.time_us)
         return frames
 
     def _step(self, frames: Sequence[Frame], cap_s: float) -> Generator[None, None, list[Decision]]:
-        """Ask, await the reply, and have every drone begin what it says; return when all have flown it."""
+        """Ask, await the reply, and fly its actions; return the decisions when all drones have flown them."""
         COMPUTING.step()
-        # a frame may be newer than what its drone has told since; no reply is older than its picture
-        asked_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
-        thinking = any(drone.thinks_next for drone in self._drones)  # one call answers for all of them
-        asking = self._ask(frames, thinking, self._asked, asked_s)
-        self._asked += 1
-        asked = self._questions
-        if not (yield from await_reply(asking, self._now_s, asked_s, cap_s, asked.patience_s, asked.last_reply)):
+        # a frame may be newer than its drone's newest telemetry; no reply is older than its picture
+        start_s = max(self._now_s(), *(self._since_begin_s(frame) for frame in frames))
+        thinking = any(drone.thinks_next for drone in self._drones)  # one call for all of them
+        asking = self._send(frames, thinking, self._questions_sent, start_s)
+        self._questions_sent += 1
+        questions = self._questions
+        if not (
+            yield from await_reply(asking, self._now_s, start_s, cap_s, questions.patience_s, questions.last_reply)
+        ):
             if not self._tally.taken:
                 raise ModelError("the model did not answer once before the episode was over")
-            return []  # the episode is over before the reply: whatever it says came too late to be an action
+            return []  # the episode was over before the reply: too late to be an action
         decisions = self._decide(frames, asking, thinking)
         yield from self._act(cap_s)
         return decisions
 
     def _act(self, cap_s: float) -> Generator[None, None, None]:
-        """Yield until what was decided has been flown as far as it has to be before the next picture."""
+        """Yield until the decided actions have been flown."""
         while any(drone.busy for drone in self._drones) and self._now_s() < cap_s:
             yield
             for drone in self._drones:
                 drone.advance(self._now_s())
 
-    def _ask(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
-        asked, cockpit = self._questions, self._cockpit
+    def _send(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
+        questions, cockpit = self._questions, self._cockpit
         pictures = keep_pictures(cockpit, frames)
-        text = asked.prompt.render(
-            self._instruction(), self._histories(), HISTORY_LENGTH, asked.axis_order, len(self._drones)
+        text = questions.prompt.render(
+            self._instruction(), self._histories(), HISTORY_LENGTH, questions.axis_order, len(self._drones)
         )
         first = self._drones[0].index
         taken_us = tuple(frame.time_us for frame in frames) if cockpit.pictures else ()
@@ -148,14 +143,13 @@ class Decider:
         cockpit.log_prompt(request, frames, now_s)
         question = Question(cockpit.seed, number, first)
         executor, last_s = cockpit.executor, self._decided_s
-        return Asking(asked.model, request, executor, asked.latency, question, now_s, asked.beside, last_s)
+        return Asking(questions.model, request, executor, questions.latency, question, now_s, questions.beside, last_s)
 
     def _instruction(self) -> str:
-        """Return what the drones are told to do."""
         return self._questions.instruction
 
     def _report(self, action: actions.Action | None) -> bool | UnsetType:
-        """Return whether an action is a report to a commander; unset where there is none to report to."""
+        """Return whether an action is a report to a commander; unset where there is no commander."""
         return UNSET
 
     def _histories(self) -> str:
@@ -172,9 +166,9 @@ class Decider:
         self._served = reply.served
         lag_s, waited_s = self._host.take() if self._host else (None, None)
         decisions = []
-        read = reading(reply.text, len(self._drones), self._questions.axis_order, self._questions.parser)
-        for drone, frame, said in zip(self._drones, frames, read, strict=True):
-            action = said.action
+        readings = reading(reply.text, len(self._drones), self._questions.axis_order, self._questions.parser)
+        for drone, frame, parsed in zip(self._drones, frames, readings, strict=True):
+            action = parsed.action
             decision = Decision(
                 step=step,
                 drone=drone.index,
@@ -183,8 +177,8 @@ class Decider:
                 t_decided=round(now_s, 6),
                 reply=reply.text,
                 action=action.as_json() if action else None,
-                error=said.error,
-                mended=said.mended or UNSET,
+                error=parsed.error,
+                mended=parsed.mended or UNSET,
                 latency_s=round(asking.latency_s(now_s), 6),
                 tokens_in=reply.tokens_in,
                 tokens_out=reply.tokens_out,
@@ -206,7 +200,6 @@ class Decider:
             self._cockpit.on_step(decision)
             decisions.append(decision)
             drone.plan(action)
-        self.steps += 1
         for drone in self._drones:
             drone.begin(self._now_s())
         return decisions
@@ -223,17 +216,17 @@ def newest_frames(
     cap_s: float,
     patience_s: float | None,
 ) -> Generator[None, None, list[Frame] | None]:
-    """Return the newest frame of each drone, on which a question is asked; yield while they come, which takes a while.
+    """Return the newest frame of each drone for a question; yield while they come.
 
-    None where the episode is over (`cap_s`) before those come that are held back on purpose. Raises CameraError.
+    None where the episode is over (`cap_s`) before pictures come that are held back on purpose. Raises CameraError.
     """
 
     def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
         coming = cockpit.executor.submit(call)
-        asked_s = now_s()
+        start_s = now_s()
         while not coming.done():
             yield
-            if patience_s is not None and now_s() > asked_s + patience_s:
+            if patience_s is not None and now_s() > start_s + patience_s:
                 raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
         return coming.result()
 
@@ -258,76 +251,61 @@ def keep_pictures(cockpit: Cockpit, frames: Sequence[Frame]) -> tuple[bytes, ...
     return pictures
 
 
-D = TypeVar("D", bound=Drone)
-DroneMaker = Callable[[int, Aircraft, CameraModel], D]  # of its index, what it flies and its camera
-DeciderMaker = Callable[[Questions, Sequence[D], Cockpit, Callable[[], float], Tally], Decider]
+class SideBySideAgent:
+    """Flies the drones of one episode with several deciders side by side. Subclasses make the deciders."""
 
+    drone_type: type[Drone] = Drone
 
-class GroupedAgent(Generic[D]):
-    """Flies one episode, each group of drones under a decider of its own; which drones and deciders, its kinds say.
-
-    Everything it touches comes in through the constructor.
-    """
-
-    def __init__(
-        self,
-        questions: Questions,
-        cockpit: Cockpit,
-        groups: Sequence[Sequence[int]] | None,
-        drone: DroneMaker[D],
-        decider: DeciderMaker[D],
-    ) -> None:
-        """`groups` of drones that are decided for together, each on its own clock; None: all of them at once."""
-        self._cockpit = cockpit
-        self._drones = [drone(i, each, cockpit.camera_model) for i, each in enumerate(cockpit.aircraft)]
-        tally = Tally()
-        self._deciders = [
-            decider(questions, [self._drones[i] for i in group], cockpit, lambda: self.now_s, tally)
-            for group in groups or [range(len(self._drones))]
+    def __init__(self, cockpit: Cockpit) -> None:
+        self._cockpit, self._tally = cockpit, Tally()
+        self._drones = [
+            self.drone_type(i, aircraft, cockpit.camera_model) for i, aircraft in enumerate(cockpit.aircraft)
         ]
+        self._deciders: list[Decider] = []
 
     @property
     def now_s(self) -> float:
-        """Vehicle seconds since the episode began, by the drone that has heard of the latest: all boot at once."""
+        """Vehicle seconds since the episode began, by the drone with the newest telemetry: all boot at once."""
         return (max(drone.aircraft.time_us for drone in self._drones) - self._cockpit.t0_us) / 1e6
 
     @property
     def steps(self) -> int:
-        """How many steps were decided, of all deciders."""
-        return sum(decider.steps for decider in self._deciders)
+        """Number of decided steps, of all deciders."""
+        return self._tally.taken
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
-        """Fly steps until the episode's time is over, or until `stop` says so of a decision just made."""
-        side_by_side([decider.fly(cap_s, stop) for decider in self._deciders], self._tick)
+        """Fly until the episode's time is over, or until `stop` returns True for a new decision."""
+        self._run([decider.fly(cap_s, stop) for decider in self._deciders])
+
+    def _run(self, flights: list[Generator[None, None, bool]]) -> None:
+        """Advance `flights` from tick to tick, in their order, until one returns True or all are over."""
+        while True:
+            for flight in list(flights):
+                try:
+                    next(flight)
+                except StopIteration as over:
+                    if over.value:
+                        return
+                    flights.remove(flight)
+            if not flights:
+                return
+            self._tick()
 
     def _tick(self) -> None:
         for drone in self._drones:
             drone.aircraft.tick()
-        self._fly_on()
         self._cockpit.on_tick()
 
-    def _fly_on(self) -> None:
-        """Do what has to be done on every tick, whoever is asked meanwhile."""
 
+class PaperAgent(SideBySideAgent):
+    """The paper's agent: each drone flies one action to its end before the next picture; a fleet is joint command."""
 
-class PaperAgent(GroupedAgent[Drone]):
-    """The paper's: each drone flies one action to its end before the next picture; of a fleet its joint command."""
+    decider_type: type[Decider] = Decider
 
     def __init__(self, questions: Questions, cockpit: Cockpit, groups: Sequence[Sequence[int]] | None = None) -> None:
-        super().__init__(questions, cockpit, groups, Drone, Decider)
-
-
-def side_by_side(flights: Sequence[Generator[None, None, bool]], tick: Callable[[], None]) -> None:
-    """Advance all of these from tick to tick, in their order, until one was told to stop or all are over."""
-    under_way = list(flights)
-    while True:
-        for flight in list(under_way):
-            try:
-                next(flight)
-            except StopIteration as over:
-                if over.value:
-                    return
-                under_way.remove(flight)
-        if not under_way:
-            return
-        tick()
+        """`groups` of drones that share a decider, each on its own clock; None: one group."""
+        super().__init__(cockpit)
+        self._deciders = [
+            self.decider_type(questions, [self._drones[i] for i in group], cockpit, lambda: self.now_s, self._tally)
+            for group in groups or [range(len(self._drones))]
+        ]

@@ -1,7 +1,7 @@
-"""A question to a model: the call, its latency on the vehicle's clock, and what becomes of a late reply."""
+"""A call to a model: its executor, its latency on the vehicle's clock, and the treatment of a late reply."""
 
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from concurrent.futures import Executor, Future, wait
 from typing import ParamSpec, TypeVar
 
@@ -15,7 +15,7 @@ T = TypeVar("T")
 
 
 class InlineExecutor(Executor):
-    """Runs a call at once, in the caller: while it runs, nothing else happens. The executor of lockstep."""
+    """Runs a call at once, in the caller's thread. The executor of lockstep."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()
@@ -27,7 +27,7 @@ class InlineExecutor(Executor):
 
 
 class DaemonExecutor(Executor):
-    """Runs each call on a thread that the interpreter does not wait for: a silent endpoint must not keep us alive."""
+    """Runs each call on a daemon thread, so that a silent endpoint does not keep the process alive."""
 
     def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
         future: Future[T] = Future()
@@ -46,7 +46,7 @@ SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
 
 
 class Asking:
-    """One question. Its latency is charged once: when the reply has come, or before where it is foreseen."""
+    """One question under way. Its latency is charged once: when the reply has come, or before if it is foreseen."""
 
     def __init__(
         self,
@@ -59,21 +59,21 @@ class Asking:
         beside: bool = False,
         last_s: float | None = None,
     ) -> None:
-        """`now_s`: vehicle seconds, at which it is asked; `last_s`: at which the same were answered last, if ever.
+        """Send the question at `now_s`; `last_s` is the time of the last reply for these drones (vehicle seconds).
 
-        `beside`: a clock that waits may go on meanwhile, up to where a foreseen reply is due, and there it waits.
+        `beside`: a clock that waits goes on meanwhile, up to the due time of a foreseen reply, and waits there.
         """
         self._beside = beside and policy.foreseen
         self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)
         self._policy, self._question = policy, question
-        self._asked_s, self._last_s = now_s, last_s
+        self._start_s, self._last_s = now_s, last_s
         self._charged_s: float | None = None
 
     def due(self, now_s: float) -> bool:
         """Return whether the reply is there and its latency has passed on the vehicle's clock."""
-        if self._beside:  # it matters when it is due, and never when it came: else no flight would be flown twice
+        if self._beside:  # only the due time counts, not the real arrival: else flights would not be reproducible
             foreseen_s = self._charge() or 0.0
-            if now_s < self._asked_s + foreseen_s - 1e-9:
+            if now_s < self._start_s + foreseen_s - 1e-9:
                 return False
             self._wait()
         if not self._future.done():
@@ -82,8 +82,8 @@ class Asking:
             return True
         charged_s = self._charge()
         if charged_s is None:
-            return now_s >= self._asked_s - 1e-9  # a picture may be newer than what the vehicle has told since
-        return now_s >= self._asked_s + charged_s - 1e-9
+            return now_s >= self._start_s - 1e-9  # a picture may be newer than the newest telemetry
+        return now_s >= self._start_s + charged_s - 1e-9
 
     @property
     def answered(self) -> bool:
@@ -101,22 +101,22 @@ class Asking:
         return self._future.result()
 
     def latency_s(self, now_s: float) -> float:
-        """Return the vehicle seconds that the reply took, `now_s` being when it was acted on.
+        """Return the vehicle seconds that the reply took; `now_s` is the time at which it was acted on.
 
-        What was charged, where that is how long it took to within the ticks of the clock; else how long it really
-        took: always without a charge, and where the reply came later than the charge.
+        It is the charge if the reply came by then, to within the ticks of the clock; else, and without a charge, the
+        elapsed time.
         """
-        elapsed_s = (now_s - self._asked_s) * self.reply().share  # attempts that failed are not the model's
+        elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
         charged_s = self._charge()
         if charged_s is None:
             return elapsed_s
         return charged_s if elapsed_s <= charged_s + SLACK_S else elapsed_s
 
     def _charge(self) -> float | None:
-        """Return what the reply costs in vehicle seconds; None where it costs what it takes."""
+        """Return the charge in vehicle seconds; None: real latency, nothing is charged."""
         if not self._policy.real and self._charged_s is None:
             reply = None if self._policy.foreseen else self.reply()
-            since_s = None if self._last_s is None else self._asked_s - self._last_s
+            since_s = None if self._last_s is None else self._start_s - self._last_s
             self._charged_s = self._policy.charge_s(self._question, Circumstance(reply, since_s))
         return self._charged_s
 
@@ -124,39 +124,29 @@ class Asking:
 def await_reply(
     asking: Asking,
     now_s: Callable[[], float],
-    asked_s: float,
+    start_s: float,
     cap_s: float,
     patience_s: float | None = None,
     last_reply: bool = True,
 ) -> Generator[None, None, bool]:
-    """Yield until the reply is due, or the episode over; return whether it is due.
+    """Yield until the reply is due or the episode is over; return whether it is due.
 
-    Times are vehicle seconds since the episode began. `last_reply`: one still under way at `cap_s` is outlasted.
-    Raises ModelError beyond `patience_s` (None: the client's alone), and what the client raises.
+    Times are vehicle seconds since the episode began. `last_reply`: a reply under way at `cap_s` is awaited. It comes
+    too late to be an action, but a slow model has failed and a dead endpoint has not, and only waiting tells them
+    apart. Raises ModelError beyond `patience_s` (None: no limit but the client's), and the client's errors.
     """
     while not asking.due(now_s()):
         yield
         if now_s() >= cap_s:
             break
-        if patience_s is not None and now_s() > asked_s + patience_s:
+        if patience_s is not None and now_s() > start_s + patience_s:
             raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
     if asking.due(now_s()):
         return True
     if last_reply:
-        yield from outlast(asking, lambda: now_s() - asked_s, patience_s)
+        while not asking.answered:
+            yield
+            if patience_s is not None and now_s() > start_s + patience_s:
+                raise ModelError(f"the model has not answered for {patience_s:g} s, nor when the episode was over")
+        asking.reply()
     return False
-
-
-def outlast(asking: Asking, waited_s: Callable[[], float], patience_s: float | None = None) -> Iterator[None]:
-    """Yield until the model has answered, or its client has given it up. Raises what the client raises.
-
-    waited_s: vehicle seconds since the question; beyond patience_s (None: the client's alone) raises ModelError.
-
-    Whatever it answers comes too late to be an action. But a model that is slow has failed, and one that is dead has
-    not, and only waiting tells them apart: an endpoint that hangs must not be scored as a pilot's failure.
-    """
-    while not asking.answered:
-        yield
-        if patience_s is not None and waited_s() > patience_s:
-            raise ModelError(f"the model has not answered for {patience_s:g} s, nor when the episode was over")
-    asking.reply()

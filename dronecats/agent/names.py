@@ -1,11 +1,11 @@
-"""What the agents that ship are called: `dronecats.flight.run.agents` makes them."""
+"""Names of the built-in agents; `dronecats.flight.run.agents` makes them. Apart, since reports need only the names."""
 
-PAPER = "paper"  # as the paper has it; what flies unless another is named
-STEADY = "steady"  # the one that bears a slow model: docs/steady.md
-# as the run.json of version 0.1.0 names them: by the function that made them
+PAPER = "paper"  # the paper's, and the default
+STEADY = "steady"  # tolerates a slow model: docs/steady.md
+# run.json of version 0.1.0 has the name of the function that made them
 FORMER = {"dronecats.run.pilot.papers_agent": PAPER, "dronecats.run.steady.steady_agent": STEADY}
 
 
-def agent_name(told: object) -> str:
-    """Return the name of an agent that a run.json of any version tells; the paper's where it tells none."""
-    return FORMER.get(str(told), str(told)) if told else PAPER
+def agent_name(name: object) -> str:
+    """Return the name of an agent in a run.json of any version; the paper's where it has none."""
+    return FORMER.get(str(name), str(name)) if name else PAPER

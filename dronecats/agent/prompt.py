@@ -1,20 +1,22 @@
-"""The prompt: one template file in our own words, the only place where the action space is declared."""
+"""The prompt of a pilot: one template file, the only place where the action space is declared."""
 
 import difflib
 import hashlib
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
 from dronecats.agent.action import AxisOrder
 from foundation.errors import UsageError
+from foundation.wording import counted
 
 FIELDS = ("instruction", "point_fmt", "history_len", "history", "drones", "situation", "answer", "closing")
 NEEDED = ("instruction", "history")
 _FIELD = re.compile("{(" + "|".join(FIELDS) + ")}")
 _LIKE_A_FIELD = re.compile(r"{([A-Za-z_]\w*)}")
-ONE = {
+SINGLE = {
     "situation": "You fly a multirotor. Your only sense is the picture attached to this message: the view straight"
     " ahead from the\ndrone's fixed forward camera.",
     "answer": "Answer with one JSON object and nothing else. It holds one of these four actions:",
@@ -28,7 +30,7 @@ FLEET = {
     "closing": "One JSON array of {n} objects, no other text.",
 }
 LABEL = "Drone {n}:"  # before each picture of a fleet, as before each history
-# around a template that knows of one drone only, so that it can be flown by a fleet
+# around a template for one drone, so that it can be flown by a fleet
 FRAMED = (
     "{situation} What follows is written for\none drone and holds for each of yours, in its own picture.\n\n",
     "\n\nWhere it asks for one object, give one JSON array of {n} such objects: the actions of Drone 1 to Drone {n}."
@@ -42,7 +44,7 @@ _POINT_FORMAT: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 @dataclass(frozen=True, slots=True)
 class Prompt:
-    """A template whose braces are literal but for the fields named in FIELDS."""
+    """A prompt template. Braces are literal except around the names in FIELDS."""
 
     template: str
 
@@ -58,7 +60,7 @@ class Prompt:
 
     @classmethod
     def of(cls, template: str, where: str) -> "Prompt":
-        """Return a prompt of one's own, `where` naming it in errors. Raises UsageError when it cannot be used."""
+        """Return the prompt of a user's template; `where` names it in errors. Raises UsageError for an unusable one."""
         for name in _LIKE_A_FIELD.findall(template):
             if name not in FIELDS:
                 near = difflib.get_close_matches(name, FIELDS, n=1)
@@ -71,33 +73,33 @@ class Prompt:
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the template and of the words filled in with it; kept in every run."""
-        words = (self.template, *ONE.values(), *FLEET.values(), *FRAMED, LABEL)
+        """Return the SHA-256 of the template and of all text that fills it; run.json holds it."""
+        words = (self.template, *SINGLE.values(), *FLEET.values(), *FRAMED, LABEL)
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
     @property
     def name(self) -> str:
-        """Return `dronecats` for the prompt that ships, `paper` for the paper's listing, else `custom`."""
+        """Return `dronecats` for the built-in prompt, `paper` for the paper's listing, else `custom`."""
         if self == Prompt.load():
             return "dronecats"
         return "paper" if template_sha256(self.template) == PAPER_SHA256 else "custom"
 
     @property
-    def knows_fleets(self) -> bool:
-        """Return whether the template itself asks a fleet for an array: one that names {answer} or {drones} does."""
+    def supports_fleets(self) -> bool:
+        """Return whether the template asks a fleet for an array: it names {answer} or {drones}."""
         return "{answer}" in self.template or "{drones}" in self.template
 
     def render(
         self, instruction: str, history: str, history_len: int, axis_order: AxisOrder = "xy", drones: int = 1
     ) -> str:
         """Return the text of one step, for one drone or for a fleet."""
-        said = ONE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
+        words = SINGLE if drones == 1 else {key: text.replace("{n}", str(drones)) for key, text in FLEET.items()}
         template = self.template
-        if drones > 1 and not self.knows_fleets:
+        if drones > 1 and not self.supports_fleets:
             before, after = (text.replace("{n}", str(drones)) for text in FRAMED)
             template = before + template.strip() + after
         values = {
-            **said,
+            **words,
             "instruction": instruction,
             "point_fmt": _POINT_FORMAT[axis_order],
             "history_len": str(history_len),
@@ -108,10 +110,59 @@ class Prompt:
 
 
 def template_sha256(template: str) -> str:
-    """Return the SHA-256 of a template without the white space at its ends, which editors add and remove."""
+    """Return the SHA-256 of a template without white space at its ends, which editors change."""
     return hashlib.sha256(template.strip().encode()).hexdigest()
 
 
 def labels(drones: int) -> tuple[str, ...]:
-    """Return what stands before each picture of a fleet, and each history; of one drone nothing does."""
+    """Return the labels of a fleet's pictures and histories; one drone has none."""
     return tuple(LABEL.replace("{n}", str(place)) for place in range(1, drones + 1)) if drones > 1 else ()
+
+
+# a verbatim environment of LaTeX, from the line after its options; not on a line that begins with %
+_LISTING = re.compile(
+    r"^[ \t]*\\begin\{(?P<name>lstlisting|verbatim|Verbatim)\}(?P<rest>.*?)^[ \t]*\\end\{(?P=name)\}", re.M | re.S
+)
+
+
+def prompt_listing(source: str, where: str) -> str:
+    """Return the only listing of a LaTeX source that is a prompt template: one that has all fields of NEEDED.
+
+    `where` names the source in errors. Raises UsageError when there is none, several, or one with an unknown field.
+    """
+    texts = list(_listings(source.replace("\r\n", "\n")))
+    fields = [f"{{{name}}}" for name in NEEDED]
+    prompts = [text for text in texts if all(field in text for field in fields)]
+    if not texts:
+        raise UsageError(f"{where} has no listing (lstlisting or verbatim); give the LaTeX file that holds the prompt")
+    if not prompts:
+        raise UsageError(
+            f"{where} has {counted(len(texts), 'listing')}, none with {' and '.join(fields)};"
+            " give the LaTeX file that holds the prompt"
+        )
+    if len(prompts) > 1:
+        raise UsageError(
+            f"{where} has {len(prompts)} listings that are prompts; keep the one to fly in a file of its own"
+        )
+    return Prompt.of(prompts[0], f"the listing in {where}").template
+
+
+def _listings(source: str) -> Iterator[str]:
+    """Yield the text of each listing, its options left out."""
+    for match in _LISTING.finditer(source):
+        rest = match["rest"]
+        head, _, text = rest[_options_end(rest) :].partition("\n")
+        if not head.strip():
+            yield text
+
+
+def _options_end(text: str) -> int:
+    """Return where `[…]` at the beginning of a text ends; brackets within braces are part of an option's value."""
+    if not text.lstrip(" \t").startswith("["):
+        return 0
+    depth = 0
+    for place, character in enumerate(text):
+        depth += {"{": 1, "}": -1}.get(character, 0)
+        if character == "]" and depth == 0:
+            return place + 1
+    return 0

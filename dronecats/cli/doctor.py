@@ -18,7 +18,7 @@ from pathlib import Path
 
 from dronecats import __version__
 from dronecats.agent.models import rows
-from dronecats.agent.models.providers import LOOPBACK, PROVIDERS
+from dronecats.agent.models.spec import LOOPBACK, PROVIDERS
 from dronecats.cli.output import show
 from dronecats.report.table import ReportTable, table_of, words
 from foundation import machine

@@ -5,7 +5,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.models.spec import PROVIDERS
 from dronecats.cli.options import (
     ACCOUNTS,
     AGENT,
@@ -342,8 +342,8 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
 
 def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
     """Return how a fleet is commanded, and by whom."""
-    from dronecats.agent.models.providers import provider_of
     from dronecats.agent.models.rows import model_of as row_or_name
+    from dronecats.agent.models.spec import provider_of
     from dronecats.pilots import roster
     from foundation.errors import UsageError
 

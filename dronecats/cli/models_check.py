@@ -25,8 +25,8 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Ask; status 0 when the model can fly, 1 when its points cannot be used, 3 when its endpoint fails."""
-    from dronecats.agent.models.open import open_model
     from dronecats.agent.models.probe import probe
+    from dronecats.agent.models.wire_formats import open_model
 
     spec = model_of(args.model, args)
     model = open_model(spec)
@@ -38,11 +38,11 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(as_json(result)))
         return 0 if result.order_is_right else 1
     print(describe_model(spec))
-    for asked in result.asked:
+    for asked in result.answers:
         reply = asked.reply
         tokens = f"{_count(reply.tokens_in)} tokens in, {_count(reply.tokens_out)} out"
         said = " ".join(reply.text.split())
-        print(f"\n{asked.what}: {reply.latency_s:.2f} s, {tokens}")
+        print(f"\n{asked.question}: {reply.latency_s:.2f} s, {tokens}")
         print(f"  {said[:REPLY_SHOWN]}{'…' if len(said) > REPLY_SHOWN else ''}" if said else "  (an empty reply)")
         if why := ending_reason(reply.finish, reply.tokens_out):
             print(f"  {why}")
@@ -56,12 +56,12 @@ def findings(result: "ProbeResult") -> list[str]:
     """Return what the replies come to, a sentence each."""
     spec, cost = result.spec, result.cost_usd
     lines = [_pointing(result), f"Schema: {_SCHEMA[result.enforced]}."]
-    whys = (ending_reason(asked.reply.finish, asked.reply.tokens_out) for asked in result.asked)
+    whys = (ending_reason(asked.reply.finish, asked.reply.tokens_out) for asked in result.answers)
     lines += [f"Unfinished: {why}." for why in dict.fromkeys(whys) if why]
     tokens_in, tokens_out = result.tokens
     known = f"${cost:.6f}" if cost is not None else "not known: its row has no prices, or the endpoint told no tokens"
     lines.append(
-        f"Cost of these {len(result.asked)}: {known} ({_count(tokens_in)} tokens in, {_count(tokens_out)} out)."
+        f"Cost of these {len(result.answers)}: {known} ({_count(tokens_in)} tokens in, {_count(tokens_out)} out)."
     )
     if result.too_long:
         lines.append(f"Too long: such a question and a reply of {spec.max_tokens} exceed {spec.context_tokens} tokens.")
@@ -84,15 +84,15 @@ def as_json(result: "ProbeResult") -> dict[str, Any]:
         "can_fly": result.order_is_right,
         "asked": [
             {
-                "what": asked.what,
-                "pointed": asked.said,
+                "what": asked.question,
+                "pointed": asked.order,
                 "reply": asked.reply.text,
                 "latency_s": asked.reply.latency_s,
                 "tokens_in": asked.reply.tokens_in,
                 "tokens_out": asked.reply.tokens_out,
                 "finish": asked.reply.finish,
             }
-            for asked in result.asked
+            for asked in result.answers
         ],
     }
 

@@ -49,9 +49,8 @@ def listed(endpoint: str) -> list[str]:
 
     A server at a provider's own address is asked with that provider's key.
     """
-    from dronecats.agent.models.open import open_model
-    from dronecats.agent.models.providers import PROVIDERS
-    from dronecats.agent.models.spec import ModelSpec
+    from dronecats.agent.models.spec import PROVIDERS, ModelSpec
+    from dronecats.agent.models.wire_formats import open_model
 
     url = endpoint.rstrip("/")
     known = next((each for each in PROVIDERS.values() if url in (each.name, each.base_url)), PROVIDERS["local"])
@@ -65,7 +64,7 @@ def listed(endpoint: str) -> list[str]:
 
 def as_json(row: "ModelRow") -> dict[str, Any]:
     """Return a row as JSON values: what it states, where, and whether its key is set, never the key."""
-    from dronecats.agent.models.providers import LOOPBACK, provider_of
+    from dronecats.agent.models.spec import LOOPBACK, provider_of
 
     spec, provider = row.spec, provider_of(row.spec.provider)
     variable = provider.key_variable

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _rowless(spec: "ModelSpec") -> str:
     """Return what is to be known of a model that has no row."""
-    from dronecats.agent.models.providers import provider_of
+    from dronecats.agent.models.spec import provider_of
 
     provider = provider_of(spec.provider)
     switched = bool(provider.thinking or provider.quick)
@@ -70,9 +70,9 @@ def request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
     """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
     from dronecats.agent.history import History
     from dronecats.agent.models.model import Request
-    from dronecats.agent.models.open import open_model
     from dronecats.agent.models.probe import marked_picture
-    from dronecats.agent.models.providers import provider_of
+    from dronecats.agent.models.spec import provider_of
+    from dronecats.agent.models.wire_formats import open_model
     from dronecats.agent.prompt import Prompt
     from foundation.camera import CameraModel
     from foundation.protocol import HISTORY_LENGTH

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.models.spec import PROVIDERS
 from dronecats.flight.disturbances import DECLARED, UNDISTURBED, Disturbances
 
 if TYPE_CHECKING:

@@ -17,8 +17,7 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Write the listing. A file that holds something else is left alone: UsageError."""
-    from dronecats.agent.prompt import Prompt
-    from dronecats.agent.prompt_listing import prompt_listing
+    from dronecats.agent.prompt import Prompt, prompt_listing
     from foundation.errors import UsageError
 
     try:

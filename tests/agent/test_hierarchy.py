@@ -12,8 +12,7 @@ from msgspec import UNSET
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, CommandPrompt
-from dronecats.agent.commanding.commander import CommandQuestions
-from dronecats.agent.commanding.hierarchy import Hierarchy
+from dronecats.agent.commanding.hierarchy import CommandQuestions, Hierarchy
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
 from dronecats.agent.model_call import InlineExecutor

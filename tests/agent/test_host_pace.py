@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.host_pace import HostPace
+from dronecats.agent.cockpit import Cockpit, HostPace
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor

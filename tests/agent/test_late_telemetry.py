@@ -5,8 +5,8 @@ import math
 import pytest
 
 from dronecats.agent.action import Go, Rotate
-from dronecats.agent.drone import Drone
-from dronecats.agent.steady.drone import SteadyDrone
+from dronecats.agent.controller import Drone
+from dronecats.agent.steady.agent import SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel
 from hil.link.course import PoseHistory

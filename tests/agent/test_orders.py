@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.agent.commanding.orders import MAX_REPLY_CHARS, FleetOrders, OrdersError, parse_orders
+from dronecats.agent.commanding.command_prompt import MAX_REPLY_CHARS, FleetOrders, OrdersError, parse_orders
 from tests.support.refusal import refusal
 
 LOOK: dict[str, Any] = {"drone": 2, "goal": "look at the left one"}

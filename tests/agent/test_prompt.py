@@ -5,7 +5,7 @@ import pytest
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.commanding.command_prompt import CAUSES, CommandPrompt
 from dronecats.agent.history import History
-from dronecats.agent.prompt import FLEET, FRAMED, ONE, Prompt
+from dronecats.agent.prompt import FLEET, FRAMED, SINGLE, Prompt
 from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
@@ -80,7 +80,7 @@ def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
 
 def test_not_six_words_in_a_row_are_the_papers():
     of_commander = (CommandPrompt.load().template, *CAUSES.values())
-    ours = rows("\n".join((Prompt.load().template, *ONE.values(), *FLEET.values(), *FRAMED, *of_commander)))
+    ours = rows("\n".join((Prompt.load().template, *SINGLE.values(), *FLEET.values(), *FRAMED, *of_commander)))
     assert len(known()) > 800
     assert [words for key, words in ours.items() if key in known()] == []
 

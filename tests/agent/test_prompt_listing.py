@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.agent.prompt_listing import prompt_listing
+from dronecats.agent.prompt import prompt_listing
 from foundation.errors import UsageError
 
 TEMPLATE = """You fly.  Two spaces, a \\backslash, 50% and a {"action":"think"}.

@@ -56,10 +56,10 @@ def test_children_that_are_named_can_be_imported():
 
 
 def test_a_model_is_opened_in_one_place():
-    """Whoever wants one says which by a `ModelSpec`: a wire format is one file more, and no other place knows it."""
-    formats = {f"dronecats.agent.models.{name}" for name in ("openai_chat", "gemini", "anthropic")}
-    users = {name for name, needed in edges().items() if needed & formats}
-    assert users == {"dronecats.agent.models.open"}
+    """Callers give a `ModelSpec` to `open_model`. No other module uses the classes of the wire formats."""
+    formats = ("ChatModel", "GeminiModel", "AnthropicModel")
+    users = {name for name, path in modules().items() if any(f in path.read_text(encoding="utf-8") for f in formats)}
+    assert users == {"dronecats.agent.models.wire_formats"}
 
 
 def test_only_the_command_line_reads_a_command_line():

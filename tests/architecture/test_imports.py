@@ -22,7 +22,7 @@ class Refuse(importlib.abc.MetaPathFinder):
         if name.split('.')[0] in ('numba', 'embreex', 'matplotlib', 'trimesh'):
             raise ImportError(name)
 sys.meta_path.insert(0, Refuse())
-import dronecats.agent.loop, dronecats.agent.models.open, hil.link.link, hil.link.transport, hil.cameras.open
+import dronecats.agent.loop, dronecats.agent.models.wire_formats, hil.link.link, hil.link.transport, hil.cameras.open
 import dronecats.judge.episode, dronecats.flight.logger.estimate_process, dronecats.flight.logger.recorder
 import dronecats.flight.run.connected, dronecats.pilots.pilot_process, dronecats.pilots.vision.pilot
 import dronecats.cli.fly, dronecats.cli.judge, dronecats.cli.doctor

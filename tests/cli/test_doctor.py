@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.models.spec import PROVIDERS
 from dronecats.cli import doctor
 from dronecats.cli.main import main
 from foundation.extras import EXTRAS, is_installed

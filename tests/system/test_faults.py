@@ -39,7 +39,7 @@ def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(f
             raise RuntimeError(f"overloaded, {KEY}")
         return '{"action":"rotate","angle_deg":10}'
 
-    monkeypatch.setattr("dronecats.agent.models.endpoint.pause_asked_for", lambda headers: 0.0)
+    monkeypatch.setattr("dronecats.agent.models.endpoint.retry_after_s", lambda headers: 0.0)
     status, result, everything = fly(pilot)
     assert status == 3
     assert result["outcome"] == "error"
@@ -50,7 +50,7 @@ def test_a_model_that_breaks_in_flight_ends_it_with_status_3_and_leaks_nothing(f
 
 
 def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch):
-    monkeypatch.setattr("dronecats.agent.models.endpoint.pause_asked_for", lambda headers: 0.0)
+    monkeypatch.setattr("dronecats.agent.models.endpoint.retry_after_s", lambda headers: 0.0)
     replies = ["\ud800 no json", "", '{"action":"land"}', '{"action":"go","point":[9],"depth_m":1}']
 
     def pilot(prompt, images):
@@ -68,7 +68,7 @@ def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch)
 
 
 def test_a_mistake_of_ours_in_flight_still_lands_and_leaves_a_verdict(fly, monkeypatch):
-    monkeypatch.setattr("dronecats.agent.drone.plan", lambda action, camera: 1 / 0)
+    monkeypatch.setattr("dronecats.agent.controller.plan", lambda action, camera: 1 / 0)
     status, result, everything = fly(lambda prompt, images: '{"action":"think"}')
     assert status == 3
     assert "ZeroDivisionError" in result["error"]

@@ -11,8 +11,8 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models import turns
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Ledger
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.cli.main import main
 from dronecats.flight.run import accounts, first_question
 from dronecats.flight.run.fly import fly

@@ -1,14 +1,18 @@
-"""The question to a commander: one template file in our own words, and the roster that tells it of each drone."""
+"""The question to a commander (prompt template, roster of the drones) and the parser of its orders."""
 
 import hashlib
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
+from typing import Any
 
 from dronecats.agent.action import Go
-from dronecats.agent.drone import Drone
+from dronecats.agent.controller import Drone
 from dronecats.agent.history import compact
+from dronecats.agent.models.reply_schema import CONFIRM, ORDERS
+from dronecats.agent.reply.strict import json_spans
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Cause
 
@@ -22,23 +26,23 @@ CAUSES = {
     "time": "Nothing was heard of you for {seconds} s.",
 }
 STALL_STEPS = 8  # decisions in a row without a go: more than a full circle of turns of 60°
-INTERVAL_S = 45.0  # s of vehicle time between two questions, where nothing else calls for one
+INTERVAL_S = 45.0  # s of vehicle time between two questions, unless there is another cause
 
 
 @dataclass(frozen=True, slots=True)
 class CommandPrompt:
-    """A template whose braces are literal but for its four fields."""
+    """The prompt template of a commander. Braces are literal except in its four fields."""
 
     template: str
 
     @classmethod
     def load(cls) -> "CommandPrompt":
-        """Return the one that ships."""
+        """Return the built-in template."""
         return cls(files("dronecats.agent.commanding").joinpath("commander.txt").read_text(encoding="utf-8"))
 
     @property
     def digest(self) -> str:
-        """Return the SHA-256 of the template and of the words filled in with it; kept in every run that it flies."""
+        """Return the SHA-256 of the template and of all text that fills it; run.json holds it."""
         words = (self.template, FLEET, ALONE, *CAUSES.values())
         return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
@@ -47,14 +51,14 @@ class CommandPrompt:
         values = {
             "drones": FLEET.replace("{n}", str(drones)) if drones > 1 else ALONE,
             "instruction": instruction,
-            "causes": "\n".join(said(cause) for cause in causes),
+            "causes": "\n".join(cause_text(cause) for cause in causes),
             "roster": roster,
         }
         return _FIELD.sub(lambda match: values[match[1]], self.template)
 
 
-def said(cause: Cause) -> str:
-    """Return a cause as the commander reads it; drones are counted from 1 there."""
+def cause_text(cause: Cause) -> str:
+    """Return a cause as the prompt states it; drones are counted from 1 there."""
     text = CAUSES[cause.why].replace("{steps}", str(STALL_STEPS)).replace("{seconds}", f"{INTERVAL_S:g}")
     return text if cause.drone is None else text.replace("{n}", str(cause.drone + 1))
 
@@ -63,31 +67,31 @@ NOT_YET = "(none yet)"
 
 
 class Post:
-    """One drone's place under a commander: its goal, and what came of it so far."""
+    """One drone's place under a commander: its goal and its progress."""
 
     def __init__(self, drone: Drone, goal: str) -> None:
-        """`goal` holds until another is given: the episode's own instruction."""
+        """`goal` is the episode's own instruction. It holds until the commander gives another."""
         self.drone, self.goal = drone, goal
-        self.begun = False  # the commander has been heard; until then it hovers
-        self.since_s = 0.0  # when the goal was given
+        self.begun = False  # the commander has replied once; until then the drone hovers
+        self.since_s = 0.0  # time of the goal
         self.steps = 0  # decided since then
-        self.still = 0  # of these, the last ones in a row that were no go, less those that the commander knows of
-        self.reported_s: float | None = None  # when it reported its arrival, None: it has not, or has been answered
-        self.confirmed = False  # its report has been; it hovers until it has another goal
+        self.still = 0  # last decisions in a row without a go, since the commander was asked about a stall
+        self.reported_s: float | None = None  # time of its open report of arrival; None: there is none
+        self.confirmed = False  # its report is confirmed: it hovers until it has another goal
 
     @property
     def waits(self) -> bool:
-        """Whether it hovers until the commander says what is next."""
+        """True while it hovers until the next order."""
         return not self.begun or self.confirmed or self.reported_s is not None
 
     def order(self, goal: str, now_s: float) -> None:
-        """Take a goal, the same again for a report that was not believed."""
+        """Set a goal. The same goal again rejects a report."""
         if goal != self.goal or self.confirmed:
             self.goal, self.since_s, self.steps = goal, now_s, 0
         self.still, self.reported_s, self.confirmed = 0, None, False
 
     def note(self, went: bool, reported: bool, now_s: float) -> None:
-        """Take note of a decision under the present goal."""
+        """Count a decision under the present goal."""
         self.steps += 1
         self.still = 0 if went else self.still + 1
         if reported:
@@ -95,11 +99,11 @@ class Post:
 
 
 def roster(posts: Sequence[Post], now_s: float) -> str:
-    """Return what is known of the drones, in their order, as the commander's prompt shows it."""
-    return "\n\n".join(_of(post, place, now_s) for place, post in enumerate(posts, 1))
+    """Return the state of the drones, in their order, as the commander's prompt shows it."""
+    return "\n\n".join(_roster_entry(post, place, now_s) for place, post in enumerate(posts, 1))
 
 
-def _of(post: Post, place: int, now_s: float) -> str:
+def _roster_entry(post: Post, place: int, now_s: float) -> str:
     camera, actions = post.drone.history.camera, post.drone.history.actions
     done = "; ".join(compact(action, camera) for action in actions) or NOT_YET
     return (
@@ -120,10 +124,72 @@ def _report(post: Post, now_s: float) -> str:
 
 
 def _heading(post: Post) -> str:
-    """Return in words where the thing is that it last flew to, by its own judgement."""
+    """Return the destination of the last go in words, by the pilot's own judgement."""
     went = next((action for action in reversed(post.drone.history.actions) if isinstance(action, Go)), None)
     if went is None:
         return "nowhere yet"
     third = min(2, int(3.0 * went.x / POINT_SPAN))
     side = ("on the left of", "in the middle of", "on the right of")[third]
     return f"to something {side} its picture, {went.depth_m:.3g} m away by its own judgement"
+
+
+MAX_REPLY_CHARS = 50_000  # eight orders of the longest are far below this
+MAX_GOAL_CHARS = 500  # as an episode's own instruction
+
+
+@dataclass(frozen=True, slots=True)
+class FleetOrders:
+    """The orders of one reply. Drones are counted from 0 here, and from 1 in the reply."""
+
+    goals: tuple[tuple[int, str], ...] = ()  # (drone, its goal on one line), in the order of the reply
+    confirmed: tuple[int, ...] = ()  # drones whose report is confirmed
+
+
+class OrdersError(ValueError):
+    """A reply without valid orders; the text is the reason. A failure of the commander, never of the infrastructure."""
+
+
+def parse_orders(reply: str, drones: int) -> FleetOrders:
+    """Return the orders in a commander's reply to a fleet of `drones`.
+
+    Prose or a code fence around the object is tolerated: the last object that has either key counts. Raises OrdersError
+    when there is none, or when anything in it is malformed.
+    """
+    objects = [span.value for span in json_spans(reply[:MAX_REPLY_CHARS], "{")]
+    answers = [value for value in objects if ORDERS in value or CONFIRM in value]
+    if not answers:
+        raise OrdersError(f'no JSON object with "{ORDERS}" or "{CONFIRM}" in the reply')
+    goals = tuple(_goal(order, drones) for order in _list(answers[-1], ORDERS))
+    confirmed = tuple(_drone(number, drones) for number in _list(answers[-1], CONFIRM))
+    counts = Counter(drone for drone, _ in goals)
+    for drone, count in counts.items():
+        if count > 1:
+            raise OrdersError(f"drone {drone + 1} has two goals")
+    return FleetOrders(goals, tuple(dict.fromkeys(confirmed)))
+
+
+def _list(value: dict[str, Any], key: str) -> list[Any]:
+    items = value.get(key, [])
+    if not isinstance(items, list):
+        raise OrdersError(f'"{key}" is not a list')
+    return items
+
+
+def _goal(order: Any, drones: int) -> tuple[int, str]:
+    if not isinstance(order, dict):
+        raise OrdersError("an order is not a JSON object")
+    goal = order.get("goal")
+    if not isinstance(goal, str):
+        raise OrdersError('an order has no "goal" in words')
+    line = " ".join(goal.split())  # it becomes a line of a prompt
+    if not line or len(line) > MAX_GOAL_CHARS or not line.isprintable():
+        raise OrdersError(f"a goal must be 1 … {MAX_GOAL_CHARS} printable characters")
+    return _drone(order.get("drone"), drones), line
+
+
+def _drone(number: Any, drones: int) -> int:
+    if isinstance(number, bool) or not isinstance(number, int):
+        raise OrdersError("a drone is not named by its number")
+    if not 1 <= number <= drones:
+        raise OrdersError(f"there is no drone {str(number)[:20]}, but 1 to {drones}")
+    return number - 1

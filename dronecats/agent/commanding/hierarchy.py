@@ -1,38 +1,246 @@
-"""A commander with a pilot for each drone: what the paper's agent is made to support and leaves to future work.
-
-Paper, "Organisational Settings". All fly side by side without a thread: the pilots each on their own clock of actions,
-asked at once when they are due at once, and the commander beside them.
-"""
+"""A commander over the pilots of a fleet. Paper, "Organisational Settings", which leaves it to future work."""
 
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass
+
+from msgspec import UNSET, UnsetType
 
 from dronecats.agent.action import Action, Finished
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.commanding.command_prompt import Post
-from dronecats.agent.commanding.commander import CommandQuestions, FleetCommander
-from dronecats.agent.drone import Drone
+from dronecats.agent.commanding.command_prompt import (
+    INTERVAL_S,
+    STALL_STEPS,
+    CommandPrompt,
+    FleetOrders,
+    OrdersError,
+    Post,
+    parse_orders,
+    roster,
+)
 from dronecats.agent.history import History
-from dronecats.agent.loop import Decider, Questions, Tally, side_by_side
-from dronecats.agent.model_call import Asking
+from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
+from dronecats.agent.loop import Decider, Questions, SideBySideAgent, Tally, keep_pictures, newest_frames
+from dronecats.agent.model_call import Asking, await_reply
+from dronecats.agent.models.model import Model, Request
+from dronecats.agent.prompt import labels
 from foundation.camera import Frame
+from foundation.errors import ModelError
 from foundation.protocol import CAP_S, GO
-from foundation.run_folder.rows import Decision, Exchange
+from foundation.run_folder.rows import Cause, Decision, Exchange, Order
 from foundation.run_folder.writing import LineLog
 
 
+@dataclass(frozen=True, slots=True)
+class CommandQuestions:
+    """The model of a fleet's commander, and the settings of its questions."""
+
+    model: Model
+    prompt: CommandPrompt
+    instruction: str  # the episode's
+    latency: LatencyPolicy
+    patience_s: float | None = None  # as `Questions` has them
+    last_reply: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """The state that one question shows to the commander."""
+
+    number: int
+    sent_s: float
+    causes: tuple[Cause, ...]
+    frames: tuple[Frame, ...]  # one per drone
+    roster: str
+    reports: frozenset[int]  # drones whose report is open
+
+
+class FleetCommander:
+    """The commander of a fleet: one context for all drones, asked when something has happened, not every step.
+
+    It sees the picture of every camera, and the roster. It gives goals, and it alone declares: the report of a pilot
+    becomes a declaration when the commander confirms it, on the picture that the commander saw of that drone.
+    """
+
+    def __init__(
+        self,
+        command: CommandQuestions,
+        posts: Sequence[Post],
+        cockpit: Cockpit,
+        now_s: Callable[[], float],
+        tally: Tally,
+        keep: Callable[[Exchange], None],
+    ) -> None:
+        """`posts` are in the order of the drones; `keep` logs an exchange."""
+        self._command, self._posts, self._cockpit = command, posts, cockpit
+        self._now_s, self._tally, self._keep = now_s, tally, keep
+        self._questions_sent = 0
+        self._sent_s = 0.0  # time of the last question
+        self._answered_s: float | None = None  # time of the last reply
+        self._served: str | None = None  # the model of the last reply, as the vendor names it
+        self._sent_reports: set[int] = set()  # drones whose open report was in a question
+
+    def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
+        """Ask whenever there is a cause, and carry out the orders, until `cap_s` or until `stop` returns True.
+
+        As `Decider.fly`. Raises ModelError, CameraError.
+        """
+        while self._now_s() < cap_s:
+            causes = self._causes()
+            if not causes:
+                yield
+                continue
+            decisions = yield from self._exchange(causes, cap_s)
+            if any(stop(decision) for decision in decisions):
+                return True
+        return False
+
+    def _causes(self) -> tuple[Cause, ...]:
+        """Return the new causes to ask. A report is a cause only once."""
+        if not self._questions_sent:
+            return (Cause(why="start"),)
+        causes: list[Cause] = []
+        for drone, post in enumerate(self._posts):
+            if post.reported_s is None:
+                self._sent_reports.discard(drone)
+            elif drone not in self._sent_reports:
+                causes.append(Cause(why="report", drone=drone))
+            if post.still >= STALL_STEPS and not post.waits:
+                causes.append(Cause(why="stall", drone=drone))
+        if not causes and self._now_s() >= self._sent_s + INTERVAL_S:
+            causes.append(Cause(why="time"))
+        return tuple(causes)
+
+    def _exchange(self, causes: tuple[Cause, ...], cap_s: float) -> Generator[None, None, list[Decision]]:
+        command = self._command
+        question = Question(self._cockpit.seed, self._questions_sent, COMMANDER)
+        frames = yield from newest_frames(
+            self._cockpit, question, range(len(self._posts)), self._now_s, cap_s, command.patience_s
+        )
+        if frames is None:
+            return []
+        shown = self._show(causes, tuple(frames))
+        asking = self._send(shown)
+        due = yield from await_reply(asking, self._now_s, shown.sent_s, cap_s, command.patience_s, command.last_reply)
+        if not due:
+            if asking.answered and not self._tally.taken and not shown.number:
+                raise ModelError("the commander did not answer once before the episode was over")
+            self._keep(self._row(shown, None, FleetOrders(), "the episode was over before the reply"))
+            return []
+        reply, now_s = asking.reply(), self._now_s()
+        self._answered_s = now_s
+        error: str | None = None
+        try:
+            orders, refusals = self._granted(parse_orders(reply.text, len(self._posts)), shown)
+            error = "; ".join(refusals) or None
+        except OrdersError as unreadable:
+            orders, error = FleetOrders(), str(unreadable)
+        self._keep(self._row(shown, asking, orders, error))
+        decisions = [self._declare(drone, shown, asking) for drone in orders.confirmed]
+        for drone, goal in orders.goals:
+            self._posts[drone].order(goal, now_s)
+        for post in self._posts:  # even after an unreadable reply, so that no drone waits for ever
+            if not post.begun:
+                post.begun, post.since_s = True, now_s
+        return decisions
+
+    def _show(self, causes: tuple[Cause, ...], frames: tuple[Frame, ...]) -> _Shown:
+        now_s = max(self._now_s(), *((frame.time_us - self._cockpit.t0_us) / 1e6 for frame in frames))
+        reports = frozenset(drone for drone, post in enumerate(self._posts) if post.reported_s is not None)
+        shown = _Shown(self._questions_sent, now_s, causes, frames, roster(self._posts, now_s), reports)
+        self._questions_sent, self._sent_s, self._sent_reports = self._questions_sent + 1, now_s, set(reports)
+        for post in self._posts:
+            if post.still >= STALL_STEPS:
+                post.still = 0
+        return shown
+
+    def _send(self, shown: _Shown) -> Asking:
+        command, drones = self._command, len(self._posts)
+        request = Request(
+            command.prompt.render(command.instruction, shown.roster, shown.causes, drones),
+            keep_pictures(self._cockpit, shown.frames),
+            thinking=False,
+            labels=labels(drones),
+            step=shown.number,
+            role="commander",
+        )
+        self._cockpit.log_prompt(request, shown.frames, shown.sent_s)
+        question = Question(self._cockpit.seed, shown.number, COMMANDER)
+        executor, last_s = self._cockpit.executor, self._answered_s
+        return Asking(command.model, request, executor, command.latency, question, shown.sent_s, last_s=last_s)
+
+    def _granted(self, orders: FleetOrders, shown: _Shown) -> tuple[FleetOrders, list[str]]:
+        """Return the orders that can be carried out, and the reasons against the rest."""
+        refusals: list[str] = []
+        goals, confirmed = [], []
+        for drone in orders.confirmed:
+            if drone in shown.reports:
+                confirmed.append(drone)
+            else:
+                refusals.append(f"drone {drone + 1} had no report to confirm")
+        for drone, goal in orders.goals:
+            if self._posts[drone].reported_s is None or drone in shown.reports:
+                goals.append((drone, goal))
+            else:
+                refusals.append(f"drone {drone + 1} has reported meanwhile")
+        return FleetOrders(tuple(goals), tuple(confirmed)), refusals
+
+    def _declare(self, drone: int, shown: _Shown, asking: Asking) -> Decision:
+        """Declare a confirmed report on the frame that the commander saw. The drone has hovered there since."""
+        post, frame, now_s = self._posts[drone], shown.frames[drone], self._now_s()
+        post.reported_s, post.confirmed = None, True
+        decision = Decision(
+            step=self._tally.take(),
+            drone=drone,
+            frame_id=frame.frame_id,
+            t_frame=round((frame.time_us - self._cockpit.t0_us) / 1e6, 6),
+            t_decided=round(now_s, 6),
+            action=Finished().as_json(),
+            latency_s=round(asking.latency_s(now_s), 6),
+            thinking=False,
+            confirmed_by=shown.number,
+        )
+        self._cockpit.log.write(decision)
+        self._cockpit.on_step(decision)
+        return decision
+
+    def _row(self, shown: _Shown, asking: Asking | None, orders: FleetOrders, error: str | None) -> Exchange:
+        """Return the log row of an exchange; `asking` is None where the reply came too late."""
+        reply, now_s = asking.reply() if asking else None, self._now_s()
+        served: str | UnsetType = UNSET
+        if reply and reply.served != self._served:
+            served, self._served = reply.served or self._command.model.name, reply.served
+        return Exchange(
+            number=shown.number,
+            t_asked=round(shown.sent_s, 6),
+            t_answered=round(now_s, 6) if asking else None,
+            causes=shown.causes,
+            roster=shown.roster,
+            frames=tuple(frame.frame_id for frame in shown.frames),
+            reply=reply.text if reply else None,
+            orders=tuple(Order(drone=drone, goal=goal) for drone, goal in orders.goals),
+            confirms=orders.confirmed,
+            error=error,
+            latency_s=round(asking.latency_s(now_s), 6) if asking else None,
+            tokens_in=reply.tokens_in if reply else None,
+            tokens_out=reply.tokens_out if reply else None,
+            model=self._command.model.name,
+            served=served,
+        )
+
+
 class Subordinate(Decider):
-    """Same prompt, same four actions, a history and a pace of its own. A new goal is a new context."""
+    """A pilot under a commander: same prompt and actions, its own history and pace. A new goal clears its history."""
 
     def __init__(
         self, questions: Questions, post: Post, cockpit: Cockpit, now_s: Callable[[], float], tally: Tally
     ) -> None:
-        """`post` is where the commander's goals come in and reports go out."""
+        """`post` holds the commander's goals and the pilot's reports."""
         super().__init__(questions, [post.drone], cockpit, now_s, tally)
         self._post = post
-        self._goal = post.goal  # under which the question under way was asked
+        self._goal = post.goal  # of the current question
 
     def fly(self, cap_s: float, stop: Callable[[Decision], bool]) -> Generator[None, None, bool]:
-        """Fly the goals that come; hover while there is none to fly. As `Decider.fly`."""
+        """Fly the goals; hover while there is none. As `Decider.fly`."""
         while self._now_s() < cap_s:
             if self._post.waits:
                 yield
@@ -41,14 +249,14 @@ class Subordinate(Decider):
             frames = yield from self._see(cap_s)
             if frames is None:
                 break
-            self._take_up()  # one that came while the picture did
+            self._take_up()  # a goal that came together with the picture
             decisions = yield from self._step(frames, cap_s)
             if any(stop(decision) for decision in decisions):
                 return True
         return False
 
     def _take_up(self) -> None:
-        """Go by the goal as it is now; what was done for another one is no part of it."""
+        """Adopt the present goal. The history of another goal does not count."""
         drone = self._post.drone
         if self._post.goal != self._goal:
             self._goal = self._post.goal
@@ -62,42 +270,30 @@ class Subordinate(Decider):
 
     def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
         decisions = super()._decide(frames, asking, thinking)
-        if self._goal == self._post.goal:  # else the commander has changed its mind meanwhile
+        if self._goal == self._post.goal:  # else the commander has given another goal meanwhile
             for decision in decisions:
                 self._post.note(decision.kind == GO, decision.report is True, self._now_s())
         return decisions
 
 
-class Hierarchy:
-    """Flies one episode. Everything it touches comes in through the constructor."""
+class Hierarchy(SideBySideAgent):
+    """Flies one episode: the pilots side by side, each on its own clock of actions, and the commander beside them."""
 
     def __init__(self, questions: Questions, command: CommandQuestions, cockpit: Cockpit) -> None:
-        """`questions` are those of the pilots, whose instruction holds for a drone until it has a goal."""
-        self._cockpit = cockpit
-        self._tally = Tally()
+        """`questions` are the pilots'. Their instruction is the goal of a drone until the commander gives one."""
+        super().__init__(cockpit)
         self._log: LineLog | None = None
-        self._drones = [Drone(i, each, cockpit.camera_model) for i, each in enumerate(cockpit.aircraft)]
         posts = [Post(drone, questions.instruction) for drone in self._drones]
-        self._pilots = [Subordinate(questions, post, cockpit, lambda: self.now_s, self._tally) for post in posts]
+        self._deciders = [Subordinate(questions, post, cockpit, lambda: self.now_s, self._tally) for post in posts]
         self._commander = FleetCommander(command, posts, cockpit, lambda: self.now_s, self._tally, self._keep)
 
-    @property
-    def now_s(self) -> float:
-        """Vehicle seconds since the episode began, by the drone that has heard of the latest."""
-        return (max(drone.aircraft.time_us for drone in self._drones) - self._cockpit.t0_us) / 1e6
-
-    @property
-    def steps(self) -> int:
-        """How many steps were decided, the pilots' and the confirmations."""
-        return self._tally.taken
-
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
-        """Fly until the episode's time is over, or until `stop` says so of a decision just made."""
+        """Fly until the episode's time is over, or until `stop` returns True for a new decision."""
         if self._cockpit.commander_log is not None:
             self._log = LineLog(self._cockpit.commander_log)
         try:
-            flights = [pilot.fly(cap_s, stop) for pilot in self._pilots]
-            side_by_side([*flights, self._commander.fly(cap_s, stop)], self._tick)
+            flights = [pilot.fly(cap_s, stop) for pilot in self._deciders]
+            self._run([*flights, self._commander.fly(cap_s, stop)])
         finally:
             if self._log is not None:
                 self._log.close()
@@ -105,8 +301,3 @@ class Hierarchy:
     def _keep(self, exchange: Exchange) -> None:
         if self._log is not None:
             self._log.write(exchange)
-
-    def _tick(self) -> None:
-        for drone in self._drones:
-            drone.aircraft.tick()
-        self._cockpit.on_tick()

@@ -1,4 +1,4 @@
-"""A model as the agent needs it: text and pictures in, text out."""
+"""The interface of a model: text and pictures in, text out."""
 
 from dataclasses import dataclass
 from typing import Literal, Protocol
@@ -11,60 +11,60 @@ REASONS = {  # of `Reply.finish`; {tokens} is the length of the reply
 
 
 def ending_reason(finish: object, tokens_out: int | None) -> str | None:
-    """Return why a reply is not all that the model had to say; None where its server gave no reason that is known."""
+    """Return the reason why a reply is incomplete; None without a known one."""
     reason = REASONS.get(finish) if isinstance(finish, str) else None
     return reason and reason.format(tokens="its limit of" if tokens_out is None else f"{tokens_out:,}")
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One step's question."""
+    """The question of one step."""
 
     text: str
     images_jpeg: tuple[bytes, ...]  # one per drone, in a fixed order
     thinking: bool  # extended reasoning for this call only
-    labels: tuple[str, ...] = ()  # the line of text before each image; empty: none has one
-    # whose question it is, which no format sends: a recorded flight is replayed by it
-    step: int = 0  # questions for these drones, or of the commander, before it; under one context the step
-    drone: int = 0  # the first of those that are asked for
+    labels: tuple[str, ...] = ()  # the line of text before each image; empty: no labels
+    # never sent; a recorded flight is replayed by these
+    step: int = 0  # number of the question, from 0, for these drones or of the commander
+    drone: int = 0  # first drone of the question
     role: Literal["pilot", "commander"] = "pilot"
-    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture; empty: now. For pilots that are told the truth
+    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture; empty: now. For pilots that know the truth
 
     @property
     def pictures(self) -> list[tuple[str | None, bytes]]:
-        """Each image with its label, None where it has none. Raises ValueError where only some have one."""
+        """Each image with its label or None. Raises ValueError where only some have one."""
         labels: tuple[str | None, ...] = self.labels or (None,) * len(self.images_jpeg)
         return list(zip(labels, self.images_jpeg, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
 class Reply:
-    """One step's answer."""
+    """The answer of one step. None stands for a value that the endpoint did not report."""
 
     text: str
-    latency_s: float  # wall seconds from sending the request that was answered to having the answer
+    latency_s: float  # wall seconds of the successful request
     tokens_in: int | None = None
     tokens_out: int | None = None
-    waited_s: float = 0.0  # wall seconds before that request: its turn, earlier ones that failed, and the pauses
-    finish: str | None = None  # why it ends there: length, filtered, refusal, or a vendor's word; None: it was done
-    served: str | None = None  # what answered, in the vendor's words; None: it told nothing but the name asked for
-    tokens_cached: int | None = None  # of tokens_in, those that the vendor had from before; None: not told
-    tokens_reasoning: int | None = None  # of tokens_out, those that it reasoned with; None: not told
-    endpoint: str | None = None  # whom a router had answer, in its words, as OpenRouter's provider; None: not told
+    waited_s: float = 0.0  # wall seconds before that request: rate limit, failed attempts, and pauses
+    finish: str | None = None  # reason of an early end: length, filtered, refusal, or a vendor's word; None: complete
+    served: str | None = None  # the model that answered, as the vendor names it; None: the requested name
+    tokens_cached: int | None = None  # of tokens_in, from the vendor's cache
+    tokens_reasoning: int | None = None  # of tokens_out, spent on reasoning
+    endpoint: str | None = None  # the provider that a router (OpenRouter) chose
 
     @property
     def share(self) -> float:
-        """Return which part, 0 … 1, of the time until the answer was the model's own."""
+        """Return the model's share, 0 … 1, of the time until the answer."""
         return self.latency_s / (self.latency_s + self.waited_s) if self.waited_s > 0.0 else 1.0
 
 
 class Model(Protocol):
-    """A pilot behind an interface that any multimodal model fits."""
+    """A multimodal model that answers questions."""
 
     name: str
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply. Raises ModelError when there is none to be had."""
+        """Return the reply. Raises ModelError when there is none."""
         ...
 
     def check(self) -> None:
@@ -72,3 +72,17 @@ class Model(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+class WrappedModel:
+    """A model in front of another one. Subclasses define `ask`."""
+
+    def __init__(self, model: Model) -> None:
+        self.name, self._model = model.name, model
+
+    def check(self) -> None:
+        """Raise UsageError when nothing answers where the model should be."""
+        self._model.check()
+
+    def close(self) -> None:
+        self._model.close()

@@ -1,4 +1,4 @@
-"""What a model does with one marked picture: does it point, in which order, and does it keep to its schema."""
+"""Probe of a model with one marked picture: its pointing, the order of its points, and the enforcement of a schema."""
 
 import json
 from collections.abc import Iterable
@@ -17,44 +17,44 @@ from foundation.errors import ModelError
 
 WIDTH, HEIGHT = 640, 360  # px, as the agent sends a 16:9 frame
 MARK = (800.0, 250.0)  # x, y of the mark, 0 … 1000: its two orders lie 778 apart
-NEAR = 100.0  # … how far from it an answer may be, in each of the two
-ASKED = {"dance": 3}  # what no schema of actions allows
-# whether the first number of a point is the one that was asked for, the same whatever was asked for, or neither
+NEAR = 100.0  # … tolerance of an answer in each of the two
+FORBIDDEN_OBJECT = {"dance": 3}  # no schema of actions allows it
+# the order of the answers' points, compared with the declared one
 Pointing = Literal["as declared", "always [x, y]", "always [y, x]", "as not declared", "not at all"]
 _FORMS: dict[AxisOrder, str] = {"xy": "[x, y]", "yx": "[y, x]"}
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class ProbeAnswer:
     """One question of the probe, answered."""
 
-    what: str
+    question: str
     reply: Reply
-    said: AxisOrder | None = None  # the order in which the mark was pointed at; None: it was not
+    order: AxisOrder | None = None  # the order in which the mark was pointed at; None: it was not
 
 
 @dataclass(frozen=True, slots=True)
 class ProbeResult:
-    """What became of all questions."""
+    """The answers to all questions, and their evaluation."""
 
     spec: ModelSpec
-    asked: tuple[Asked, ...]
+    answers: tuple[ProbeAnswer, ...]
     pointing: Pointing
-    enforced: bool | None  # whether the schema was; None: none is sent
+    enforced: bool | None  # the server enforces the schema; None: none is sent
 
     @property
     def order_is_right(self) -> bool:
-        """Return whether points are read as the model means them, with the order that is declared of it."""
+        """Return whether the declared order of points is the model's."""
         return self.pointing in ("as declared", f"always {_FORMS[self.spec.axis_order]}")
 
     @property
     def tokens(self) -> tuple[int | None, int | None]:
-        """Return (tokens of all questions, of all replies), None where one of them was not told."""
-        return _sum(a.reply.tokens_in for a in self.asked), _sum(a.reply.tokens_out for a in self.asked)
+        """Return (tokens of all questions, of all replies), None where one count is missing."""
+        return _sum(a.reply.tokens_in for a in self.answers), _sum(a.reply.tokens_out for a in self.answers)
 
     @property
     def cost_usd(self) -> float | None:
-        """Return what all questions cost, in $; None where tokens or prices are not known."""
+        """Return the cost of all questions in $; None where tokens or prices are not known."""
         tokens_in, tokens_out = self.tokens
         prices = self.spec.input_usd, self.spec.output_usd
         if tokens_in is None or tokens_out is None or prices[0] is None or prices[1] is None:
@@ -64,7 +64,7 @@ class ProbeResult:
     @property
     def too_long(self) -> bool:
         """Return whether a question like these and the longest reply exceed the context that is declared."""
-        longest = max((a.reply.tokens_in or 0 for a in self.asked), default=0)
+        longest = max((a.reply.tokens_in or 0 for a in self.answers), default=0)
         return self.spec.context_tokens is not None and longest + self.spec.max_tokens > self.spec.context_tokens
 
 
@@ -89,31 +89,28 @@ def pointing_question(order: AxisOrder, lifted: bool = False) -> Request:
 
 def schema_question() -> Request:
     """Return the question for something that the schema forbids."""
-    text = f"Leave the picture alone. Answer with exactly this JSON object and nothing else: {json.dumps(ASKED)}"
+    value = json.dumps(FORBIDDEN_OBJECT)
+    text = f"Leave the picture alone. Answer with exactly this JSON object and nothing else: {value}"
     return Request(text, (marked_picture(),), False)
 
 
 def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> ProbeResult:
-    """Return what an open model does: three questions, and a fourth where a schema is sent. Raises ModelError.
-
-    `parser` is how its replies are read, as those of a flight are.
-    """
-    other: AxisOrder = "yx" if spec.axis_order == "xy" else "xy"
-    own, crossed = (_point(model, order, parser) for order in (spec.axis_order, other))
-    lifted = _ask(model, "reasoning lifted", pointing_question(spec.axis_order, lifted=True))
-    asked = [own, crossed, replace(lifted, said=order_of(lifted.reply.text, parser))]
+    """Ask an open model three questions, and a fourth where a schema is sent. Raises ModelError."""
+    crossed_order: AxisOrder = "yx" if spec.axis_order == "xy" else "xy"
+    own, crossed = (_point(model, order, parser) for order in (spec.axis_order, crossed_order))
+    lifted = _answer(model, "reasoning lifted", pointing_question(spec.axis_order, lifted=True))
+    answers = [own, crossed, replace(lifted, order=order_of(lifted.reply.text, parser))]
     enforced = None
     if spec.schema:
-        asked.append(_ask(model, "something else than the schema allows", schema_question()))
-        enforced = holds(asked[-1].reply.text, spec.schema)
-    said = (own.said, crossed.said) if spec.axis_order == "xy" else (crossed.said, own.said)
-    return ProbeResult(spec, tuple(asked), pointing_of(*said), enforced)
+        answers.append(_answer(model, "something else than the schema allows", schema_question()))
+        enforced = holds(answers[-1].reply.text, spec.schema)
+    orders = (own.order, crossed.order) if spec.axis_order == "xy" else (crossed.order, own.order)
+    return ProbeResult(spec, tuple(answers), pointing_of(*orders), enforced)
 
 
 def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
-    """Return in which order a reply points at the mark; None where it does not."""
-    (read,) = reading(reply, 1, parser=parser)
-    action = read.action
+    """Return the order in which a reply points at the mark; None where it does not."""
+    action = reading(reply, 1, parser=parser)[0].action
     if not isinstance(action, Go):
         return None
     if _near((action.x, action.y), MARK):
@@ -122,7 +119,7 @@ def order_of(reply: str, parser: ReplyParser = "strict") -> AxisOrder | None:
 
 
 def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) -> Pointing:
-    """Return what the orders come to in which the mark was pointed at, where [x, y] and where [y, x] was declared."""
+    """Return the evaluation of the answers' orders, where [x, y] and where [y, x] was declared."""
     if declared_xy is None or declared_yx is None:
         return "not at all"
     if declared_xy == declared_yx:
@@ -131,7 +128,7 @@ def pointing_of(declared_xy: AxisOrder | None, declared_yx: AxisOrder | None) ->
 
 
 def holds(reply: str, root: Literal["object", "array"]) -> bool:
-    """Return whether a reply is JSON of the schema's root, with actions in it and nothing else."""
+    """Return whether a reply is JSON with the schema's root, with actions only."""
     try:
         value = json.loads(reply)
         actions = value if root == "array" else [value]
@@ -153,16 +150,16 @@ def _flat(value: object) -> bool:
     return value.keys() == own.keys() and value["action"] in own["action"]["enum"]
 
 
-def _point(model: Model, order: AxisOrder, parser: ReplyParser) -> Asked:
-    asked = _ask(model, f"{_FORMS[order]} declared", pointing_question(order))
-    return replace(asked, said=order_of(asked.reply.text, parser))
+def _point(model: Model, order: AxisOrder, parser: ReplyParser) -> ProbeAnswer:
+    answer = _answer(model, f"{_FORMS[order]} declared", pointing_question(order))
+    return replace(answer, order=order_of(answer.reply.text, parser))
 
 
-def _ask(model: Model, what: str, request: Request) -> Asked:
+def _answer(model: Model, question: str, request: Request) -> ProbeAnswer:
     try:
-        return Asked(what, model.ask(request))
+        return ProbeAnswer(question, model.ask(request))
     except ModelError as error:
-        raise ModelError(f"{what}: {error}") from None
+        raise ModelError(f"{question}: {error}") from None
 
 
 def _near(point: tuple[float, float], mark: tuple[float, float]) -> bool:
@@ -170,5 +167,5 @@ def _near(point: tuple[float, float], mark: tuple[float, float]) -> bool:
 
 
 def _sum(counts: Iterable[int | None]) -> int | None:
-    known = list(counts)
-    return None if None in known else sum(count for count in known if count is not None)
+    values = list(counts)
+    return None if None in values else sum(count for count in values if count is not None)

@@ -1,11 +1,17 @@
-"""A recorded flight in a model's place: to each question the very reply that it had, with its latency."""
+"""Models that answer from records: a recorded flight, and a cache file of replies."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Literal
 
+import msgspec
+
 from dronecats.agent.latency import LONGEST_S
-from dronecats.agent.models.model import Reply, Request
-from foundation.errors import ModelError
+from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
+from foundation.errors import InfrastructureError, ModelError
+from foundation.sqlite_file import FileKind, SqliteFile
 
 _BROKEN_OFF = {  # by the reason of a flight's end
     "budget": "it was ended by its budget",
@@ -18,68 +24,128 @@ _BROKEN_OFF = {  # by the reason of a flight's end
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggedReply:
-    """One reply as the log has it."""
+    """One reply in the log. None stands for a value that the log does not have."""
 
-    step: int  # number of the question among those about these drones
-    drone: int  # the first of those that were asked for together
+    step: int  # number of the question among those for these drones
+    drone: int  # first drone of the question
     reply: str
     latency_s: float = 0.0  # s of vehicle time
     tokens_in: int | None = None
     tokens_out: int | None = None
     finish: str | None = None
-    served: str | None = None  # what answered, in the vendor's words
+    served: str | None = None  # the model that answered, as the vendor names it
     tokens_cached: int | None = None
     tokens_reasoning: int | None = None
-    endpoint: str | None = None  # whom a router had answer
-    role: Literal["pilot", "commander"] = "pilot"  # whose it is; the steps of a commander are its exchanges
+    endpoint: str | None = None  # the provider that a router chose
+    role: Literal["pilot", "commander"] = "pilot"  # the steps of a commander are its exchanges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightRecording:
-    """All that was said on a flight: a value, so that it can be flown again where its folder is not."""
+    """All replies of a flight: a value, so that it can be flown again without its folder."""
 
-    flight: str  # the episode folder it was read from, its name
+    flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
-    to_the_cap: bool  # it flew to its end: a question without a reply was answered too late
+    to_the_cap: bool  # it flew to the end of the episode: a question without a reply was answered too late
     ended: str | None = None  # the reason in its log's end; None: it has none
-    commander: str | None = None  # the name of who commanded; None: nobody did
+    commander: str | None = None  # name of the commander; None: there was none
 
 
 class ReplayModel:
-    """Answers from a recording, the questions of one role."""
+    """Answers the questions of one role with the replies of a recorded flight, and their latencies."""
 
     def __init__(self, recording: FlightRecording, role: Literal["pilot", "commander"] = "pilot") -> None:
         self.name = recording.commander or recording.flight if role == "commander" else recording.flight
         self._recording = recording
-        self._steps = {(each.step, each.drone): each for each in recording.steps if each.role == role}
-        self._late: set[int] = set()  # drones whose last question had no reply
+        self._steps = {(reply.step, reply.drone): reply for reply in recording.steps if reply.role == role}
+        self._late: set[int] = set()  # drones with a question that had no reply in time
 
     def ask(self, request: Request) -> Reply:
         """Return the recorded reply. Raises ModelError for a question that the flight did not have."""
-        said = self._steps.get((request.step, request.drone))
-        if said is not None:
+        logged = self._steps.get((request.step, request.drone))
+        if logged is not None:
             return Reply(
-                said.reply,
-                said.latency_s,
-                said.tokens_in,
-                said.tokens_out,
-                finish=said.finish,
-                served=said.served,
-                tokens_cached=said.tokens_cached,
-                tokens_reasoning=said.tokens_reasoning,
-                endpoint=said.endpoint,
+                logged.reply,
+                logged.latency_s,
+                logged.tokens_in,
+                logged.tokens_out,
+                finish=logged.finish,
+                served=logged.served,
+                tokens_cached=logged.tokens_cached,
+                tokens_reasoning=logged.tokens_reasoning,
+                endpoint=logged.endpoint,
             )
         if not self._recording.to_the_cap or request.drone in self._late:
-            asked = f"question {request.step} to the commander"
+            question = f"question {request.step} to the commander"
             if request.role == "pilot":
-                asked = f"step {request.step} of drone {request.drone + 1}"
+                question = f"step {request.step} of drone {request.drone + 1}"
             why = _BROKEN_OFF.get(self._recording.ended or "", "this flight asks what that one did not")
-            raise ModelError(f"the recording of {self._recording.flight} has no reply for {asked}: {why}")
+            raise ModelError(f"the recording of {self._recording.flight} has no reply for {question}: {why}")
         self._late.add(request.drone)
         return Reply("", LONGEST_S)
 
     def check(self) -> None:
-        """It is there."""
+        """Do nothing."""
 
     def close(self) -> None:
-        """Nothing is open."""
+        """Do nothing."""
+
+
+KIND = FileKind(
+    "cache",
+    0x44434341,
+    1,
+    "CREATE TABLE replies (question TEXT PRIMARY KEY, model TEXT NOT NULL, reply TEXT NOT NULL) STRICT;",
+)
+_READ = "SELECT reply FROM replies WHERE question = ?"
+
+
+class ReplyCache:
+    """An open cache file: replies, without secrets, by the fingerprint of their question."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises UsageError."""
+        self._file = SqliteFile(path, KIND)
+
+    def reply(self, question: str) -> Reply | None:
+        """Return the reply to a question; None for a new question. Raises InfrastructureError."""
+        row = self._file.row(_READ, question)
+        return _reply(str(row[0])) if row else None
+
+    def keep(self, question: str, model: str, reply: Reply) -> Reply:
+        """Store a reply and return the stored one: the first of two at once. Raises InfrastructureError."""
+        text = json.dumps(asdict(replace(reply, waited_s=0.0)))  # escaped: half a surrogate pair is no UTF-8
+        with self._file.transaction() as db:
+            db.execute("INSERT OR IGNORE INTO replies VALUES (?, ?, ?)", (question, model, text))
+            (kept,) = db.execute(_READ, (question,)).fetchone()
+        return reply if kept == text else _reply(kept)
+
+    @property
+    def is_empty(self) -> bool:
+        """True when it holds no reply. Raises InfrastructureError."""
+        return self._file.row("SELECT 1 FROM replies LIMIT 1") is None
+
+    def close(self) -> None:
+        self._file.close()
+
+
+def _reply(text: str) -> Reply:
+    try:
+        return msgspec.convert(json.loads(text), Reply)
+    except (ValueError, msgspec.ValidationError):
+        raise InfrastructureError("the cache holds what is no reply; move it away, or name another file") from None
+
+
+class CachedModel(WrappedModel):
+    """Sends only new questions to a model. A stored reply comes at once, with its original latency."""
+
+    def __init__(self, model: Model, fingerprint: Callable[[Request], str], cache: ReplyCache) -> None:
+        super().__init__(model)
+        self._fingerprint, self._cache = fingerprint, cache
+
+    def ask(self, request: Request) -> Reply:
+        """Return the reply. Raises ModelError, and InfrastructureError for an unusable cache."""
+        question = self._fingerprint(request)
+        if (kept := self._cache.reply(question)) is not None:
+            return kept
+        return self._cache.keep(question, self.name, self._model.ask(request))

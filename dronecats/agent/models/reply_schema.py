@@ -1,9 +1,9 @@
-"""The JSON Schema of a reply, for servers that hold a model to one: a pilot's actions, a commander's orders."""
+"""JSON Schemas of replies, for servers that enforce one: a pilot's actions, a commander's orders."""
 
 from collections.abc import Collection
 from typing import Any, Literal, cast
 
-from dronecats.agent.commanding.orders import CONFIRM, ORDERS
+ORDERS, CONFIRM = "orders", "confirm"  # keys of a commander's reply
 
 # by the rules of `agent.action`
 _ACTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -26,14 +26,14 @@ _ACTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
 
 
 def action_schema() -> dict[str, Any]:
-    """Return the schema of one action: one of the four, with its own fields and no other."""
+    """Return the schema of one action: a choice of the four, each with its own fields only."""
     return {"anyOf": [_object(action=_named(name), **fields) for name, fields in _ACTIONS]}
 
 
 def flat_action_schema() -> dict[str, Any]:
-    """Return the schema of one action without a choice: the fields of all four, null where the action has none such.
+    """Return the schema of one action without a choice: the fields of all four, null where an action lacks them.
 
-    It is wider than the choice, a `go` without a point is in it, and the parser refuses that as ever.
+    It is wider than the choice: it allows a `go` without a point, which the parser rejects.
     """
     fields = {name: {**own, "type": [own["type"], "null"]} for _, all_own in _ACTIONS for name, own in all_own.items()}
     return _object(action=_named(*(name for name, _ in _ACTIONS)), **fields)
@@ -50,17 +50,14 @@ def reply_schema(root: Literal["object", "array"], choice: bool = True) -> dict[
 
 
 def orders_schema(drones: int) -> dict[str, Any]:
-    """Return the schema of a commander's reply to a fleet, `agent.orders`."""
+    """Return the schema of a commander's reply to a fleet (`agent.commanding.command_prompt`)."""
     drone = {"type": "integer", "minimum": 1, "maximum": drones}
     order = _object(drone=drone, goal={"type": "string"})
     return _object(**{ORDERS: {"type": "array", "items": order}, CONFIRM: {"type": "array", "items": drone}})
 
 
 def known_part(schema: dict[str, Any], unknown: Collection[str]) -> dict[str, Any]:
-    """Return a schema without the keywords that a server does not know.
-
-    That leaves it wider: the parser holds a reply to all of them.
-    """
+    """Return a schema without the keywords that a server does not know. The parser still checks them."""
     return cast(dict[str, Any], _without(schema, unknown))
 
 

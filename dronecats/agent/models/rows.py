@@ -1,4 +1,4 @@
-"""Models by name: the rows of models.toml, which ships, and of the user's own file. Data, checked where it is read."""
+"""Models by name: the rows of the built-in models.toml and of the user's own file, validated when read."""
 
 import os
 import re
@@ -8,8 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.models.providers import PROVIDERS, provider_of
-from dronecats.agent.models.spec import ModelSpec, Text, spec_of
+from dronecats.agent.models.spec import PROVIDERS, ModelSpec, Text, provider_of, spec_of
 from foundation.errors import UsageError
 from foundation.typed_file import fields_of, file_bytes, no_choice, toml_of, typed, unknown
 from foundation.wording import did_you_mean, nearest
@@ -17,36 +16,36 @@ from foundation.wording import did_you_mean, nearest
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
 SHIPPED = "models.toml"
 INTEGER_MAX = 2**63 - 1  # that JSON's readers have in common
-NONE = "none"  # how a row says that nothing is sent
+NONE = "none"  # value of a key that is not sent
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelRow:
-    """One model by its name."""
+    """One model of the table."""
 
     name: str
     spec: ModelSpec
-    file: str  # where it is stated, last
+    file: str  # the last file that has it
     source: str | None = None  # of its prices
-    note: str | None = None  # what somebody who flies it should know
+    note: str | None = None  # advice for users
 
 
-# each key of a row, and the field of a ModelSpec that it states
+# key of a row → field of ModelSpec
 KEYS = {
     "provider": "provider", "identifier": "name", "base_url": "base_url", "axis": "axis_order", "schema": "schema",
     "temperature": "temperature", "top_p": "top_p", "top_k": "top_k", "max_tokens": "max_tokens",
     "tokens_field": "tokens_field", "reasoning_off": "quick", "reasoning_lifted": "thinking", "input_usd": "input_usd",
     "output_usd": "output_usd", "context": "context_tokens",
 }  # fmt: skip
-SAID = ("source", "note")  # for people, and in no request
-MAY_BE_NONE = ("schema", "temperature")  # which a row may say to be sent never
+NOTES = ("source", "note")  # for people, never sent
+MAY_BE_NONE = ("schema", "temperature")  # keys that may be "none"
 NEEDED = ("provider", "identifier")
 PRICES = ("input_usd", "output_usd")
 
 
 def rows() -> dict[str, ModelRow]:
-    """Return the rows by name, those that ship first. Raises UsageError, one sentence with file, row and key."""
+    """Return the rows by name, the built-in ones first. Raises UsageError with file, row and key."""
     shipped = files("dronecats.agent.models").joinpath(SHIPPED).read_bytes()
     tables = {name: (SHIPPED, table) for name, table in _tables(shipped, SHIPPED).items()}
     for name, table in _own().items():
@@ -59,10 +58,10 @@ def rows() -> dict[str, ModelRow]:
 
 
 def own_file() -> Path | None:
-    """Return where the user's rows are, or would be; None for a user without a home."""
+    """Return the path of the user's file, which need not exist; None for a user without a home."""
     try:
-        if given := os.environ.get(OWN_FILE):
-            return Path(given).expanduser()
+        if path := os.environ.get(OWN_FILE):
+            return Path(path).expanduser()
         config = os.environ.get("XDG_CONFIG_HOME")
         return (Path(config) if config else Path.home() / ".config") / "dronecats" / SHIPPED
     except RuntimeError:  # a user id that has none
@@ -70,9 +69,9 @@ def own_file() -> Path | None:
 
 
 def row_of(word: str, known: Mapping[str, ModelRow]) -> ModelRow | None:
-    """Return the row that a word names: by its name, or as PROVIDER/NAME by its identifier. None where none has that.
+    """Return the row with this name, or with the identifier PROVIDER/NAME; None for an unknown identifier.
 
-    Raises UsageError for a word that is neither, and for an identifier that several rows have.
+    Raises UsageError for an unknown name, and for an identifier that several rows have.
     """
     if word in known:
         return known[word]
@@ -80,14 +79,14 @@ def row_of(word: str, known: Mapping[str, ModelRow]) -> ModelRow | None:
         near = nearest(word, known)
         hint = did_you_mean(near) if near else "see `dronecats models list`,"
         raise UsageError(f"there is no model '{word[:80]}' in models.toml; {hint} or name one as PROVIDER/NAME")
-    found = [row for row in known.values() if row.spec.title == word]
-    if len(found) > 1:
-        raise UsageError(f"'{word}' is the model of several rows: name one of {', '.join(row.name for row in found)}")
-    return found[0] if found else None
+    matches = [row for row in known.values() if row.spec.title == word]
+    if len(matches) > 1:
+        raise UsageError(f"'{word}' is the model of several rows: name one of {', '.join(row.name for row in matches)}")
+    return matches[0] if matches else None
 
 
 def model_of(word: str, base_url: str | None = None) -> ModelSpec:
-    """Return the model that a row's name or PROVIDER/NAME stands for. Raises UsageError."""
+    """Return the model of a row's name or of PROVIDER/NAME. Raises UsageError."""
     row = row_of(word, rows())
     spec = row.spec if row else spec_of(word)
     return replace(spec, base_url=base_url) if base_url else spec
@@ -97,8 +96,8 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
     """Return the user's tables by their rows' names, each with the file's name. Raises UsageError."""
     path = own_file()
     if path is None:
-        if given := os.environ.get(OWN_FILE):
-            raise UsageError(f"{OWN_FILE} names {given[:80]}, whose home nobody knows")
+        if named_path := os.environ.get(OWN_FILE):
+            raise UsageError(f"{OWN_FILE} names {named_path[:80]}, whose home nobody knows")
         return {}
     if not path.exists():
         if os.environ.get(OWN_FILE):
@@ -122,14 +121,14 @@ def _tables(data: bytes, where: str) -> dict[str, dict[str, Any]]:
 
 def _stated(key: str, value: Any, where: str) -> Any:
     """Return what a row states with a key. Raises UsageError."""
-    if key in SAID:
+    if key in NOTES:
         return typed(value, Text, where, key)
     if key not in KEYS:
-        if isinstance(value, dict) and not set(value).isdisjoint({*KEYS, *SAID}):
+        if isinstance(value, dict) and not set(value).isdisjoint({*KEYS, *NOTES}):
             raise UsageError(
                 f"{where} holds a row '{key[:40]}'; put a name with a dot into quotes: [\"NAME.WITH.DOTS\"]"
             )
-        raise UsageError(f"{where}: '{key[:40]}' {unknown(key, [*KEYS, *SAID])}")
+        raise UsageError(f"{where}: '{key[:40]}' {unknown(key, [*KEYS, *NOTES])}")
     if value == NONE and key in MAY_BE_NONE:
         return None
     stated = typed(value, fields_of(ModelSpec)[KEYS[key]], where, key)
@@ -157,4 +156,4 @@ def _row(name: str, table: Mapping[str, Any], where: str) -> ModelRow:
         raise UsageError(f"{where}: [{name}] tokens_field is of the OpenAI chat format, which {provider.name} is not")
     stated = {KEYS[key]: value for key, value in table.items() if key in KEYS}
     spec = ModelSpec(**{"temperature": provider.temperature, **stated})
-    return ModelRow(name=name, spec=spec, file=where, **{key: table.get(key) for key in SAID})
+    return ModelRow(name=name, spec=spec, file=where, **{key: table.get(key) for key in NOTES})

@@ -1,13 +1,103 @@
-"""A model as a value: who serves it, under which name, and everything that is declared about it."""
+"""Providers of models, and a model as a value: its provider, its name and its settings."""
 
-from dataclasses import dataclass, replace
+import difflib
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
 from msgspec import Meta
 
 from dronecats.agent.action import AxisOrder
-from dronecats.agent.models.providers import PAPERS_TEMPERATURE, PROVIDERS, provider_of
 from foundation.errors import UsageError
+
+Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
+PAPERS_TEMPERATURE = 0.4
+LOOPBACK = "http://127."  # where an address begins that wants no key
+_EFFORT = {"reasoning_effort": "medium"}, {"reasoning_effort": "none"}
+_TEMPLATE = {"chat_template_kwargs": {"enable_thinking": True}}, {"chat_template_kwargs": {"enable_thinking": False}}
+
+
+@dataclass(frozen=True, slots=True)
+class Provider:
+    """One endpoint family.
+
+    These are the defaults of a model without a row in models.toml, so they must suit all models of the provider.
+    `thinking` and `quick` are merged into the request body, with Gemini into its generationConfig. Both are empty where
+    no switch suits all models; a model without a row then reasons by its own default.
+    """
+
+    name: str
+    base_url: str | None  # None: must be given with --base-url
+    key_variable: str | None  # environment variable that holds the key
+    thinking: Mapping[str, Any] = field(default_factory=dict)
+    quick: Mapping[str, Any] = field(default_factory=dict)
+    temperature: float | None = PAPERS_TEMPERATURE  # None: none is sent, since some models reject any
+    tokens_field: str = "max_tokens"  # in the OpenAI chat format
+    root_choice: bool = True  # a schema may be a choice (anyOf) at its root
+    wire: Wire = "openai"
+    top_p: float | None = None  # None: none is sent
+    top_k: int | None = None
+    effort: tuple[str, ...] = ("reasoning_effort",)  # path of keys to the reasoning effort in the request
+    effort_in_capitals: bool = False
+
+
+PROVIDERS = {
+    provider.name: provider
+    for provider in (
+        Provider(
+            "openai",
+            "https://api.openai.com/v1",
+            "OPENAI_API_KEY",
+            temperature=None,  # reasoning models reject one
+            tokens_field="max_completion_tokens",
+            root_choice=False,
+        ),
+        Provider(
+            "openrouter",
+            "https://openrouter.ai/api/v1",
+            "OPENROUTER_API_KEY",
+            thinking={"reasoning": {"enabled": True}},
+            quick={"reasoning": {"enabled": False}},
+            root_choice=False,  # OpenAI's models are among them
+            effort=("reasoning", "effort"),
+        ),
+        Provider(
+            "gemini",
+            "https://generativelanguage.googleapis.com/v1",
+            "GEMINI_API_KEY",
+            wire="gemini",  # up to 2.5 with a thinkingBudget, from 3 on with a thinkingLevel
+            top_p=0.95,
+            top_k=40,
+            effort=("thinkingConfig", "thinkingLevel"),  # of Gemini 3 and later
+            effort_in_capitals=True,
+        ),
+        Provider(
+            "anthropic",
+            "https://api.anthropic.com/v1",
+            "ANTHROPIC_API_KEY",
+            temperature=None,  # rejected from Claude Opus 4.7 on, as is a budget of thinking
+            wire="anthropic",
+            effort=("output_config", "effort"),
+        ),
+        Provider("vllm", "http://127.0.0.1:8000/v1", "VLLM_API_KEY", *_TEMPLATE),
+        Provider("sglang", "http://127.0.0.1:30000/v1", "SGLANG_API_KEY", *_TEMPLATE),
+        Provider("llamacpp", "http://127.0.0.1:8080/v1", "LLAMA_API_KEY", *_TEMPLATE),
+        Provider("ollama", "http://127.0.0.1:11434/v1", "OLLAMA_API_KEY", *_EFFORT),
+        Provider("lmstudio", "http://127.0.0.1:1234/v1", "LMSTUDIO_API_KEY"),
+        Provider("litellm", "http://127.0.0.1:4000/v1", "LITELLM_API_KEY", *_EFFORT, root_choice=False),
+        Provider("local", None, None),
+    )
+}
+
+
+def provider_of(name: str) -> Provider:
+    """Return a provider by its name. Raises UsageError with the nearest name."""
+    if name in PROVIDERS:
+        return PROVIDERS[name]
+    near = difflib.get_close_matches(name, PROVIDERS, n=1)
+    hint = f"did you mean '{near[0]}/…'?" if near else f"known providers: {', '.join(PROVIDERS)}"
+    raise UsageError(f"there is no model provider '{name}'; {hint}")
+
 
 NO_EFFORT = "none"
 TEMPERATURE_MAX = 2.0
@@ -32,35 +122,35 @@ Root = Annotated[Literal["object", "array"], Meta(extra={"wrong": 'is not "objec
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelSpec:
-    """What `open_model` opens. Sampling is the paper's ("Model Serving and Decoding") unless said otherwise."""
+    """A model and its settings. Default sampling is the paper's ("Model Serving and Decoding")."""
 
     provider: Text  # a key of providers.PROVIDERS
     name: Text  # as the provider calls it
     base_url: Text | None = None  # None: the provider's own
     axis_order: AxisOrder = "xy"
-    temperature: Temperature | None = PAPERS_TEMPERATURE  # None: none is sent, for models that refuse one
+    temperature: Temperature | None = PAPERS_TEMPERATURE  # None: none is sent, for models that reject one
     top_p: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None  # None: the provider's, if it has one
     top_k: TokenCount | None = None  # … likewise
     max_tokens: TokenCount = 8192  # of a reply
-    schema: Root | None = None  # the root that the server holds replies to; None: none is sent
-    thinking: dict[str, Any] | None = None  # fields while reasoning is lifted; None: the provider's
-    quick: dict[str, Any] | None = None  # … and while it is not
+    schema: Root | None = None  # root of the schema that the server enforces; None: none is sent
+    thinking: dict[str, Any] | None = None  # request fields with extended reasoning; None: the provider's
+    quick: dict[str, Any] | None = None  # … and without
     input_usd: Dollars | None = None  # of a question; None: not known
     output_usd: Dollars | None = None  # … of a reply, reasoning included
-    # what the OpenAI chat format calls max_tokens; None: as the provider calls it
+    # name of max_tokens in the OpenAI chat format; None: the provider's
     tokens_field: Literal["max_tokens", "max_completion_tokens"] | None = None
-    context_tokens: TokenCount | None = None  # that a question and its reply may have together; None: not known
+    context_tokens: TokenCount | None = None  # limit of question and reply together; None: not known
 
     @property
     def title(self) -> str:
-        """PROVIDER/NAME, as the command line has it."""
+        """PROVIDER/NAME, as on the command line."""
         return f"{self.provider}/{self.name}"
 
 
 def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
-    """Return a model that reasons with this effort on every step but the one after a `think`.
+    """Return a model that reasons with this effort on every step except the one after a `think`.
 
-    `effort` is the vendor's own word, as low or none. A chat template's switch is on for all words but none.
+    `effort` is the vendor's own word, such as low or none. A chat template's switch is on for all words but none.
     """
     provider = provider_of(spec.provider)
     lifted, quick = (
@@ -74,7 +164,7 @@ def with_effort(spec: ModelSpec, effort: str) -> ModelSpec:
 
 
 def spec_of(model: str, base_url: str | None = None, option: str = "--model") -> ModelSpec:
-    """Return the model that 'PROVIDER/NAME' names. Raises UsageError for what has no such form."""
+    """Return the model that 'PROVIDER/NAME' names. Raises UsageError for any other form."""
     head, slash, name = model.partition("/")
     if not (slash and name):
         raise UsageError(f"{option} wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")

@@ -1,6 +1,6 @@
-"""Whose is which: the objects of a reply divided among a fleet's drones, each with its own fate.
+"""Lenient reading of a fleet's reply: the division of its objects among the drones.
 
-Drones are counted from 1, as the prompt counts them. Objects that name no drone are meant in the order of the pictures.
+Drones are counted from 1, as in the prompt. Objects that name no drone are in the order of the pictures.
 """
 
 import re
@@ -11,37 +11,37 @@ from typing import Any
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import strict
 from dronecats.agent.reply.mends import TOLERATED, Mend, answer_of, around
-from dronecats.agent.reply.shapes import action_of, tells
-from dronecats.agent.reply.tolerant import Cut, Found, values
+from dronecats.agent.reply.shapes import action_of, is_action
+from dronecats.agent.reply.tolerant import Cut, ReadValue, read_values
 
 NAMED = ("drone", "drone_id", "drone_number", "drone_index")
 _NAME = re.compile(r"(?:drone|uav)?[\s_#-]*(\d{1,3})", re.IGNORECASE)
-_NESTED_MAX = 3  # arrays or objects around the array that is meant
+_NESTED_MAX = 3  # arrays or objects around the array of actions
 
-Fate = tuple[Action | ActionError, set[Mend]]
+DroneResult = tuple[Action | ActionError, set[Mend]]
 
 
 @dataclass(slots=True)
 class Division:
-    """Who gets which object of a reply."""
+    """The objects of a reply by drone."""
 
     items: dict[int, Any]  # by drone, from 0
-    mends: set[Mend] = field(default_factory=set)  # of the reply as a whole
+    mends: set[Mend] = field(default_factory=set)  # of the reply as a unit
     twice: frozenset[int] = frozenset()  # drones that several objects name
 
 
-def read(reply: str, drones: int, axis_order: AxisOrder) -> list[Fate]:
-    """Return for each drone its action, or why there is none, and what had to be mended."""
+def read(reply: str, drones: int, axis_order: AxisOrder) -> list[DroneResult]:
+    """Return for each drone its action or its error, and the mends."""
     try:
         answer = answer_of(reply)
         division = _divided(answer, drones)
     except ActionError as error:
         return [(error, set()) for _ in range(drones)]
     division.mends |= {"reasoning"} if answer != reply else set()
-    return [_fate(division, drone, drones, axis_order) for drone in range(drones)]
+    return [_drone_result(division, drone, drones, axis_order) for drone in range(drones)]
 
 
-def _fate(division: Division, drone: int, drones: int, axis_order: AxisOrder) -> Fate:
+def _drone_result(division: Division, drone: int, drones: int, axis_order: AxisOrder) -> DroneResult:
     mends = set(division.mends)
     if drone in division.twice:
         return ActionError(f"several objects name drone {drone + 1} of {drones}"), mends
@@ -60,25 +60,25 @@ def _fate(division: Division, drone: int, drones: int, axis_order: AxisOrder) ->
 
 
 def _divided(answer: str, drones: int) -> Division:
-    """Return the division of an answer. Raises ActionError where nothing says whose an object is."""
+    """Return the division of an answer. Raises ActionError where it is ambiguous."""
     try:
         array = strict.first_array(answer)
-        refused = ActionError(f"expected {drones} actions, got {len(array.value)}")
+        strict_error = ActionError(f"expected {drones} actions, got {len(array.value)}")
         if len(array.value) == drones:
-            others = [each for each in strict.values(answer, "[") if each.begin != array.begin]
-            spans = sorted((each.begin, each.end) for each in (array, *others))
+            other_arrays = [span for span in strict.json_spans(answer, "[") if span.begin != array.begin]
+            spans = sorted((span.begin, span.end) for span in (array, *other_arrays))
             division = _of_items(array.value, drones)
-            division.mends |= around(answer, spans) | ({"several"} if any(map(_arms, others)) else set())
+            division.mends |= around(answer, spans) | ({"several"} if any(map(_arms, other_arrays)) else set())
             return division
     except ActionError as error:
-        refused = error
-    found = _found(answer)
-    division = _of_found(found, drones)
-    division.mends |= around(answer, [(each.begin, each.end) for each in found])
-    for each in found:
-        division.mends |= each.mends
+        strict_error = error
+    drone_values = _drone_values(answer)
+    division = _of_values(drone_values, drones)
+    division.mends |= around(answer, [(span.begin, span.end) for span in drone_values])
+    for span in drone_values:
+        division.mends |= span.mends
     if division.mends <= TOLERATED.keys():  # nothing was mended, so what was refused stays refused
-        raise refused
+        raise strict_error
     return division
 
 
@@ -86,41 +86,41 @@ def _arms(placed: strict.JsonSpan) -> bool:
     return isinstance(placed.value, list) and any(isinstance(item, dict) for item in placed.value)
 
 
-def _found(text: str) -> list[Found]:
-    """Return the outermost values that hold objects for drones, in order; what breaks off hides what stands in it."""
-    found: list[Found] = []
-    for each in values(text, "[{"):
-        if not each.inner and (_items(each.value) or (isinstance(each.value, dict) and each.value)):
-            found.append(each)
-    return found
+def _drone_values(text: str) -> list[ReadValue]:
+    """Return the outermost values that hold objects for drones, in order."""
+    return [
+        value
+        for value in read_values(text, "[{")
+        if not value.inner and (_items(value.value) or (isinstance(value.value, dict) and value.value))
+    ]
 
 
-def _of_found(found: list[Found], drones: int) -> Division:
-    arrays = [each for each in found if isinstance(each.value, list)]
+def _of_values(drone_values: list[ReadValue], drones: int) -> Division:
+    arrays = [value for value in drone_values if isinstance(value.value, list)]
     if arrays:
         return _of_arrays(arrays, drones)
-    objects = [each.value for each in found if tells(each.value)]
-    if len(found) == 1 and not (objects and _name(objects[0]) is not None):
-        return _of_object(found[0].value, drones)
+    objects = [value.value for value in drone_values if is_action(value.value)]
+    if len(drone_values) == 1 and not (objects and _name(objects[0]) is not None):
+        return _of_object(drone_values[0].value, drones)
     if not objects:
         raise ActionError("no JSON array of actions in the reply")
-    if len(objects) == drones or all(_name(each) is not None for each in objects):
+    if len(objects) == drones or all(_name(value) is not None for value in objects):
         division = _of_items(objects, drones)
         division.mends.add("lines")
         return division
     raise ActionError(f"{len(objects)} objects and no array: nothing says which of the {drones} drones they are for")
 
 
-def _of_arrays(arrays: list[Found], drones: int) -> Division:
-    """Return the division of the one array that is meant: the only one, or the only one with an object per drone."""
-    fitting = [each for each in arrays if len(_items(each.value) or []) == drones]
+def _of_arrays(arrays: list[ReadValue], drones: int) -> Division:
+    """Return the division of the only array, or of the only one with an object per drone."""
+    fitting = [array for array in arrays if len(_items(array.value) or []) == drones]
     if len(arrays) > 1 and len(fitting) != 1:
         raise ActionError(f"{len(arrays)} arrays of objects in the reply: nothing says which is meant")
     meant = arrays[0] if len(arrays) == 1 else fitting[0]
     items = _items(meant.value) or []
     division = _of_items(items, drones)
     division.mends |= {"one_fits"} if len(arrays) > 1 else set()
-    nested = items is not meant.value or any(isinstance(each, list) for each in items)
+    nested = items is not meant.value or any(isinstance(array, list) for array in items)
     division.mends |= {"nested_array"} if nested else set()
     return division
 
@@ -135,8 +135,8 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
         division.mends |= {"zero_based"} if zero_based else set()
         _place(division, [(place, value[key]) for key, place in zip(numbers, places, strict=True)], drones)
         return division
-    inner = [each for each in value.values() if _items(each) or isinstance(each, dict)]
-    if len(inner) != 1 or depth == _NESTED_MAX or (tells(value) and "action" in value):
+    inner = [member for member in value.values() if _items(member) or isinstance(member, dict)]
+    if len(inner) != 1 or depth == _NESTED_MAX or (is_action(value) and "action" in value):
         raise ActionError(f"one object for {drones} drones: nothing says which of them it is for")
     items = _items(inner[0])
     division = _of_items(items, drones) if items else _of_object(inner[0], drones, depth + 1)
@@ -145,24 +145,24 @@ def _of_object(value: dict[str, Any], drones: int, depth: int = 0) -> Division:
 
 
 def _items(value: Any) -> list[Any] | None:
-    """Return the array with an object per drone, without further arrays around it; None for what is none."""
+    """Return the array with an object per drone, without further arrays around it; None for any other value."""
     for _ in range(_NESTED_MAX):
         if not isinstance(value, list):
             return None
         if len(value) != 1 or not isinstance(value[0], list):
             break
         value = value[0]
-    held = [each[0] if isinstance(each, list) and len(each) == 1 else each for each in value]
-    return value if any(isinstance(each, dict) or (isinstance(each, str) and "{" in each) for each in held) else None
+    held = [item[0] if isinstance(item, list) and len(item) == 1 else item for item in value]
+    return value if any(isinstance(item, dict) or (isinstance(item, str) and "{" in item) for item in held) else None
 
 
 def _of_items(items: list[Any], drones: int) -> Division:
-    """Return the division of objects in a row: by the drones that they name, or in the order of the pictures."""
+    """Return the division of a list of objects: by the drones that they name, or in the order of the pictures."""
     items = items[:-1] if items and isinstance(items[-1], Cut) else items
     names = [_name(item) for item in items]
     division = Division({})
-    told = [name for name in names if name is not None]
-    places, zero_based = _places(told, drones)
+    numbers = [name for name in names if name is not None]
+    places, zero_based = _places(numbers, drones)
     ordered = iter(places)
     named = [None if name is None else next(ordered) for name in names]
     if all(place in (None, k) for k, place in enumerate(named)):
@@ -176,10 +176,10 @@ def _of_items(items: list[Any], drones: int) -> Division:
     return division
 
 
-def _place(division: Division, told: list[tuple[int | None, Any]], drones: int) -> None:
-    """Give each drone the object that names it; those that name none, or one that is not there, are passed over."""
+def _place(division: Division, placed_items: list[tuple[int | None, Any]], drones: int) -> None:
+    """Give each drone the object that names it. Objects without a drone, or with an unknown one, are skipped."""
     counts: dict[int, int] = {}
-    for place, item in told:
+    for place, item in placed_items:
         if place is None or not 0 <= place < drones:
             division.mends.add("extra")
             continue
@@ -191,21 +191,21 @@ def _place(division: Division, told: list[tuple[int | None, Any]], drones: int) 
 
 
 def _places(names: list[int], drones: int) -> tuple[list[int], bool]:
-    """Return the drones, from 0, of the numbers that name them, and whether they are counted from 0: a 0 says so."""
+    """Return the drones, from 0, of their numbers, and whether these count from 0, as a 0 among them shows."""
     zero_based = 0 in names and drones not in names
     return [name if zero_based else name - 1 for name in names], zero_based
 
 
 def _name(item: Any) -> int | None:
-    """Return the number by which an object names its drone, None where it names none."""
+    """Return the number by which an object names its drone; None without one."""
     if not isinstance(item, Mapping):
         return None
     for key in NAMED:
-        said = item.get(key)
-        if isinstance(said, str) and (match := _NAME.fullmatch(said.strip())):
+        name = item.get(key)
+        if isinstance(name, str) and (match := _NAME.fullmatch(name.strip())):
             return int(match.group(1))
-        if isinstance(said, int) and not isinstance(said, bool):
-            return said
-    said = item.get("id")  # a bare number there may be of anything
-    match = _NAME.fullmatch(said.strip()) if isinstance(said, str) else None
+        if isinstance(name, int) and not isinstance(name, bool):
+            return name
+    name = item.get("id")  # a bare number there may be of anything
+    match = _NAME.fullmatch(name.strip()) if isinstance(name, str) else None
     return int(match.group(1)) if match and not match.group().isdigit() else None

@@ -1,4 +1,4 @@
-"""What may be mended in a reply: a closed list of codes, each told in decisions.jsonl where it was needed."""
+"""Mends of replies: a closed list of codes. decisions.jsonl has the codes that a reply needed."""
 
 import json
 import re
@@ -16,7 +16,7 @@ Mend = Literal[
     "nested_array", "one_fits", "by_name", "zero_based", "keyed", "lines", "short", "extra",
 ]  # fmt: skip
 
-# Around what is read: the strict reading passes over the same, without a word.
+# Around the answer. The strict parser tolerates these, too.
 TOLERATED: dict[Mend, str] = {
     "prose": "other text before or after",
     "fence": "a code fence",
@@ -24,7 +24,7 @@ TOLERATED: dict[Mend, str] = {
     "several": "several objects, the last with an action counts; of a fleet several arrays, the first counts",
     "reasoning": "marked reasoning, which is not read",
 }
-# How it is written.
+# In the syntax.
 WRITTEN: dict[Mend, str] = {
     "trailing_comma": "a comma after the last member",
     "missing_comma": "no comma between two members",
@@ -40,8 +40,8 @@ WRITTEN: dict[Mend, str] = {
     "escaped": "JSON within a JSON string, or with its quotes escaped",
     "truncated": "it breaks off after everything that the action needs",
 }
-# How the action is told.
-TOLD: dict[Mend, str] = {
+# In the expression of the action.
+EXPRESSED: dict[Mend, str] = {
     "number_text": "a number as a string",
     "unit": "a number with its unit",
     "name": "another spelling of the action's name, or an unmistakable synonym",
@@ -54,7 +54,7 @@ TOLD: dict[Mend, str] = {
     "point_form": "the point is no pair: x and y by name, text, a tag, or a list of one",
     "box": "a box instead of a point; its centre is flown to",
 }
-# How a fleet's actions are told apart.
+# In the division among the drones of a fleet.
 DIVIDED: dict[Mend, str] = {
     "nested_array": "arrays of one around the array, or around an object",
     "one_fits": "several arrays, of which only one has an object per drone",
@@ -65,12 +65,12 @@ DIVIDED: dict[Mend, str] = {
     "short": "fewer objects than drones: those without one hold",
     "extra": "more objects than drones: those beyond are passed over",
 }
-MENDS: dict[Mend, str] = {**TOLERATED, **WRITTEN, **TOLD, **DIVIDED}
+MENDS: dict[Mend, str] = {**TOLERATED, **WRITTEN, **EXPRESSED, **DIVIDED}
 _PLACE = {mend: place for place, mend in enumerate(MENDS)}
 
 
 def in_order(mends: Collection[Mend]) -> tuple[Mend, ...]:
-    """Return codes each once, in the order of the list."""
+    """Return the codes without duplicates, in the order of MENDS."""
     return tuple(sorted(set(mends), key=_PLACE.__getitem__))
 
 
@@ -86,8 +86,8 @@ _FENCE = re.compile(r"(?:```|~~~)[ \t]*[\w-]*")
 
 
 def answer_of(reply: str) -> str:
-    """Return a reply without its reasoning. Raises ActionError when nothing else is left of it."""
-    if _is_json(reply):  # a mark in one of its strings is none
+    """Return a reply without its reasoning. Raises ActionError when there is nothing else."""
+    if _is_json(reply):  # a mark in a string is not reasoning
         return reply
     answer = without_reasoning(reply)
     if not answer.strip() and reply.strip():
@@ -96,11 +96,11 @@ def answer_of(reply: str) -> str:
 
 
 def without_reasoning(text: str) -> str:
-    """Return a reply without what its marks of reasoning enclose.
+    """Return a reply without the text between its marks of reasoning.
 
-    Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and fences that are named
-    like a tag. Reasoning that is never closed runs to the end. Before a closing mark that was never opened, everything
-    is reasoning: the template of some models has opened it.
+    Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and fences with such a name.
+    Reasoning that is never closed runs to the end. All text before a closing mark that was never opened is reasoning,
+    since the chat template of some models opens it.
     """
     kept: list[str] = []
     at, within, fenced = 0, False, False
@@ -129,20 +129,20 @@ def _is_json(text: str) -> bool:
 
 
 def around(text: str, spans: Iterable[tuple[int, int]]) -> set[Mend]:
-    """Return what stands around values at (begin, end), in order: a fence, an array's brackets, prose."""
+    """Return the mends for the text around values at (begin, end), in order: a fence, array brackets, prose."""
     pieces, at = [], 0
     for begin, end in spans:
         pieces.append(text[at:begin])
         at = end
     pieces.append(text[at:])
-    found: set[Mend] = set()
+    mends: set[Mend] = set()
     rest = "\0".join(pieces)
     bare = _FENCE.sub("", rest)
     if bare != rest:
-        found.add("fence")
+        mends.add("fence")
     if bare.strip(" \t\r\n\0").startswith("[") and bare.strip(" \t\r\n\0").endswith("]"):
-        found.add("array")
+        mends.add("array")
         bare = bare.replace("[", "").replace("]", "").replace(",", "")
     if bare.strip(" \t\r\n\0"):
-        found.add("prose")
-    return found
+        mends.add("prose")
+    return mends

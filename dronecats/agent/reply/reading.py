@@ -1,35 +1,95 @@
-"""The reading of a reply: a pure function of its text, so that a kept reply can be read again, in either way."""
+"""Reads the text of a reply, strictly or leniently: a pure function, so that a logged reply can be read again."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal
 
-from dronecats.agent.action import Action, ActionError, AxisOrder
-from dronecats.agent.reply import lenient, strict
-from dronecats.agent.reply.mends import Mend
+from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
+from dronecats.agent.reply import fleet, strict
+from dronecats.agent.reply.mends import TOLERATED, Mend, answer_of, around, in_order
+from dronecats.agent.reply.shapes import action_of, is_action
+from dronecats.agent.reply.tolerant import ReadValue, read_values
 
 ReplyParser = Literal["strict", "lenient"]
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """What a reply says for one drone: an action, or why there is none."""
+    """The action of a reply for one drone, or the reason why there is none."""
 
     action: Action | None
     error: str | None = None  # None: there is an action
-    mended: tuple[Mend, ...] = ()  # what had to be mended to read it, each once, in the order of `mends.MENDS`
+    mended: tuple[Mend, ...] = ()  # mends that the reading needed, without duplicates, in the order of `mends.MENDS`
 
 
 def reading(reply: str, drones: int, axis_order: AxisOrder = "xy", parser: ReplyParser = "strict") -> list[Reading]:
-    """Return what `reply` says for each of `drones`, in the order of their pictures.
+    """Return the reading of `reply` for each of `drones`, in the order of their pictures.
 
-    strict: as the prompt asks, and nothing is mended. lenient: whatever can be meant in one way only is read, and the
-    reading says how. What strict reads, lenient reads alike, but where a fleet's objects name their drones and stand in
-    another order. Raises nothing.
+    strict: as the prompt asks, without mends. lenient: any text with only one possible meaning is read, and the
+    reading lists its mends. Both read a strict reply alike, except a fleet's objects that name their drones and stand
+    in another order. Raises nothing.
     """
-    if parser == "lenient":
-        return [_of(one, mended) for one, mended in lenient.read(reply, drones, axis_order)]
-    return [_of(one) for one in strict.parse_fleet(reply, drones, axis_order)]
+    if parser == "strict":
+        return [_reading(result) for result in strict.parse_fleet(reply, drones, axis_order)]
+    reply = reply[: strict.MAX_REPLY_CHARS]
+    if drones > 1:
+        return [_reading(result, mends) for result, mends in fleet.read(reply, drones, axis_order)]
+    mends: set[Mend] = set()
+    try:
+        return [_reading(_single_action(reply, axis_order, mends), mends)]
+    except ActionError as error:
+        return [_reading(error)]
 
 
-def _of(one: Action | ActionError, mended: tuple[Mend, ...] = ()) -> Reading:
-    return Reading(None, str(one), mended) if isinstance(one, ActionError) else Reading(one, None, mended)
+def _reading(result: Action | ActionError, mends: Collection[Mend] = ()) -> Reading:
+    mended = in_order(mends)
+    return Reading(None, str(result), mended) if isinstance(result, ActionError) else Reading(result, None, mended)
+
+
+def _single_action(reply: str, axis_order: AxisOrder, mends: set[Mend]) -> Action:
+    """Return the action of one drone's reply, read leniently. Raises ActionError.
+
+    A valid strict reply is read strictly. Else the last object that is meant as an action counts, even if it is cut off
+    or malformed, so that no earlier draft is flown instead.
+    """
+    answer = answer_of(reply)
+    mends |= {"reasoning"} if answer != reply else set()
+    try:
+        action = action_from(strict.last_object(answer).value, axis_order)
+    except ActionError as error:
+        strict_error = error
+    else:
+        spans = [(span.begin, span.end) for span in strict.json_spans(answer, "{")]
+        mends |= around(answer, spans)
+        mends |= {"several"} if len(spans) > 1 else set()
+        return action
+    for text in (answer, _unescaped(answer)):
+        if objects := action_objects(text):
+            mends |= around(text, [(value.begin, value.end) for value in objects]) | objects[-1].mends
+            mends |= {"escaped"} if text is not answer else set()
+            mends |= {"several"} if len(objects) > 1 else set()
+            action = action_of(objects[-1].value, axis_order, mends)
+            if mends <= TOLERATED.keys():  # nothing was mended: the strict rejection holds
+                raise strict_error
+            return action
+    raise strict_error
+
+
+def action_objects(text: str) -> list[ReadValue]:
+    """Return the outermost objects that are meant as actions, in order, up to the first that is cut off."""
+    objects = []
+    for value in read_values(text, "{"):
+        if is_action(value.value, value.inner):
+            objects.append(value)
+            if value.cut:
+                break
+    return objects
+
+
+def _unescaped(text: str) -> str:
+    r"""Return a text whose quotes are escaped, {\"action\": …}, without the escapes; "" for any other."""
+    if '\\"' not in text:
+        return ""
+    bare = text.strip()
+    bare = bare[1:-1] if len(bare) > 1 and bare[0] == bare[-1] == '"' else bare
+    return bare.replace('\\"', '"').replace("\\n", "\n").replace("\\t", "\t")

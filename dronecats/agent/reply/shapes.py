@@ -1,7 +1,7 @@
-"""One object as the action it tells, whatever the shape: field names, tool calls, wrappers, boxes, synonyms.
+"""The action of an object in any shape: other field names, tool calls, wrappers, boxes, synonyms.
 
-Only what can be meant in one way is read. A synonym is one whose fields are the action's own; `hover`, `stop`, `land`
-or `done` are none, since what they would be (a think? a declaration?) is the very thing that is measured.
+Only objects with one possible meaning are read. A synonym has the fields of its action. `hover`, `stop`, `land` and
+`done` are not synonyms, since their meaning (a think? a declaration?) is the very thing that is measured.
 """
 
 import re
@@ -10,7 +10,7 @@ from unicodedata import normalize
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply.mends import Mend
-from dronecats.agent.reply.tolerant import CUT, Cut, Quantity, number_in, values
+from dronecats.agent.reply.tolerant import CUT, Cut, Quantity, number_in, read_values
 from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
 METRES = frozenset({"m", "meter", "meters", "metre", "metres"})
@@ -24,31 +24,31 @@ _BETWEEN = re.compile(r"\s*[,，;]\s*|\s+")
 _BRACKETS = {"[": "]", "(": ")"}
 
 
-def number(value: Any, what: str, units: frozenset[str], mends: set[Mend]) -> float:
-    """Return a number that stands as one, as text, or with one of its units; what was mended goes into `mends`."""
+def number(value: Any, name: str, units: frozenset[str], mends: set[Mend]) -> float:
+    """Return a number that is given as one, as text, or with one of its units; add its mends to `mends`."""
     if isinstance(value, Cut):
-        raise ActionError(f"the reply breaks off in {what}")
+        raise ActionError(f"the reply breaks off in {name}")
     if isinstance(value, Quantity):
-        _check_unit(value.unit, what, units, mends)
+        _check_unit(value.unit, name, units, mends)
         return value.number
     if isinstance(value, str):
-        said = _NUMBER.fullmatch(value.strip()) if len(value) <= _TEXT_MAX else None
-        if said is None:
-            raise ActionError(f"{what} is not a number")
+        match = _NUMBER.fullmatch(value.strip()) if len(value) <= _TEXT_MAX else None
+        if match is None:
+            raise ActionError(f"{name} is not a number")
         mends.add("number_text")
-        if said.group(2):
-            _check_unit(said.group(2), what, units, mends)
-        return number_in(said.group(1))
+        if match.group(2):
+            _check_unit(match.group(2), name, units, mends)
+        return number_in(match.group(1))
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ActionError(f"{what} is not a number")
+        raise ActionError(f"{name} is not a number")
     try:
         return float(value)
     except OverflowError:
-        raise ActionError(f"{what} is too large") from None
+        raise ActionError(f"{name} is too large") from None
 
 
 def point(value: Any, axis_order: AxisOrder, mends: set[Mend], depth: int = 3) -> tuple[float, float]:
-    """Return (x, y), 0–1000. A pair is in the declared order; only what is named x and y needs none."""
+    """Return (x, y), 0–1000. A pair is in the declared order; fields named x and y need none."""
     if isinstance(value, Cut):
         raise ActionError('the reply breaks off in "point"')
     if isinstance(value, str):
@@ -65,11 +65,11 @@ def point(value: Any, axis_order: AxisOrder, mends: set[Mend], depth: int = 3) -
     if isinstance(value, list) and len(value) == 1 and isinstance(value[0], dict | list | str) and depth:
         mends.add("point_form")
         return point(value[0], axis_order, mends, depth - 1)
-    if isinstance(value, list) and any(isinstance(each, Cut) for each in value):
+    if isinstance(value, list) and any(isinstance(item, Cut) for item in value):
         raise ActionError('the reply breaks off in "point"')
     if not isinstance(value, list) or len(value) != 2:
         raise ActionError('"point" is not a pair of numbers')
-    first, second = (number(each, '"point"', PLAIN, mends) for each in value)
+    first, second = (number(item, '"point"', PLAIN, mends) for item in value)
     return (first, second) if axis_order == "xy" else (second, first)
 
 
@@ -80,7 +80,7 @@ def box_centre(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> tuple[flo
         value = value[0]
     if not isinstance(value, list) or len(value) != 4:
         raise ActionError("the box is not four numbers")
-    a, b, c, d = (number(each, "the box", PLAIN, mends) for each in value)
+    a, b, c, d = (number(item, "the box", PLAIN, mends) for item in value)
     if not (0.0 <= a <= c <= POINT_SPAN and 0.0 <= b <= d <= POINT_SPAN):
         raise ActionError(f"the box ({a:g}, {b:g}, {c:g}, {d:g}) has no two corners within 0–1000")
     first, second = (a + c) / 2.0, (b + d) / 2.0
@@ -89,17 +89,17 @@ def box_centre(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> tuple[flo
 
 def _pair_in(text: str) -> list[str]:
     """Return the two numbers of a text, as text."""
-    said = text.strip()[: _TEXT_MAX + 1]
-    if tag := _POINT_TAG.fullmatch(said):
-        said = tag.group(1).strip()
-    if said and _BRACKETS.get(said[0]) == said[-1]:
-        said = said[1:-1].strip()
-    return _BETWEEN.split(said) if len(said) <= _TEXT_MAX else []
+    pair = text.strip()[: _TEXT_MAX + 1]
+    if tag := _POINT_TAG.fullmatch(pair):
+        pair = tag.group(1).strip()
+    if pair and _BRACKETS.get(pair[0]) == pair[-1]:
+        pair = pair[1:-1].strip()
+    return _BETWEEN.split(pair) if len(pair) <= _TEXT_MAX else []
 
 
-def _check_unit(unit: str, what: str, units: frozenset[str], mends: set[Mend]) -> None:
+def _check_unit(unit: str, name: str, units: frozenset[str], mends: set[Mend]) -> None:
     if unit.lower() not in units:
-        raise ActionError(f"{what} has the unit {unit[:20]!r}")
+        raise ActionError(f"{name} has the unit {unit[:20]!r}")
     mends.add("unit")
 
 
@@ -126,15 +126,15 @@ _HELD_MAX = 40  # members of one that is no action itself
 _NAME_MAX = 40  # characters
 
 
-def tells(value: Any, inner: bool = False) -> bool:
-    """Whether an object is meant as an action, a valid one or not; `inner`: it must name it, its frame being broken."""
+def is_action(value: Any, inner: bool = False) -> bool:
+    """Return whether an object is meant as an action, valid or not; `inner`: it must name it, since it stands alone."""
     if not isinstance(value, dict):
         return False
     return any(_plain(key) == "action" for key in value) or (_unfold(value, set(), 0) is not None and not inner)
 
 
 def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
-    """Return the action of one object; what had to be mended goes into `mends`. Raises ActionError with the reason."""
+    """Return the action of one object; add its mends to `mends`. Raises ActionError with the reason."""
     if isinstance(value, Cut):
         raise ActionError("the reply breaks off before the action")
     if isinstance(value, str):
@@ -144,10 +144,10 @@ def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
         value = value[0]
     if not isinstance(value, dict):
         raise ActionError("the action is not a JSON object")
-    told = _unfold(value, mends, 0)
-    if told is None:
+    unfolded = _unfold(value, mends, 0)
+    if unfolded is None:
         raise ActionError(_why_none(value))
-    kind, sign, fields = told
+    kind, sign, fields = unfolded
     if kind == GO:
         x, y = _point(fields, axis_order, mends)
         depth = number(_field(fields, DEPTHS, mends), '"depth_m"', METRES, mends)
@@ -159,15 +159,15 @@ def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
 
 
 def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
-    """Return what an object tells, None when it tells no action, or several."""
+    """Return the action of an object; None when it has none, or several."""
     if depth > _DEPTH:
         return None
     for key in NAMES:
-        spelt = next((each for each in value if _plain(each) == key), None)
+        spelt = next((name for name in value if _plain(name) == key), None)
         named = None if spelt is None else _named(value[spelt])
         if spelt is None or named is None:
             if spelt is not None and key == "action" and isinstance(value[spelt], str | Cut):
-                return None  # it names another one
+                return None  # an unknown action
             continue
         if value[spelt] not in ACTIONS:
             mends.add("name")
@@ -182,35 +182,35 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
 
 
 def _named(name: Any) -> tuple[str, int] | None:
-    """Return the action of a name, and the sign of a side that it says."""
-    said = _plain(name)
-    if said in ACTIONS:
-        return said, 0
-    if said in SIDES:
-        return ROTATE, SIDES[said]
-    return (SYNONYMS[said], 0) if said in SYNONYMS else None
+    """Return the action of a name, and the sign of the side in it."""
+    plain = _plain(name)
+    if plain in ACTIONS:
+        return plain, 0
+    if plain in SIDES:
+        return ROTATE, SIDES[plain]
+    return (SYNONYMS[plain], 0) if plain in SYNONYMS else None
 
 
 def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any] | None:
-    """Return the members that stand beside an action's name, or in its parameters."""
-    inner = [each for each in PARAMETERS if each in value]
+    """Return the members beside an action's name, and in its parameters."""
+    inner = [name for name in PARAMETERS if name in value]
     if len(inner) != 1:
         return value if not inner else None
-    given = value[inner[0]]
-    if isinstance(given, str):
-        given = _within(given, mends)
+    parameters = value[inner[0]]
+    if isinstance(parameters, str):
+        parameters = _within(parameters, mends)
     mends.add("tool_call" if key in CALLED else "nested")
-    if given is None or given == []:
-        given = {}
-    if isinstance(given, Cut):
+    if parameters is None or parameters == []:
+        parameters = {}
+    if isinstance(parameters, Cut):
         return dict.fromkeys((POINTS[0], DEPTHS[0], ANGLES[0]), CUT)
-    if not isinstance(given, dict) or given.keys() & value.keys() & {*POINTS, *DEPTHS, *ANGLES, *BOXES}:
+    if not isinstance(parameters, dict) or parameters.keys() & value.keys() & {*POINTS, *DEPTHS, *ANGLES, *BOXES}:
         return None
-    return {**value, **given}
+    return {**value, **parameters}
 
 
 def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
-    """Return what the envelope of a tool call holds."""
+    """Return the action in the envelope of a tool call."""
     inner = [value[key] for key in CALLS if isinstance(value.get(key), dict | list)]
     if len(inner) != 1:
         return None
@@ -218,9 +218,9 @@ def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | Non
     if not isinstance(call, dict):
         return None
     own: set[Mend] = {"tool_call"}
-    told = _unfold(call, own, depth + 1)
-    mends |= own if told else set()
-    return told
+    unfolded = _unfold(call, own, depth + 1)
+    mends |= own if unfolded else set()
+    return unfolded
 
 
 def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
@@ -245,10 +245,10 @@ def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
 
 
 def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
-    """Return the action that the fields are of, when they are of one alone."""
+    """Return the action to which the fields belong, if there is only one."""
     if any(_plain(key) == "action" for key in value):
         return None
-    aims = DEPTHS[0] in value and any(key in value for key in POINTS)  # a depth by any other name is a detection's
+    aims = DEPTHS[0] in value and any(key in value for key in POINTS)  # other names of a depth occur in detections
     turns = ANGLES[0] in value
     if aims == turns:
         return None
@@ -257,20 +257,20 @@ def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
 
 
 def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
-    """Return the one action within an object that is none itself."""
+    """Return the only action within an object that is not an action itself."""
     if any(_plain(key) == "action" for key in value):
         return None
-    held = [each for member in value.values() for each in (member if isinstance(member, list) else [member])]
+    held = [item for member in value.values() for item in (member if isinstance(member, list) else [member])]
     if len(held) > _HELD_MAX:
         return None
     meant: list[tuple[Unfolded | None, set[Mend]]] = []
-    for each in held:
+    for item in held:
         own: set[Mend] = {"wrapped"}
-        inner = _within(each, own) if isinstance(each, str) and "{" in each else each
-        told = _unfold(inner, own, depth + 1) if isinstance(inner, dict) else None
+        inner = _within(item, own) if isinstance(item, str) and "{" in item else item
+        unfolded = _unfold(inner, own, depth + 1) if isinstance(inner, dict) else None
         names = isinstance(inner, dict) and any(_plain(key) == "action" for key in inner)
-        if told or names or isinstance(inner, Cut):  # what breaks off may have held another
-            meant.append((told, own))
+        if unfolded or names or isinstance(inner, Cut):  # a cut member may have held another action
+            meant.append((unfolded, own))
     if len(meant) != 1 or meant[0][0] is None:
         return None
     mends |= meant[0][1]
@@ -278,20 +278,20 @@ def _wrapped(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | 
 
 
 def _within(text: str, mends: set[Mend]) -> Any:
-    """Return the one object that a string holds as JSON, the string itself when there is none."""
-    found = values(text, "{")
-    if len(found) != 1:
+    """Return the only object that a string holds as JSON; the string itself when there is none."""
+    objects = read_values(text, "{")
+    if len(objects) != 1:
         return text
-    mends |= found[0].mends | {"escaped"}
-    return found[0].value
+    mends |= objects[0].mends | {"escaped"}
+    return objects[0].value
 
 
 def _point(fields: dict[str, Any], axis_order: AxisOrder, mends: set[Mend]) -> tuple[float, float]:
-    given = [key for key in POINTS if key in fields]
+    points = [key for key in POINTS if key in fields]
     boxes = [key for key in BOXES if key in fields]
-    if "x" in fields and "y" in fields and not given and not boxes:
+    if "x" in fields and "y" in fields and not points and not boxes:
         return point({"x": fields["x"], "y": fields["y"]}, axis_order, mends)
-    if not given and len(boxes) == 1:
+    if not points and len(boxes) == 1:
         return box_centre(fields[boxes[0]], axis_order, mends)
     return point(_field(fields, POINTS, mends), axis_order, mends)
 
@@ -300,28 +300,28 @@ def _field(fields: dict[str, Any], names: tuple[str, ...], mends: set[Mend]) -> 
     """Return the member with the first of `names`, or with the only other of them."""
     if names[0] in fields:
         return fields[names[0]]
-    found = [key for key in fields if _plain(key) in names]
-    if not found:
+    keys = [key for key in fields if _plain(key) in names]
+    if not keys:
         raise ActionError(
             f'"{names[0]}" is missing' if "" not in fields else f'the reply breaks off before "{names[0]}"'
         )
-    if len(found) > 1:
-        raise ActionError(f"{' and '.join(found)[:80]} contradict each other or say the same: which is meant?")
+    if len(keys) > 1:
+        raise ActionError(f"{' and '.join(keys)[:80]} contradict each other or say the same: which is meant?")
     mends.add("field")
-    return fields[found[0]]
+    return fields[keys[0]]
 
 
 def _signed(angle: float, sign: int, fields: dict[str, Any]) -> float:
     """Return an angle with the sign that the action's name gives it."""
-    said = next((fields[key] for key in ("direction", "dir") if key in fields), None)
-    direction = DIRECTIONS.get(_plain(said), 0)
+    side = next((fields[key] for key in ("direction", "dir") if key in fields), None)
+    direction = DIRECTIONS.get(_plain(side), 0)
     if (sign and angle < 0) or direction * sign < 0 or (direction and direction * (angle * (sign or 1)) < 0):
         raise ActionError("the side that is named and the sign of the angle contradict each other")
     return angle * (sign or 1)
 
 
 def _plain(name: Any) -> str:
-    """Return a name in lower case, with one underscore between its words; "" for what is none."""
+    """Return a name in lower case, with one underscore between its words; "" for any other value."""
     if not isinstance(name, str) or len(name) > _NAME_MAX:
         return ""
     return _BETWEEN_WORDS.sub("_", normalize("NFKC", name).strip(" \t\r\n.!_-").lower())

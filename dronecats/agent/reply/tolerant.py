@@ -1,7 +1,7 @@
-"""JSON as models write it, read with a note of every liberty: what Python, JavaScript and a tired typist would write.
+"""Tolerant JSON reader: accepts the deviations of `mends.WRITTEN`, and records each one that it meets.
 
-Nothing is guessed: a text that none of the liberties of `mends.WRITTEN` explains is no value. The work is bounded: a
-value is read from left to right once, and what is read in vain is counted.
+It guesses nothing: text with any other deviation is not a value. The work is bounded: a value is read from left to
+right once, and characters read without finding a value are counted.
 """
 
 import re
@@ -13,7 +13,7 @@ from unicodedata import normalize
 from dronecats.agent.reply.mends import Mend
 from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
 
-MAX_VAIN_CHARS = MAX_REPLY_CHARS  # read in vain, as the strict reading counts them; here each takes longer
+MAX_VAIN_CHARS = MAX_REPLY_CHARS  # as in the strict parser; here each character takes longer
 MAX_DEPTH = 40  # brackets within brackets; an action has three
 MAX_DIGITS = 60
 _WORD = re.compile(r"[A-Za-z_][\w-]*")
@@ -34,7 +34,7 @@ _ESCAPED = {"n": "\n", "t": "\t", "r": "\r", "b": "\b", "f": "\f"}
 
 
 class Cut:
-    """Stands for a value that the end of the reply broke off."""
+    """Placeholder for a value that the end of the reply cut off."""
 
 
 CUT = Cut()
@@ -49,33 +49,32 @@ class Quantity:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class ReadValue:
     """A value in a text."""
 
-    value: (
-        Any  # as `json` has it, with Quantity, and CUT where it breaks off, and where a member may be lacking: under ""
-    )
+    # as `json` returns it, with Quantity, and with CUT where the text ends: in an object's unread rest under the key ""
+    value: Any
     begin: int
     end: int
     mends: frozenset[Mend]
-    inner: bool  # it stands in something that is no value
+    inner: bool  # it stands in text that is not a value itself
 
     @property
     def cut(self) -> bool:
-        """Whether the text ends within it."""
+        """True when the text ends within it."""
         return "truncated" in self.mends
 
 
 class _BrokenError(Exception):
-    """It is no value."""
+    """The text is not a value."""
 
 
-def values(text: str, openings: str) -> list[Found]:
-    """Return the outermost values that begin with one of `openings`, in order, those that break off among them.
+def read_values(text: str, openings: str) -> list[ReadValue]:
+    """Return the outermost values that begin with one of `openings`, in order, cut ones included.
 
-    Where a text is no value, or breaks off, the next may begin inside it.
+    Where text is not a value, or is cut off, the next value may begin inside it.
     """
-    text, found, at, vain, reached = text[:MAX_REPLY_CHARS], [], 0, 0, 0
+    text, found_values, at, vain, reached = text[:MAX_REPLY_CHARS], [], 0, 0, 0
     opening = re.compile("[" + re.escape(openings + "".join(chr(ord(c) + 0xFEE0) for c in openings)) + "]")
     for _ in range(MAX_TRIES):
         begins = opening.search(text, at)
@@ -89,13 +88,13 @@ def values(text: str, openings: str) -> list[Found]:
             vain += reader.at - at
             reached, at = max(reached, reader.at), at + 1
             continue
-        found.append(Found(value, at, reader.at, frozenset(reader.mends), at < reached))
-        if found[-1].cut:
+        found_values.append(ReadValue(value, at, reader.at, frozenset(reader.mends), at < reached))
+        if found_values[-1].cut:
             vain += reader.at - at
             reached, at = reader.at, at + 1
         else:
             at = reader.at
-    return found
+    return found_values
 
 
 @dataclass(slots=True)
@@ -193,18 +192,18 @@ class _Reader:
         quote = self.text[self.at]
         end = _CLOSING[quote]
         body = _UNTIL[end].match(self.text, self.at + 1)
-        assert body is not None  # it matches nothing, too
+        assert body is not None  # the pattern matches the empty string
         self.at = body.end()
-        if self.at == len(self.text) or self.text[self.at] != end:  # a backslash alone is the end of the text
+        if self.at == len(self.text) or self.text[self.at] != end:  # a final backslash stops the pattern
             self.at = len(self.text)
             return self._cut()
         self.at += 1
         if quote != '"':
             self.mends.add("single_quotes" if quote == "'" else "smart_quotes")
-        said = body.group()
-        if any(letter < " " for letter in said):
+        text = body.group()
+        if any(letter < " " for letter in text):
             self.mends.add("control")
-        return _ESCAPE.sub(_unescaped, said) if "\\" in said else said
+        return _ESCAPE.sub(_unescaped, text) if "\\" in text else text
 
     def _number(self) -> Any:
         number = _NUMBER.match(self.text, self.at)
@@ -214,12 +213,12 @@ class _Reader:
         if len(number.group()) > MAX_DIGITS:
             raise _BrokenError
         if self.at == len(self.text):
-            return self._cut()  # more digits may have been meant to come
-        said = number.group()
-        plain = _JSON_NUMBER.fullmatch(said) is not None
+            return self._cut()  # more digits may be missing
+        digits = number.group()
+        plain = _JSON_NUMBER.fullmatch(digits) is not None
         if not plain:
-            self.mends.add("number_form" if said.isascii() else "full_width")
-        read = number_in(said) if not plain or not said.lstrip("-").isdigit() else int(said)
+            self.mends.add("number_form" if digits.isascii() else "full_width")
+        read = number_in(digits) if not plain or not digits.lstrip("-").isdigit() else int(digits)
         unit = _UNIT.match(self.text, self.at)
         if unit is None:
             return read
@@ -235,19 +234,19 @@ class _Reader:
         self.at = word.end()
         if self.at == len(self.text):
             return self._cut()
-        said = word.group()
-        if said in _WORDS:
-            return _WORDS[said]
-        if said in _NOT_FINITE:
-            return _NOT_FINITE[said]
-        if said in _PYTHON:
+        name = word.group()
+        if name in _WORDS:
+            return _WORDS[name]
+        if name in _NOT_FINITE:
+            return _NOT_FINITE[name]
+        if name in _PYTHON:
             self.mends.add("python")
-            return _PYTHON[said]
+            return _PYTHON[name]
         self.mends.add("unquoted")
-        return said
+        return name
 
     def _peek(self) -> str:
-        """Return the next character that means something, "" at the end; full-width ones as plain ones."""
+        """Return the next character after spaces and comments, full-width as ASCII; "" at the end."""
         text = self.text
         while True:
             self.at = _past(_SPACE, text, self.at)
@@ -275,15 +274,15 @@ class _Reader:
 
 
 def _past(pattern: re.Pattern[str], text: str, at: int) -> int:
-    found = pattern.match(text, at)
-    return found.end() if found else at
+    match = pattern.match(text, at)
+    return match.end() if match else at
 
 
-def number_in(said: str) -> float:
+def number_in(text: str) -> float:
     """Return the number in digits of any script. Raises ValueError."""
-    return float(normalize("NFKC", said).replace("\u2212", "-"))
+    return float(normalize("NFKC", text).replace("\u2212", "-"))
 
 
-def _unescaped(found: re.Match[str]) -> str:
-    said = found.group(1)
-    return chr(int(said[1:], 16)) if len(said) == 5 else _ESCAPED.get(said, said)
+def _unescaped(match: re.Match[str]) -> str:
+    escape = match.group(1)
+    return chr(int(escape[1:], 16)) if len(escape) == 5 else _ESCAPED.get(escape, escape)

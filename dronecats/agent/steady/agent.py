@@ -1,21 +1,174 @@
-"""The loop of the steady agent: the paper's, but that the drones fly on while their next picture is asked about."""
+"""The steady agent: its drones keep flying while the next question is asked, and a go is a place, not a direction."""
 
+import math
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from statistics import median
 
+from dronecats.agent.action import Action, Go
 from dronecats.agent.cockpit import Cockpit
-from dronecats.agent.loop import Decider, GroupedAgent, Questions, Tally
+from dronecats.agent.controller import Aircraft, Drone, turn
+from dronecats.agent.loop import Decider, PaperAgent, Questions, Tally
 from dronecats.agent.model_call import Asking
-from dronecats.agent.steady.drone import SteadyDrone
-from foundation.camera import Frame
+from dronecats.agent.steady.leg import Leg, SeenPlace, leg_to, seen_place, steer
+from dronecats.agent.steady.pursuit import Pursuit
+from foundation.camera import CameraModel, Frame
+from foundation.frames import Vec3, wrap_pi
+from foundation.protocol import NEAR_M, STEP_S, STRIDE_MAX_M
 from foundation.run_folder.rows import Decision
+from foundation.setpoints import Hold
 
-REMEMBERED = 5  # replies by which the next one's time is told
+TURNS_FIRST = math.radians(30.0)  # off the nose; beyond it the drone turns on the spot first, else on the way
+SHORT_M = 0.3  # m by which a stride may have come out too short
+STREAMED_S = 0.5  # s that one setpoint of a leg is valid without the next
+
+
+class SteadyDrone(Drone):
+    """Flies the last action until the next decision is there. It advances at every tick."""
+
+    def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
+        super().__init__(index, aircraft, camera_model)
+        self.period_s = 0.0  # s from one decision to the next, estimated
+        self._pursuit = Pursuit()
+        self._seen_s = 0.0  # s of the aircraft's clock, when the picture was taken
+        self._place: SeenPlace | None = None  # the destination
+        self._leg: Leg | None = None
+        self._course: float | None = None  # rad, of the leg
+        self._resting = False  # the leg ended before the next decision
+
+    def see(self, time_us: int) -> None:
+        """Remember where and when its picture was taken."""
+        super().see(time_us)
+        self._seen_s = time_us / 1e6
+
+    def plan(self, action: Action | None) -> None:
+        """Plan an action, None for an unreadable reply. `begin` flies it."""
+        self._leg = self._course = self._place = None
+        self._resting = False
+        if not isinstance(action, Go):
+            super().plan(action)
+            return
+        self._settle()
+        assert self._seen is not None  # every action has a picture
+        seen = seen_place(action, self._seen, self.history.camera)
+        self._pursuit.see(self._seen_s, seen.lens_ned, seen.place_ned)
+        if seen.reach <= 0.0:
+            super().plan(None)
+            return
+        self._place = seen
+        self._segments, self._counts_from = [], None
+        here = self.aircraft.sight(self.aircraft.time_us)
+        off = wrap_pi(self._course_of(seen, here.position_ned) - here.heading)
+        if abs(off) > TURNS_FIRST:
+            self._counts_from = here  # the turn counts from the present heading, the place from its picture
+            self._segments = [turn(off)]
+
+    def begin(self, now_s: float) -> None:
+        """Start to fly the plan."""
+        if self._segments:
+            super().begin(now_s)
+        elif self._place is not None:
+            self._begin_leg(now_s)
+        else:
+            self.aircraft.fly(Hold())
+
+    def advance(self, now_s: float) -> None:
+        """Steer, or start the leg after a turn."""
+        if self._segments:
+            super().advance(now_s)
+            if not self._segments and self._place is not None:
+                self._begin_leg(now_s)
+        elif self._leg is not None:
+            self._steer(now_s)
+
+    def wants_picture(self, now_s: float, age_s: float) -> bool:
+        """Return whether it is time for the next picture; its reply comes `age_s` later.
+
+        Never during a turn, whose purpose is the view after it, and not before the vehicle has flown a stride from
+        where the last picture was taken, as the history says of the last action.
+        """
+        if self._segments:
+            last = self._segments[-1]
+            return not last.settle_s and self._place is None and now_s >= self._segment_ends_s - age_s
+        if self._leg is None:
+            return True
+        if self._careful or now_s < self._leg.due_s - age_s:
+            return self._resting or now_s >= self._leg.due_s
+        return now_s >= self._leg.due_s or self._stride_m() >= STRIDE_MAX_M - SHORT_M
+
+    def _stride_m(self) -> float:
+        """Return the distance from where the picture of its action was taken, m."""
+        assert self._place is not None
+        return math.dist(self.aircraft.sight(self.aircraft.time_us).position_ned, self._place.from_ned)
+
+    @property
+    def _careful(self) -> bool:
+        """True when the reply asked for a short stride, at whose end the next picture is taken."""
+        return self._place is not None and self._place.depth_m < NEAR_M
+
+    def _place_now(self, seen: SeenPlace) -> tuple[Vec3, Vec3]:
+        """Return the present position and velocity of the place that was pointed at (m, m/s, local frame)."""
+        now_s = self.aircraft.time_us / 1e6
+        believed = self._pursuit.at(now_s)
+        velocity = believed.velocity_ned if believed else (0.0, 0.0, 0.0)
+        if believed and seen.depth_m >= NEAR_M:
+            return believed.place_ned, velocity
+        old_s = now_s - self._seen_s  # the depth of a short stride is a distance to fly, not to the object
+        north, east, down = seen.place_ned
+        return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
+
+    def _course_of(self, seen: SeenPlace, here: Vec3) -> float:
+        """Return the course (rad) to the place that was pointed at; of a short stride the course in its picture."""
+        place, origin = (seen.place_ned, seen.lens_ned) if self._careful else (self._place_now(seen)[0], here)
+        return math.atan2(place[1] - origin[1], place[0] - origin[0])
+
+    def _begin_leg(self, now_s: float) -> None:
+        seen = self._place
+        assert seen is not None
+        goal, velocity = self._goal(seen)
+        here = self.aircraft.sight(self.aircraft.time_us).position_ned
+        self._leg = leg_to(goal, velocity, here, now_s, self.period_s, level=seen.level, careful=self._careful)
+        self._course = self._course_of(seen, here)
+        self._steer(now_s)
+
+    def _goal(self, seen: SeenPlace) -> tuple[Vec3, Vec3]:
+        """Return the goal and its velocity (m, m/s, local frame): the share of the way that may be flown.
+
+        The goal moves with a moving target. A short stride goes no farther than to where the place was, since a pilot
+        that names the same small depth again and again would otherwise be carried along ever faster.
+        """
+        old_s = self.aircraft.time_us / 1e6 - self._seen_s
+        place, velocity = self._place_now(seen)
+        if self._careful:
+            stride = [seen.reach * (p - lens) for p, lens in zip(seen.place_ned, seen.lens_ned, strict=True)]
+            gone = [v * (old_s + STEP_S) for v in velocity]
+            rest = (1.0 - seen.reach) * math.dist(seen.place_ned, seen.lens_ned)
+            held = min(1.0, rest / max(math.hypot(*gone), 1e-9))
+            north, east, down = (f + s + held * g for f, s, g in zip(seen.from_ned, stride, gone, strict=True))
+            return (north, east, down), (0.0, 0.0, 0.0)
+        north, east, down = (
+            f + (1.0 - seen.reach) * v * old_s + seen.reach * (p - lens)
+            for f, v, p, lens in zip(seen.from_ned, velocity, place, seen.lens_ned, strict=True)
+        )
+        return (north, east, down), velocity
+
+    def _steer(self, now_s: float) -> None:
+        assert self._leg is not None
+        here = self.aircraft.sight(self.aircraft.time_us).position_ned
+        steered = steer(self._leg, here, now_s, self._course, resting=self._resting)
+        self._resting = steered is None
+        if steered is None:
+            self.aircraft.fly(Hold())
+            return
+        self._course = steered.seen.heading
+        self.aircraft.fly(steered.setpoint, min(STREAMED_S, steered.valid_s), steered.seen)
+
+
+AGES_KEPT = 5  # replies by which the age of the next one is estimated
 
 
 class SteadyDecider(Decider):
-    """One question at a time, as the paper's; but the next is asked while the last action is still flown."""
+    """Asks one question at a time, like the paper's decider, but the next one while the last action is being flown."""
 
     def __init__(
         self,
@@ -23,15 +176,15 @@ class SteadyDecider(Decider):
         drones: Sequence[SteadyDrone],
         cockpit: Cockpit,
         now_s: Callable[[], float],
-        tally: Tally | None = None,
+        tally: Tally,
     ) -> None:
         super().__init__(questions, drones, cockpit, now_s, tally)
         self._steady = drones
-        self._ages: deque[float] = deque(maxlen=REMEMBERED)  # s, of pictures when their replies were acted on
+        self._ages: deque[float] = deque(maxlen=AGES_KEPT)  # s, of pictures when their replies were acted on
 
     @property
     def age_s(self) -> float:
-        """How old a picture is when its reply is there, s of vehicle time: the median of the last ones."""
+        """Expected age of a picture at its reply, s of vehicle time: the median of the last ones."""
         return median(self._ages) if self._ages else 0.0
 
     def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
@@ -41,17 +194,21 @@ class SteadyDecider(Decider):
         return super()._decide(frames, asking, thinking)
 
     def _act(self, cap_s: float) -> Generator[None, None, None]:
-        """Yield until it is time for the next picture. The drones fly on meanwhile, and while it is asked about."""
-        while not all(drone.asks(self._now_s(), self.age_s) for drone in self._steady) and self._now_s() < cap_s:
+        """Yield until it is time for the next picture. The drones keep flying."""
+        while self._now_s() < cap_s:
+            if all(drone.wants_picture(self._now_s(), self.age_s) for drone in self._steady):
+                return
             yield
 
 
-class SteadyAgent(GroupedAgent[SteadyDrone]):
-    """Flies one episode, every drone under one decider, or each group under its own, as `PaperAgent` does."""
+class SteadyAgent(PaperAgent):
+    """Flies one episode with steady drones, grouped as those of `PaperAgent`."""
 
-    def __init__(self, questions: Questions, cockpit: Cockpit, groups: Sequence[Sequence[int]] | None = None) -> None:
-        super().__init__(questions, cockpit, groups, SteadyDrone, SteadyDecider)
+    drone_type, decider_type = SteadyDrone, SteadyDecider
 
-    def _fly_on(self) -> None:
+    def _tick(self) -> None:
+        for drone in self._drones:
+            drone.aircraft.tick()
         for drone in self._drones:
             drone.advance(self.now_s)
+        self._cockpit.on_tick()

@@ -1,4 +1,4 @@
-"""The way to a place that may move, flown without standing still, and over when it is no longer valid. Pure."""
+"""A leg: the way to a place that may move, flown without a stop and valid for a limited time. Pure functions."""
 
 import math
 from dataclasses import dataclass
@@ -13,24 +13,24 @@ from foundation.setpoints import Sight, Velocity
 
 @dataclass(frozen=True, slots=True)
 class SeenPlace:
-    """What a go points at, and how far towards it it may be flown before it is looked at again."""
+    """The place that a go points at, and the share of the way to it that may be flown before the next picture."""
 
     from_ned: Vec3  # m, local frame, where the body was at capture
     lens_ned: Vec3  # m, local frame, where the optical centre was
-    place_ned: Vec3  # m, local frame, of what is pointed at
+    place_ned: Vec3  # m, local frame, the place itself
     reach: float  # share of the way from the lens to the place; 0: not at all
-    level: bool  # the climb is too small to be flown, as the paper has it
-    depth_m: float  # m along the optical axis, as the pilot judges it
+    level: bool  # the climb is within the paper's deadband: the height is held
+    depth_m: float  # m along the optical axis, the pilot's estimate
 
 
 def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
-    """Return the place that a go names in a picture taken at a sight, by the attitude of then."""
+    """Return the place that a go names in a picture taken at `sight`."""
     right, forward, up = displacement(go, camera)
     attitude = quat_from_euler(sight.roll, sight.pitch, sight.heading)
     north, east, down = rotate(attitude, (forward, right, -up))
     lens = _lens(sight, camera)
     ahead = math.hypot(north, east)
-    # level where it looks level, or is: a pilot that wants no climb keeps its point at the middle of the picture
+    # level in the picture or in space: a pilot that wants no climb keeps its point at the middle of the picture
     level = abs(up) < CLIMB_DEADBAND * math.hypot(right, forward) or abs(down) < CLIMB_DEADBAND * ahead
     place = (lens[0] + north, lens[1] + east, lens[2] + down)
     return SeenPlace(
@@ -39,7 +39,7 @@ def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
 
 
 def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
-    """Return the go that names a place (m, local frame) in a picture taken at a sight: `seen_place` the other way.
+    """Return the go that names a place (m, local frame) in a picture taken at `sight`: the inverse of `seen_place`.
 
     Raises ValueError for a place that is not before the lens.
     """
@@ -61,10 +61,10 @@ def _lens(sight: Sight, camera: CameraModel) -> Vec3:
 
 
 def _reach(distance_m: float, depth_m: float) -> float:
-    """Return the share of its way that a go may be flown before the next look.
+    """Return the share of the way that a go may be flown before the next picture.
 
-    Near, it is the paper's stride. From 5 m on it is the same share of the whole way, which at 5 m is the paper's 3 m,
-    and farther off more: how much of it is flown is the next reply's matter.
+    Below 5 m it is the paper's stride. From 5 m on it is the same share of the way, which at 5 m is the paper's 3 m,
+    and more farther off; the next reply decides how much of it is flown.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -74,32 +74,32 @@ def _reach(distance_m: float, depth_m: float) -> float:
 
 
 REACHED_M = 0.3  # m, level, from the goal
-LEFT_M = 1.0  # m from a goal that has gone on, beyond which it is flown after
-SLOWS_S = 0.8  # s of the way to the goal in which it is slowed down for
-KEEPS_M = 1.5  # m from the goal within which the course stays: a goal that is passed turns no nose
-CAREFUL_S = 1.5  # s that a short stride takes at least
+LEFT_M = 1.0  # m from a goal that has moved on, beyond which it is followed
+SLOWS_S = 0.8  # s of the way before the goal in which the speed is reduced
+KEEPS_M = 1.5  # m from the goal within which the course is kept, so that passing it turns no nose
+CAREFUL_S = 1.5  # s, the shortest time of a short stride
 
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """One go: to a goal that may move, at full pace until `due_s`, and fading from there to none at `ends_s`."""
+    """One go: to a goal that may move, at full pace until `due_s`, fading to zero at `ends_s`."""
 
     goal_ned: Vec3  # m, local frame, when the leg begins
     velocity_ned: Vec3  # m/s of the goal
     level: bool  # the height is held
     begins_s: float  # s of the episode
-    due_s: float  # s, when the next decision is awaited
-    ends_s: float  # s, when the leg is valid no longer
+    due_s: float  # s, when the next decision is expected
+    ends_s: float  # s, end of the leg's validity
     pace: float  # m/s
 
     def goal(self, now_s: float) -> Vec3:
-        """Return where the goal is at a time (m, local frame)."""
+        """Return the position of the goal at a time (m, local frame)."""
         north, east, down = self.goal_ned
         seconds = now_s - self.begins_s
         return (north + self.velocity_ned[0] * seconds, east + self.velocity_ned[1] * seconds, down)
 
     def fade(self, now_s: float) -> float:
-        """Return the share of the pace that is flown at a time, 1 … 0."""
+        """Return the share of the pace at a time, 1 … 0."""
         if now_s <= self.due_s:
             return 1.0
         return max(0.0, (self.ends_s - now_s) / (self.ends_s - self.due_s))
@@ -107,14 +107,14 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Steered:
-    """What is flown of a leg at one tick."""
+    """The setpoint of a leg at one tick."""
 
     setpoint: Velocity
-    seen: Sight  # from which the setpoint's line goes out
+    seen: Sight  # origin of the setpoint's line
     valid_s: float  # s for which it may be flown
 
 
-def leg(
+def leg_to(
     goal_ned: Vec3,
     velocity_ned: Vec3,
     position_ned: Vec3,
@@ -124,36 +124,36 @@ def leg(
     level: bool,
     careful: bool = False,
 ) -> Leg:
-    """Return the leg to a goal from a position, where a decision comes about every `period_s`.
+    """Return the leg to a goal from a position, if a decision comes about every `period_s`.
 
-    It is flown at the paper's 1.2 m/s, or slower where that would be there before a step (2.5 s) is over; a careful
-    one, which is looked at again at its end, a little faster. Without a next decision it goes on for one period more.
+    Its pace is the paper's 1.2 m/s, or slower where it would otherwise end before a step (2.5 s) is over; a careful
+    leg, a short stride, is a little faster. Without a next decision the leg goes on for one more period.
     """
     lasts_s = STEP_S if careful else max(STEP_S, period_s)
     pace = min(SPEED_MAX, math.dist(goal_ned, position_ned) / (CAREFUL_S if careful else STEP_S))
     return Leg(goal_ned, velocity_ned, level, now_s, now_s + lasts_s, now_s + 2.0 * lasts_s, pace)
 
 
-def steered(
-    one: Leg, position_ned: Vec3, now_s: float, course: float | None = None, *, resting: bool = False
+def steer(
+    leg_to: Leg, position_ned: Vec3, now_s: float, course: float | None = None, *, resting: bool = False
 ) -> Steered | None:
-    """Return what flies a leg from a position on, None for a hold: it has been reached, or is valid no longer.
+    """Return the setpoint of a leg at a position; None for a hold: the goal is reached, or the leg has ended.
 
-    course: rad, the one that was flown before, which is kept close to the goal; None: none was. resting: it had been
-    reached, and is gone on with when the goal has left.
+    course: rad, the last one, which is kept close to the goal; None: the first. resting: the goal was reached, and is
+    followed only when it has left.
     """
-    goal = one.goal(now_s)
+    goal = leg_to.goal(now_s)
     north, east, down = (g - p for g, p in zip(goal, position_ned, strict=True))
     ahead = math.hypot(north, east)
-    if now_s >= one.ends_s or ahead <= (LEFT_M if resting else REACHED_M):
+    if now_s >= leg_to.ends_s or ahead <= (LEFT_M if resting else REACHED_M):
         return None
     bearing = math.atan2(east, north)
     if course is not None and not resting and ahead < KEEPS_M:
         if math.cos(bearing - course) <= 0.0:  # it has been passed
             return None
         bearing = course
-    speed = min(one.pace, ahead / SLOWS_S) * one.fade(now_s)
-    up = 0.0 if one.level else -down
-    whole = math.hypot(ahead, up)
-    climb = speed * up / whole if up else None
-    return Steered(Velocity(speed * ahead / whole, climb, 0.0), Sight(position_ned, bearing), one.ends_s - now_s)
+    speed = min(leg_to.pace, ahead / SLOWS_S) * leg_to.fade(now_s)
+    up = 0.0 if leg_to.level else -down
+    length_m = math.hypot(ahead, up)
+    climb = speed * up / length_m if up else None
+    return Steered(Velocity(speed * ahead / length_m, climb, 0.0), Sight(position_ned, bearing), leg_to.ends_s - now_s)

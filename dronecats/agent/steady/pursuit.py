@@ -1,4 +1,4 @@
-"""Where what is pointed at is and goes, from the places that replies have named: a constant-velocity Kalman filter.
+"""Track of the target from the places that replies have named: a constant-velocity Kalman filter.
 
 State: place and velocity in the local frame. Between sightings x' = F x with white acceleration; a sighting measures
 the place, well across the line of sight and badly along it, since a depth is judged and a pixel is pointed at.
@@ -15,17 +15,17 @@ from foundation.frames import Vec3
 
 ACROSS_M, ACROSS = 0.3, 0.02  # m, and m per m of distance: 1 σ across the line of sight
 ALONG_M, ALONG = 0.3, 0.2  # likewise along it
-SPEED_STD = 0.4  # m/s, 1 σ an axis of what has been seen once
+SPEED_STD = 0.4  # m/s, 1 σ an axis after one sighting
 ACCELERATION = 0.02  # m/s², 1 σ: what walks and drives keeps its course for a while
-GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: farther off is another thing, or the same after a jump
-FORGET_S = 60.0  # s without a sighting after which nothing of it is believed
-LEAST = 3  # sightings by which a velocity is told
-SPEED_MAX = 1.5  # m/s: faster is a fault of the depths
+GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: a sighting farther off begins a new track
+FORGET_S = 60.0  # s without a sighting after which the track ends
+LEAST = 3  # sightings needed for a velocity
+SPEED_MAX = 1.5  # m/s: a faster estimate is an error of the depths
 
 
 @dataclass(frozen=True, slots=True)
 class _Belief:
-    """What was believed before a sighting."""
+    """The state of the filter before a sighting."""
 
     state: NDArray[np.float64]  # (6, 1): place and velocity, m, m/s
     covariance: NDArray[np.float64]  # (6, 6)
@@ -35,26 +35,26 @@ class _Belief:
 
 @dataclass(frozen=True, slots=True)
 class Pursued:
-    """What is believed of it at a time."""
+    """The estimated target at a time."""
 
     place_ned: Vec3  # m, local frame
-    velocity_ned: Vec3  # m/s, level; the less of it the less sure it is
+    velocity_ned: Vec3  # m/s, level; scaled down by its uncertainty
 
 
 class Pursuit:
-    """The track of one thing. A sighting that does not belong to it begins another.
+    """The track of one target. A sighting that does not belong to it begins a new track.
 
-    A second one of the same time replaces the first: it is another word on one picture, and nothing new was seen.
+    A second sighting at the same time replaces the first: it is another reply on the same picture.
     """
 
     def __init__(self) -> None:
         self._filter: KalmanFilter | None = None
         self._time_s = 0.0
-        self._before: _Belief | None = None  # without the last sighting; None: nothing was believed
+        self._before: _Belief | None = None  # without the last sighting; None: there was no track
         self.sightings = 0  # of this track
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
-        """Take a place (m, local frame) seen at a time from a lens; return whether it belongs to the track."""
+        """Add a place (m, local frame) seen at a time from a lens; return whether it belongs to the track."""
         noise = sighting_noise(lens_ned, place_ned)
         if self._filter is not None and time_s == self._time_s:
             self._believe(self._before)
@@ -71,25 +71,21 @@ class Pursuit:
         self._time_s, self.sightings = time_s, 1
         return False
 
-    def forget(self) -> None:
-        """Believe nothing of it any more."""
-        self._believe(None)
-
     def _belief(self) -> _Belief | None:
         if self._filter is None:
             return None
         return _Belief(self._filter.x, self._filter.P, self._time_s, self.sightings)
 
-    def _believe(self, one: _Belief | None) -> None:
-        if one is None:
+    def _believe(self, belief: _Belief | None) -> None:
+        if belief is None:
             self._filter, self.sightings = None, 0
             return
         assert self._filter is not None
-        self._filter.x, self._filter.P = one.state, one.covariance
-        self._time_s, self.sightings = one.time_s, one.sightings
+        self._filter.x, self._filter.P = belief.state, belief.covariance
+        self._time_s, self.sightings = belief.time_s, belief.sightings
 
     def at(self, time_s: float) -> Pursued | None:
-        """Return what is believed at a time not before the last sighting; None where nothing is."""
+        """Return the estimate at a time not before the last sighting; None without a track."""
         if self._filter is None or time_s - self._time_s > FORGET_S:
             return None
         velocity = self._velocity()
@@ -105,7 +101,7 @@ class Pursuit:
             return (0.0, 0.0, 0.0)
         along = velocity / speed
         doubt = float(along @ self._filter.P[3:5, 3:5] @ along) / speed**2
-        held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # of what stands still nothing is left
+        held = max(0.0, 1.0 - doubt) * min(1.0, SPEED_MAX / speed)  # 0 for a target that stands still
         return (float(velocity[0]) * held, float(velocity[1]) * held, 0.0)
 
     def _predicted(self, time_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

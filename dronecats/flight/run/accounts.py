@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.models.cache import CachedModel, ReplyCache
-from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, told
+from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, spent_text
 from dronecats.agent.models.model import Model
-from dronecats.agent.models.open import open_model
+from dronecats.agent.models.replay import CachedModel, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts
 from foundation.errors import BudgetError, InfrastructureError
 from foundation.run_folder.layout import LEDGER
@@ -40,8 +40,8 @@ class LedgerKeeper:
     def claim(self, address: str, model: str, tokens: int) -> float:
         return self._ledger.limiter(address, model).claim(tokens)
 
-    def heard(self, address: str, model: str, allowances: tuple[Allowance, ...]) -> None:
-        self._ledger.limiter(address, model).heard(allowances)
+    def update(self, address: str, model: str, allowances: tuple[Allowance, ...]) -> None:
+        self._ledger.limiter(address, model).update(allowances)
 
     def hold(self, address: str, model: str, seconds: float) -> None:
         self._ledger.limiter(address, model).hold(seconds)
@@ -95,9 +95,9 @@ class RemoteLimiter:
         """Count a request as sent and return 0, or return the s to wait. Raises InfrastructureError."""
         return float(self._ask("claim", self._address, self._model, tokens))
 
-    def heard(self, allowances: tuple[Allowance, ...]) -> None:
+    def update(self, allowances: tuple[Allowance, ...]) -> None:
         """Take in what an answer allows. Raises InfrastructureError."""
-        self._ask("heard", self._address, self._model, allowances)
+        self._ask("update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
         """Let nobody ask there for so long. Raises InfrastructureError."""
@@ -127,7 +127,7 @@ def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[Accoun
             cache = ReplyCache(Path(accounts.cache))
             opened.callback(cache.close)
             model = CachedModel(model, served.fingerprint, cache)
-        yield AccountedModel(model, lambda: told(ledger.spent()))
+        yield AccountedModel(model, lambda: spent_text(ledger.spent()))
 
 
 def check_budget(accounts: Accounts, run: Path) -> None:

@@ -7,8 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Protocol
 
-from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
-from dronecats.agent.host_pace import HostPace
+from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit, HostPace
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset, ascend, unchecked
 from dronecats.flight.run.landing import finish, tell, tending, unexpected

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.endpoint import GIVE_UP_S, RetryPolicy
 from dronecats.agent.models.ledger import Spent, spent_on
 from dronecats.agent.models.model import Request, ending_reason
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.probe import marked_picture
+from dronecats.agent.models.replay import ReplyCache
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.run.accounts import book, is_spent
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec
 from foundation.errors import ModelRejectedError, UsageError

@@ -8,13 +8,12 @@ from pathlib import Path
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.commanding.command_prompt import CommandPrompt
-from dronecats.agent.commanding.commander import CommandQuestions
-from dronecats.agent.commanding.hierarchy import Hierarchy
+from dronecats.agent.commanding.hierarchy import CommandQuestions, Hierarchy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.models.model import Model
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.replay import ReplayModel
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.processes.supervisor import ChildKind, Supervisor
 from dronecats.flight.run.accounts import accounted
 from dronecats.flight.run.agents import agent_maker

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.ledger import Budget, Ledger
 from dronecats.agent.models.model import Model
-from dronecats.agent.models.open import open_model
+from dronecats.agent.models.replay import ReplyCache
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.prompt import Prompt
 from dronecats.flight.spec.flight_spec import ON_CLUSTER, FlightSpec
 from dronecats.pilots import roster

@@ -4,7 +4,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from dronecats.agent.models.providers import PROVIDERS
+from dronecats.agent.models.spec import PROVIDERS
 from dronecats.report.cells import FLIGHTS, NAME, NONE, count
 from dronecats.report.report_data import ReportData
 from dronecats.report.results.collection import ScoredEpisode

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
-from dronecats.agent.drone import Aircraft
+from dronecats.agent.controller import Aircraft
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.flight.run.setup import Instruments
 from dronecats.study.rate.chain import ChainClock, QuestionTimes

@@ -4,10 +4,9 @@ import json
 
 import pytest
 
-from dronecats.agent.models.anthropic import VERSION, WITH_SAMPLING
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import ANTHROPIC_SAMPLING_VERSION, ANTHROPIC_VERSION, open_model
 from foundation.errors import ModelError, UsageError
 from tests.agent.models.recording import Recording
 from tests.support.refusal import refusal
@@ -64,9 +63,9 @@ def test_no_sampling_goes_with_reasoning():
 
 
 def test_the_version_is_one_that_takes_what_is_declared():
-    assert ask(answer())[1].headers["anthropic-version"] == WITH_SAMPLING
+    assert ask(answer())[1].headers["anthropic-version"] == ANTHROPIC_SAMPLING_VERSION
     _, sent = ask(answer(), temperature=None)
-    assert sent.headers["anthropic-version"] == VERSION
+    assert sent.headers["anthropic-version"] == ANTHROPIC_VERSION
     assert sent.body.keys() == {"model", "messages", "max_tokens"}
 
 

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from dronecats.agent.models.endpoint import RetryPolicy, delay_in, fault_in
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError, ModelRejectedError
 from tests.agent.models.faulty_wire import AGAIN, HTML, Wire, answer, completion, say, trickle
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.agent.models.cache import CachedModel, ReplyCache
 from dronecats.agent.models.model import Reply, Request
-from dronecats.agent.models.open import open_model
+from dronecats.agent.models.replay import CachedModel, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import InfrastructureError, UsageError
 from tests.agent.models.faulty_wire import Wire, answer, say
 

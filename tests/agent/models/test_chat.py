@@ -8,10 +8,8 @@ from typing import Any
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
-from dronecats.agent.models.openai_chat import ChatModel
-from dronecats.agent.models.providers import PROVIDERS
-from dronecats.agent.models.spec import ModelSpec, spec_of
+from dronecats.agent.models.spec import PROVIDERS, ModelSpec, spec_of
+from dronecats.agent.models.wire_formats import ChatModel, open_model
 from foundation.errors import ModelError, UsageError
 from tests.support.refusal import refusal
 

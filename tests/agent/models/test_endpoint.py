@@ -14,11 +14,10 @@ from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import Asking, DaemonExecutor, InlineExecutor
 from dronecats.agent.models import endpoint as endpoints
-from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, pause_asked_for
+from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, retry_after_s
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
-from dronecats.agent.models.openai_chat import ChatModel
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import ChatModel, open_model
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
@@ -163,17 +162,17 @@ def test_retry_after_as_seconds():
     for value, seconds in (
         ("7", 7.0), ("0.3", 0.3), ("-4", 0.0), ("1e9", MAX_PAUSE_S), ("nan", None), ("soon", None), ("", None),
     ):  # fmt: skip
-        assert pause_asked_for(httpx.Headers({"Retry-After": value})) == seconds, value
+        assert retry_after_s(httpx.Headers({"Retry-After": value})) == seconds, value
 
 
 def test_retry_after_as_a_date():
     now = datetime(2026, 3, 1, 12, 0, 0, tzinfo=UTC)
     for ahead, seconds in ((20, 20.0), (-20, 0.0), (86400, MAX_PAUSE_S)):
         date = format_datetime(now + timedelta(seconds=ahead), usegmt=True)
-        assert pause_asked_for(httpx.Headers({"Retry-After": date}), now) == seconds
-    assert pause_asked_for(httpx.Headers({"Retry-After": "Sun, 01 Mar 2026 12:00:09"}), now) == 9.0
-    assert pause_asked_for(httpx.Headers({"Retry-After": "Sun, 99 Mar 2026 12:00:09 GMT"}), now) is None
-    assert pause_asked_for(httpx.Headers({})) is None
+        assert retry_after_s(httpx.Headers({"Retry-After": date}), now) == seconds
+    assert retry_after_s(httpx.Headers({"Retry-After": "Sun, 01 Mar 2026 12:00:09"}), now) == 9.0
+    assert retry_after_s(httpx.Headers({"Retry-After": "Sun, 99 Mar 2026 12:00:09 GMT"}), now) is None
+    assert retry_after_s(httpx.Headers({})) is None
 
 
 def test_the_time_of_attempts_that_failed_is_no_latency(serve):

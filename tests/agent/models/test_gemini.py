@@ -5,8 +5,8 @@ import json
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError, UsageError
 from tests.agent.models.recording import Recording
 from tests.support.refusal import refusal

@@ -8,13 +8,13 @@ import sys
 
 import pytest
 
-from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import KIND, Ledger, Spent
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
+from dronecats.agent.models.replay import ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance
+from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError, UsageError
 from foundation.sqlite_file import make
 from tests.agent.models.faulty_wire import Wire, answer, completion, say
@@ -172,7 +172,7 @@ print(granted)
 def test_many_processes_together_are_granted_what_there_is_and_not_one_more(tmp_path):
     path = tmp_path / "ledger.sqlite"
     ledger = Ledger(path, lambda: 5000.0)
-    ledger.limiter("http://h/v1", "m").heard((Allowance("requests", 400.0, 400.0, 3600.0, steady=False),))
+    ledger.limiter("http://h/v1", "m").update((Allowance("requests", 400.0, 400.0, 3600.0, steady=False),))
     command = [sys.executable, "-c", CLAIMING, str(path)]
     children = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(4)]
     assert sum(int(child.communicate()[0]) for child in children) == 400

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.probe import MARK, ProbeResult, holds, marked_picture, order_of, pointing_of, probe
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError
 from tests.agent.models.pointing import MANNERS, Pointer, mark
 from tests.agent.models.recording import Recording

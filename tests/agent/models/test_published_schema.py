@@ -14,8 +14,8 @@ import pytest
 from jsonschema import Draft202012Validator
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.rows import model_of, rows
+from dronecats.agent.models.wire_formats import open_model
 from tests.needs import needs
 
 FILE = os.environ.get("DRONECATS_OPENAI_SCHEMA")

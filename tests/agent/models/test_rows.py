@@ -15,10 +15,9 @@ from hypothesis import strategies as st
 
 from dronecats.agent.models import rows as model_rows
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
-from dronecats.agent.models.providers import PROVIDERS
 from dronecats.agent.models.rows import KEYS, SHIPPED, model_of, row_of, rows
-from dronecats.agent.models.spec import spec_of
+from dronecats.agent.models.spec import PROVIDERS, spec_of
+from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import UsageError
 from tests.agent.models.recording import Recording
 from tests.support.refusal import refusal

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from tests.agent.models.recording import Recording
 
 CHAT = {"choices": [{"message": {"content": "{}"}, "finish_reason": "stop"}]}

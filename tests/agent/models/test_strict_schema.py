@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.action import Action, action_from
-from dronecats.agent.commanding.orders import parse_orders
+from dronecats.agent.commanding.command_prompt import parse_orders
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.reply_schema import action_schema, flat_action_schema, orders_schema, reply_schema
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.reply.reading import reading
 from foundation.errors import UsageError
 

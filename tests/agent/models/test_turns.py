@@ -13,7 +13,7 @@ NOW = 1_000_000.0
 
 
 def allowed(limit=10.0, left=10.0, reset_s=60.0, steady=True, kind="requests", model="m"):
-    return Turns().heard(model, Allowance(kind, limit, left, reset_s, steady), NOW)
+    return Turns().updated(model, Allowance(kind, limit, left, reset_s, steady), NOW)
 
 
 def asked_until(turns, seconds, tokens=0, model="m"):
@@ -76,7 +76,7 @@ def test_an_answer_does_not_know_of_what_others_have_just_asked():
     turns = allowed(limit=10.0, left=3.0, reset_s=60.0)
     for _ in range(3):
         _, turns = turns.claim("m", 0, NOW)
-    turns = turns.heard("m", Allowance("requests", 10.0, 2.0, 60.0, True), NOW)  # to the first of the three
+    turns = turns.updated("m", Allowance("requests", 10.0, 2.0, 60.0, True), NOW)  # to the first of the three
     assert turns.claim("m", 0, NOW)[0] > 0.0
 
 
@@ -92,7 +92,7 @@ ALLOWED = st.builds(
 
 @given(ALLOWED, st.floats(0.0, 1.0), st.integers(0, 10**7), st.floats(0.0, 100.0))
 def test_whatever_is_told_everybody_gets_a_turn_and_the_level_is_never_more_than_the_limit(told, part, tokens, held_s):
-    turns = Turns().heard("m", replace(told, left=told.limit * part), NOW).held(held_s, NOW)
+    turns = Turns().updated("m", replace(told, left=told.limit * part), NOW).held(held_s, NOW)
     now = NOW
     for _ in range(20):
         wait_s, turns = turns.claim("m", tokens, now)

@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 
 from dronecats.agent.models.model import Request
-from dronecats.agent.models.open import open_model
 from dronecats.agent.models.reply_schema import action_schema, flat_action_schema, orders_schema, response_format
 from dronecats.agent.models.rows import rows
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from tests.agent.models.recording import Recording, Sent
 
 pytestmark = pytest.mark.slow

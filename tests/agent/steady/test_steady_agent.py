@@ -14,8 +14,7 @@ from dronecats.agent.loop import Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
-from dronecats.agent.steady.agent import SteadyAgent
-from dronecats.agent.steady.drone import SteadyDrone
+from dronecats.agent.steady.agent import SteadyAgent, SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog

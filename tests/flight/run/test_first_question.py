@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.agent.models.cache import ReplyCache
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.model import Reply
-from dronecats.agent.models.replay import FlightRecording
+from dronecats.agent.models.replay import FlightRecording, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.matrix import BenchEntry, suite_of

@@ -5,7 +5,7 @@ import re
 
 from dronecats.agent.action import Finished, Go
 from dronecats.agent.commanding.command_prompt import STALL_STEPS, CommandPrompt, Post, roster
-from dronecats.agent.drone import Drone
+from dronecats.agent.controller import Drone
 from dronecats.pilots.scripted import commander
 from foundation.camera import CameraModel
 from foundation.run_folder.rows import Cause

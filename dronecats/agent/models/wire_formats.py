@@ -1,0 +1,228 @@
+"""The wire formats of models: OpenAI chat, Gemini and Anthropic. `open_model` opens a model."""
+
+import base64
+from typing import Any
+from urllib.parse import quote
+
+from dronecats.agent.models.endpoint import DEFAULT, KeyHeader, RetryPolicy
+from dronecats.agent.models.http_model import HttpModel, ReadAnswer, count, finish_of, list_of, table_of, text_of
+from dronecats.agent.models.model import Request
+from dronecats.agent.models.reply_schema import response_format
+from dronecats.agent.models.spec import ModelSpec, Wire, provider_of
+from dronecats.agent.models.turns import Limiters
+from foundation.errors import UsageError
+
+_CHAT_FINISH = {"stop": None, "length": "length", "content_filter": "filtered"}
+
+
+class ChatModel(HttpModel):
+    """A model behind an OpenAI-compatible endpoint. Paper, "API Request Format", first listing."""
+
+    answer = "chat completion"
+    path = "chat/completions"
+
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
+        """Raises UsageError as `HttpModel`, and for a root of the schema that OpenAI rejects."""
+        super().__init__(spec, patience, limiters)
+        own = spec.base_url in (None, self._provider.base_url)
+        if spec.provider == "openai" and own and spec.schema == "array":
+            raise UsageError(
+                f"{spec.title} cannot be held to an array of actions: OpenAI wants an object; --schema object holds one"
+                " drone's, and a fleet's commander"
+            )
+
+    def body(self, request: Request) -> dict[str, Any]:
+        """Return the request as the endpoint gets it."""
+        images: list[dict[str, Any]] = []
+        for label, jpeg in request.pictures:
+            images += [{"type": "text", "text": label}] if label else []
+            url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
+            images.append({"type": "image_url", "image_url": {"url": url}})
+        schema = self.schema(request)
+        return {
+            "model": self.name,
+            "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
+            **self.sampling("temperature", "top_p", "top_k"),
+            self._spec.tokens_field or self._provider.tokens_field: self._spec.max_tokens,
+            **self.reasoning(request.thinking),
+            **({"response_format": response_format(schema)} if schema else {}),
+        }
+
+    def read(self, data: Any) -> ReadAnswer:
+        """Return the content of an answer. The text of a refusal is the model's own."""
+        choice = data["choices"][0]
+        message = choice["message"]
+        usage = data.get("usage") or {}
+        finish = finish_of(choice.get("finish_reason"), _CHAT_FINISH)
+        text = message["content"]
+        if text is None:  # only reasoning, or a refusal: a failure of the model, not of the wire
+            text = message.get("refusal") or ""
+            finish = finish or ("refusal" if text else None)
+        tokens = count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
+        return ReadAnswer(
+            text_of(text),
+            *tokens,
+            finish,
+            (data.get("model"), data.get("system_fingerprint")),
+            count(table_of(usage.get("prompt_tokens_details")).get("cached_tokens")),
+            count(table_of(usage.get("completion_tokens_details")).get("reasoning_tokens")),
+            data.get("provider"),  # OpenRouter's field
+        )
+
+
+_WITHHELD = ("SAFETY", "RECITATION", "BLOCKLIST", "PROHIBITED_CONTENT", "SPII", "IMAGE_SAFETY")
+_GEMINI_FINISH = {"STOP": None, "MAX_TOKENS": "length", **dict.fromkeys(_WITHHELD, "filtered")}
+
+
+class GeminiModel(HttpModel):
+    """A model behind the Gemini API, generateContent. Paper, "API Request Format", second listing."""
+
+    answer = "Gemini content"
+    key_header = KeyHeader("x-goog-api-key")
+    unknown = ("exclusiveMinimum",)  # of responseJsonSchema, by the vendor's list
+
+    @property
+    def path(self) -> str:
+        """Path of requests. The model's name is part of it."""
+        return f"models/{quote(self.name, safe='')}:generateContent"
+
+    def body(self, request: Request) -> dict[str, Any]:
+        """Return the request body. The reasoning's fields belong to generationConfig."""
+        images: list[dict[str, Any]] = []
+        for label, jpeg in request.pictures:
+            images += [{"text": label}] if label else []
+            images.append({"inlineData": {"data": base64.urlsafe_b64encode(jpeg).decode(), "mimeType": "image/jpeg"}})
+        config: dict[str, Any] = {
+            **self.sampling("temperature", "topP", "topK"),
+            "maxOutputTokens": self._spec.max_tokens,
+            **self.reasoning(request.thinking),
+        }
+        if schema := self.schema(request):
+            config["responseMimeType"] = "application/json"
+            config["responseJsonSchema"] = schema
+        return {
+            "contents": [{"parts": [{"text": request.text}, *images], "role": "user"}],
+            "generationConfig": config,
+        }
+
+    def read(self, data: Any) -> ReadAnswer:
+        """Return the content of an answer. Thoughts count as tokens and are not text."""
+        usage = data.get("usageMetadata") or {}
+        tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
+        text, finish = _gemini_text(data)
+        return ReadAnswer(
+            text,
+            count(usage.get("promptTokenCount")),
+            tokens_out,
+            finish,
+            (data.get("modelVersion"),),
+            count(usage.get("cachedContentTokenCount")),
+            count(usage.get("thoughtsTokenCount")),
+        )
+
+
+def _gemini_text(data: dict[str, Any]) -> tuple[str, str | None]:
+    """Return the text and the finish reason. Text that was withheld, or cut off before the first word, is empty."""
+    if not data.get("candidates"):
+        text_of(data["promptFeedback"]["blockReason"])
+        return "", "filtered"
+    candidate = data["candidates"][0]
+    content = candidate.get("content") or {}
+    finish = finish_of(candidate.get("finishReason"), _GEMINI_FINISH)
+    if "parts" not in content:
+        text_of(candidate["finishReason"])
+        return "", finish
+    blocks = list_of(content["parts"])
+    return "".join(text_of(part["text"]) for part in blocks if "text" in part and not part.get("thought")), finish
+
+
+ANTHROPIC_VERSION = "2026-10-21"  # of the API; it rejects every sampling
+ANTHROPIC_SAMPLING_VERSION = "2023-06-01"  # the last one that takes a sampling
+_REASONS = ("enabled", "adaptive")  # types of `thinking` with which the vendor rejects a sampling
+_TABLES = ("thinking", "output_config")  # reasoning fields that are tables
+_ANTHROPIC_FINISH = {
+    "end_turn": None,
+    "stop_sequence": None,
+    "max_tokens": "length",
+    "model_context_window_exceeded": "length",
+}
+
+
+class AnthropicModel(HttpModel):
+    """A model behind the Anthropic API, Messages."""
+
+    answer = "Anthropic message"
+    path = "messages"
+    key_header = KeyHeader("x-api-key")
+    # of output_config, by the vendor's SDK
+    unknown = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")
+
+    def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
+        """Raises UsageError as `HttpModel`, for a root that the vendor rejects, and for a budget that fills a reply."""
+        super().__init__(spec, patience, limiters)
+        if spec.schema == "array":
+            raise UsageError(f"{spec.title} cannot be held to an array of actions: Anthropic wants an object")
+        for lifted in (False, True):
+            for name, value in self.reasoning(lifted).items():
+                if name in _TABLES and not isinstance(value, dict):
+                    raise UsageError(f"{spec.title} wants a table as the {name} of its reasoning, not {value!r:.40}")
+        budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
+        if not isinstance(budget, int):
+            raise UsageError(f"{spec.title} wants a whole number of budget_tokens to think with, not {budget!r:.40}")
+        if budget >= spec.max_tokens:
+            limits = f"{spec.title} may think for {budget} tokens and reply with {spec.max_tokens}, thinking included"
+            raise UsageError(f"{limits}; give it more max_tokens")
+
+    def headers(self) -> dict[str, str]:
+        """Return the version of the API: the newest, or the last one with sampling if one is declared."""
+        return {"anthropic-version": ANTHROPIC_SAMPLING_VERSION if self._sampling() else ANTHROPIC_VERSION}
+
+    def _sampling(self) -> dict[str, float]:
+        return self.sampling("temperature", "top_p", "top_k")
+
+    def body(self, request: Request) -> dict[str, Any]:
+        """Return the request as the endpoint gets it."""
+        images: list[dict[str, Any]] = []
+        for label, jpeg in request.pictures:
+            images += [{"type": "text", "text": label}] if label else []
+            data = base64.b64encode(jpeg).decode()
+            source = {"type": "base64", "media_type": "image/jpeg", "data": data}
+            images.append({"type": "image", "source": source})
+        reasoning = self.reasoning(request.thinking)
+        reasons = reasoning.get("thinking", {}).get("type") in _REASONS
+        output = dict(reasoning.get("output_config", {}))
+        if schema := self.schema(request):
+            output["format"] = {"type": "json_schema", "schema": schema}
+        return {
+            "model": self.name,
+            "messages": [{"role": "user", "content": [{"type": "text", "text": request.text}, *images]}],
+            "max_tokens": self._spec.max_tokens,
+            **({} if reasons else self._sampling()),
+            **reasoning,
+            **({"output_config": output} if output else {}),
+        }
+
+    def read(self, data: Any) -> ReadAnswer:
+        """Return the content of an answer. The text of a refusal is mostly empty."""
+        if data["type"] != "message":
+            raise ValueError
+        usage = data.get("usage") or {}
+        text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
+        finish = finish_of(data.get("stop_reason"), _ANTHROPIC_FINISH)
+        cached = usage.get("cache_read_input_tokens")  # not included in input_tokens
+        tokens_in = count(usage.get("input_tokens"), usage.get("cache_creation_input_tokens"), cached)
+        return ReadAnswer(
+            text, tokens_in, count(usage.get("output_tokens")), finish, (data.get("model"),), count(cached)
+        )
+
+
+_FORMATS: dict[Wire, type[HttpModel]] = {"openai": ChatModel, "gemini": GeminiModel, "anthropic": AnthropicModel}
+
+
+def open_model(spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> HttpModel:
+    """Return the client of a model, in the format of its provider. Nothing is sent yet.
+
+    `limiters` returns the shared limiter of an address; None: no limit. Raises UsageError for an unknown provider, a
+    missing address or key, and settings that the provider does not support.
+    """
+    return _FORMATS[provider_of(spec.provider).wire](spec, patience, limiters)
