@@ -1,77 +1,71 @@
-"""`dronecats bench`: fly a suite with models and pilots, several flights of each, and go on where it stopped."""
+"""Verb `bench`: flies a suite with models and pilots, several flights of each, or resumes one that stopped."""
 
 import argparse
 import json
-import sys
 from contextlib import ExitStack
 from pathlib import Path
 
-from dronecats.cli import signals, sitting
-from dronecats.cli.bench_spec import DROP_STALLED, MATRIX, NO_RETRY
-from dronecats.cli.options import PART, PILOTS, PLACE, add, add_disturbances, with_folder
-from dronecats.cli.page_options import add_view
+from dronecats.cli import bench_spec, campaign
+from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.options import PILOTS, PLACE, SELECTION, add, add_disturbances, add_view, with_folder
+from dronecats.cli.output import print_note
+from foundation.errors import UsageError
 
-EXPORT = "export-parquet"  # in the place of episodes: runs as Parquet files, one a table of docs/query.md
+EXPORT = "export-parquet"  # in place of the episodes: write runs as Parquet, a file for each table of docs/query.md
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("bench")
-    what = parser.add_argument_group("what is flown")
-    what.add_argument(
+def add_bench_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    episodes = parser.add_argument_group("episodes")
+    episodes.add_argument(
         "episodes",
         nargs="*",
         metavar="ID|FILE",
-        help="these; a .toml file that says all of it (docs/bench.md); or export-parquet RUN…",
+        help="ids or records; a .toml file with all options (docs/bench.md); or export-parquet RUN…",
     )
-    add(what, (*PART, NO_RETRY))
-    add(parser.add_argument_group("who flies"), (*PILOTS, *MATRIX))
+    add(episodes, (*SELECTION, bench_spec.NO_RETRY))
+    add(parser.add_argument_group("pilot"), (*PILOTS, *bench_spec.MATRIX))
     add_disturbances(parser)
-    where = parser.add_argument_group("run")
-    add(where, with_folder(PLACE, "runs/bench-SUITE"))
-    add_view(where)
-    add(where, [DROP_STALLED])
-    parser.set_defaults(run=run)
+    run_group = parser.add_argument_group("run")
+    add(run_group, with_folder(PLACE, "runs/bench-SUITE"))
+    add_view(run_group)
+    add(run_group, [bench_spec.DROP_STALLED])
+    parser.set_defaults(run=_run)
 
 
-def run(args: argparse.Namespace) -> int:
+def _run(args: argparse.Namespace) -> int:
     """Fly; status 0 when everything was flown, 3 when something broke or the budget is spent."""
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
-    from dronecats.cli import bench_spec
 
     if args.episodes[:1] == [EXPORT]:
         return _export(args)
-    signals.as_interrupts()
+    interrupt_on_signals()
     args = bench_spec.with_file(args)
-    sitting.check_address(args)
-    chosen = bench_spec.suite(args)
-    out = args.out or Path("runs") / f"bench-{chosen.name or 'episodes'}"
+    campaign.check_engine(args)
+    suite = bench_spec.suite(args)
+    out = args.out or Path("runs") / f"bench-{suite.name or 'episodes'}"
     shard = bench_spec.shard(args)
-    entries = bench_spec.runs(args, chosen, out)
+    entries = bench_spec.runs(args, suite, out)
     retry = not args.no_retry
-    bench = Bench(out, chosen, entries, retry=retry, limit=args.limit, shard=shard, say=sitting.say_line)
-    with ExitStack() as beside:
-        sat = sitting.sit(bench, args, retry=retry, beside=beside)
-        sitting.say(sat, bench_rows(sat.scores, drop_stalled=args.drop_stalled), as_json=args.json)
-    return sitting.status(sat, "bench")
+    bench = Bench(out, suite, entries, retry=retry, limit=args.limit, shard=shard, say=print_note)
+    with ExitStack() as pages:
+        result = campaign.fly(bench, args, retry=retry, pages=pages)
+        campaign.print_result(result, bench_rows(result.scores, drop_stalled=args.drop_stalled), as_json=args.json)
+    return campaign.status(result, "bench")
 
 
 def _export(args: argparse.Namespace) -> int:
-    """Write the files and print how many rows each has; status 0, damaged episodes named on standard error.
-
-    The runs are what stands behind the action among the verb's episodes. Raises UsageError.
-    """
+    """Write runs as Parquet files, and print the rows of each. Names damaged episodes on standard error."""
     from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import write_tables
-    from foundation.errors import UsageError
 
-    runs = [Path(each) for each in args.episodes[1:]]
+    runs = [Path(name) for name in args.episodes[1:]]
     if not runs or args.out is None:
         raise UsageError(f"{EXPORT} wants run folders, or folders of runs, and --out DIR for the files")
     rows, damage = write_tables("parquet", recorded_runs(runs), args.out)
-    for said in damage:
-        print(f"dronecats bench: left out but for its row in episodes: {said}", file=sys.stderr)
+    for episode in damage:
+        print_note(f"dronecats bench: damaged, exported only as a row of the table episodes: {episode}")
     if args.json:
         print(json.dumps({"rows": rows, "damaged": damage, "out": str(args.out)}))
     else:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
@@ -16,9 +17,8 @@ if TYPE_CHECKING:
 VIEWS_WANTED = 20  # different views of the board, of a camera that is looked at live
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("camera", help="check a camera, or calibrate it with a chessboard")
+def add_camera_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     url_help = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
     check = actions.add_parser("check", help="rate, latency, drops and size of what a camera delivers")
@@ -39,8 +39,6 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Do what was asked for; status 0, 2 for what cannot be used, 3 for a camera that gives no frame."""
-    from foundation.errors import UsageError
-
     if not 0.1 <= args.seconds <= 3600.0:
         raise UsageError(f"--seconds wants a number from 0.1 to 3600, got {args.seconds:g}")
     return _check(args) if args.action == "check" else _calibrate(args)
@@ -49,7 +47,6 @@ def run(args: argparse.Namespace) -> int:
 def _check(args: argparse.Namespace) -> int:
     import cv2
 
-    from foundation.errors import UsageError
     from hil.cameras.lens import load
     from hil.cameras.measure import host_us, measure
     from hil.cameras.open import open_camera
@@ -119,7 +116,6 @@ def _table(found: dict[str, Any]) -> "ReportTable":
 
 
 def _calibrate(args: argparse.Namespace) -> int:
-    from foundation.errors import UsageError
     from hil.cameras.lens import Lens, board_of, fit, save
 
     board = board_of(args.board, args.square)
@@ -149,7 +145,6 @@ def _calibrate(args: argparse.Namespace) -> int:
 
 def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
     """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
-    from foundation.errors import UsageError
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("compare")
+def add_compare_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("a", type=Path, help="a run folder, or the folder of one episode in it")
     parser.add_argument("b", type=Path, help="the other")
     parser.add_argument("--within", type=float, default=1.0, metavar="M", help="metres that count as agreeing (1.0)")
@@ -28,7 +28,6 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 def run(args: argparse.Namespace) -> int:
     """Compare; status 0 when the paths agree over all of the seconds, 1 when they do not."""
     from dronecats.report.path_comparison import compare, figures, logs_of, same_replies
-    from foundation.errors import UsageError
 
     for name in ("within", "seconds"):
         value = getattr(args, name)

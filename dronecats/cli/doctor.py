@@ -68,9 +68,8 @@ class Diagnosis:
     kind: str = MACHINE  # or PACKAGE, EXTRA
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = subparsers.add_parser("doctor")
+def add_doctor_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 

@@ -7,8 +7,9 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli import signals
+from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.output import Drawing, show
+from foundation.errors import UsageError
 from foundation.wording import printable
 
 if TYPE_CHECKING:
@@ -18,9 +19,8 @@ if TYPE_CHECKING:
     from foundation.run_folder.results import Result
 
 
-def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    parser = actions.add_parser("audit", help="fly episodes with a built-in pilot, in parallel, and report per suite")
+def add_audit_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
     parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="these only (default: all that are shipped)")
     parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick, all or v1")
     parser.add_argument(
@@ -50,11 +50,10 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.run.settings import settings
     from dronecats.flight.spec.flight import look_up
     from episodes.records.baselines import load_blind
-    from foundation.errors import UsageError
     from foundation.run_folder.folder import fresh_run
     from foundation.run_folder.reading import stored_result
 
-    signals.as_interrupts()
+    interrupt_on_signals()
     if args.jobs is not None and not 1 <= args.jobs <= 64:
         raise UsageError(f"--jobs wants 1 to 64, got {args.jobs}")
     if args.write_par and args.pilot != "oracle":

@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import Drawing, show
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
     from hil.link.flight_logs import FlightLog
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("flightlog")
+def add_flightlog_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     what = parser.add_subparsers(dest="what", metavar="list|fetch|trace", required=True)
     listing = what.add_parser("list", help="say which logs there are on board")
     fetching = what.add_parser("fetch", help="download one")
@@ -40,7 +40,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _on_board(args: argparse.Namespace) -> int:
-    from foundation.errors import UsageError
     from hil.link.flight_logs import log_store
 
     with log_store(args.connect) as store:
@@ -71,7 +70,6 @@ def _trace(args: argparse.Namespace) -> int:
     from dronecats.judge.episode import write_verdict
     from dronecats.report.afterflight.surveyed_target import target_from
     from dronecats.report.afterflight.trace import against_truth, derive
-    from foundation.errors import UsageError
     from foundation.run_folder.layout import EPISODE
     from foundation.run_folder.reading import episode_folder, read
     from foundation.run_folder.writing import as_json

@@ -9,21 +9,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli import signals
+from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.fly_spec import PILOT, RUN, VEHICLE, replay_line, spec_of
-from dronecats.cli.options import COMMAND, LATENCY, Option, add, add_disturbances, describe_model
-from dronecats.cli.page_options import add_view, view_of
+from dronecats.cli.options import COMMAND, LATENCY, Option, add, add_disturbances, add_view, describe_model, view_of
+from dronecats.cli.output import print_line
+from foundation.errors import UsageError
 from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
 
-ARM = "ARM"  # what has to be typed
+ARM = "ARM"  # the user types it to confirm
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("fly")
+def add_fly_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     _add(parser.add_argument_group("vehicle"), VEHICLE)
     _add(parser.add_argument_group("pilot"), (*PILOT, COMMAND, LATENCY))
     add_disturbances(parser)
@@ -34,27 +34,32 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 
 def _add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None:
-    """Declare options, which vehicle they go with before their help."""
-    add(group, [replace(each, help=f"with {each.vehicle}: {each.help}") if each.vehicle else each for each in options])
+    """Declare options. The help names the vehicle that an option goes with."""
+    for option in options:
+        if option.vehicle:
+            condition = " and " if option.help.startswith("with ") else ": "
+            text = f"with {option.vehicle}{condition}{option.help.removeprefix('with ')}"
+            option = replace(option, help=text)
+        add(group, [option])
 
 
-def unsaid() -> argparse.Namespace:
-    """Return the words of the verb where none is said: what another verb that flies says beside them."""
+def no_options() -> argparse.Namespace:
+    """Return the parsed options of a `dronecats fly` without any."""
     parser = argparse.ArgumentParser()
-    add_parser(parser.add_subparsers(dest="verb"))
-    return parser.parse_args(["fly"])
+    add_fly_options(parser)
+    return parser.parse_args([])
 
 
 def run(args: argparse.Namespace) -> int:
     """Fly; status 0 when the episode was flown and judged, 3 when flying broke down, 130 when interrupted."""
-    signals.as_interrupts()
+    interrupt_on_signals()
     spec, view = spec_of(args), view_of(args)
     if spec.connected and spec.connected.authority.arm:
         _confirm(spec.connected.url)
     if spec.replay:
-        _say(replay_line(args, spec.replay.flight))
+        print_line(replay_line(args, spec.replay.flight))
     if spec.model:
-        _say(f"Model {describe_model(spec.model)}")
+        print_line(f"Model {describe_model(spec.model)}")
     if view is None:
         return _fly(args, spec, args.out)
     from dronecats.view.live.opening import opened
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
     out = args.out or fresh_run(spec.pilot_name)
     try:
-        with opened(view, out, spec.pilot_name, _say):
+        with opened(view, out, spec.pilot_name, print_line):
             return _fly(args, spec, out)
     finally:
         if args.out is None:
@@ -78,29 +83,23 @@ def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:
         from dronecats.report.afterflight.trace import rejudge
 
         target = target_from(args.target, args.target_std) if args.target else None
-        return _report(rejudge(fly(spec, out, _say), target, say=_say), args.json)
-    return _report(fly(spec, out, _say), args.json)
+        return _report(rejudge(fly(spec, out, print_line), target, say=print_line), args.json)
+    return _report(fly(spec, out, print_line), args.json)
 
 
 def _confirm(url: str) -> None:
-    """Have it typed that the propellers may turn. Raises UsageError for anything else."""
-    from foundation.errors import UsageError
-
-    print(f"--arm: the vehicle on {url} will arm and take off. Keep clear of it, a pilot at the sticks.")
+    """Ask the user to confirm that the propellers may turn. Raises UsageError for any answer but ARM."""
+    print(f"--arm: the vehicle on {url} will arm and take off. Keep clear of it. Have a pilot at the sticks.")
     print(f"Type {ARM} to go on: ", end="", flush=True)
     if sys.stdin.readline().strip() != ARM:
-        raise UsageError(f"not armed: {ARM} was not typed; without --arm, you arm and take off yourself")
-
-
-def _say(line: str) -> None:
-    print(line, flush=True)
+        raise UsageError(f"not armed: {ARM} was not typed; without --arm you arm and take off yourself")
 
 
 def _verdict(result: dict[str, Any]) -> str:
     if result["outcome"] == "error":
-        return "ERROR: nobody's score"
+        return "ERROR: not scored"
     if result["success"] is None:
-        return "NOT JUDGED: nobody measured the truth"
+        return "NOT JUDGED: the true pose was not measured"
     if result["success"]:
         return f"SUCCESS: {result['ne_m']:.2f} m from the target at the deciding declaration"
     if result["ne_m"] is None:
@@ -109,21 +108,21 @@ def _verdict(result: dict[str, Any]) -> str:
 
 
 def _incidents(run: Path) -> list[str]:
-    """Return a line about what the drones flew into, and one about estimator resets; none for what did not happen."""
+    """Return a line about collisions and one about estimator resets, each only if there were any."""
     from dronecats.judge.incidents import contacts, estimator_resets, hits_of, resets_of
     from dronecats.judge.judged_flight import JudgedFlight
 
-    flown = JudgedFlight.read(run)
-    lines, hardest = [], dict[str, float]()
-    for hit in hits_of(flown.logs, flown.cap_s) or []:
-        hardest[hit.what] = max(hardest.get(hit.what, 0.0), hit.closing_speed or 0.0)
-    found = contacts(flown.logs, flown.cap_s)
-    if found and found.hits:
-        things = ", ".join(f"{what} at {speed:.1f} m/s" if speed else what for what, speed in hardest.items())
-        lines.append(f"{counted(found.hits, 'hit')} ({things}), {found.contact_s:.1f} s in contact")
-    if count := estimator_resets(flown.logs, flown.cap_s):
-        each = resets_of(flown.logs, flown.cap_s) or []
-        which = ", ".join(f"{' and '.join(reset.quantities) or 'small'} at {reset.t:.1f} s" for reset in each)
+    flight = JudgedFlight.read(run)
+    lines, speeds = [], dict[str, float]()  # the highest closing speed by obstacle, m/s
+    for hit in hits_of(flight.logs, flight.cap_s) or []:
+        speeds[hit.what] = max(speeds.get(hit.what, 0.0), hit.closing_speed or 0.0)
+    contact = contacts(flight.logs, flight.cap_s)
+    if contact and contact.hits:
+        obstacles = ", ".join(f"{name} at {speed:.1f} m/s" if speed else name for name, speed in speeds.items())
+        lines.append(f"{counted(contact.hits, 'hit')} ({obstacles}), {contact.contact_s:.1f} s in contact")
+    if count := estimator_resets(flight.logs, flight.cap_s):
+        resets = resets_of(flight.logs, flight.cap_s) or []
+        which = ", ".join(f"{' and '.join(reset.quantities) or 'small'} at {reset.t:.1f} s" for reset in resets)
         lines.append(f"{counted(count, 'estimator reset')} ({which})")
     return lines
 

@@ -1,4 +1,4 @@
-"""From the words of `dronecats fly` to a flight."""
+"""Turns the options of `dronecats fly` into a flight."""
 
 import argparse
 from dataclasses import asdict, replace
@@ -22,6 +22,7 @@ from dronecats.cli.options import (
     model_of,
     speed,
 )
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import Accounts, FlightSpec
@@ -32,24 +33,24 @@ VEHICLE = (
     Option(name="connect", metavar="URL", help="a vehicle that is running: udpin://0.0.0.0:14540, serial://…"),
     Option(
         name="sign", kind=Path, metavar="KEYFILE", vehicle="--connect",
-        help="sign MAVLink messages, believe no others: docs/signing.md",
+        help="sign MAVLink messages, and ignore unsigned ones: docs/signing.md",
     ),
     Option(
         name="camera", metavar="URL", vehicle="--connect", beside_spec=True,
         help="http://, rtsp://, v4l2:0, a video file or a folder",
     ),
     Option(
-        name="calibration", kind=Path, metavar="FILE", vehicle="--connect", help="the lens, see docs/cameras.md"
+        name="calibration", kind=Path, metavar="FILE", vehicle="--connect", help="lens of the camera: docs/cameras.md"
     ),
     Option(
         name="world", metavar="EPISODE", vehicle="--connect",
-        help="the vehicle simulates itself, and flies this episode or map",
+        help="this episode or map is drawn for a vehicle that simulates itself",
     ),
     Option(
         name="truth", metavar="URL", vehicle="--connect",
-        help="with --world: its true poses, of a PX4 udpin://127.0.0.1:19410",
+        help="with --world: its true poses; a PX4's are udpin://127.0.0.1:19410",
     ),
-    Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after a typed yes; without it, you do"),
+    Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after you confirm"),
     Option(name="dry_run", kind=bool, vehicle="--connect", help="decide and draw, but move nothing"),
     Option(name="then", choices=("land", "return", "hold"), vehicle="--connect", help="how the flight ends"),
     Option(
@@ -57,16 +58,16 @@ VEHICLE = (
         help="limits of the safety envelope: docs/envelope.md",
     ),
     Option(name="no_envelope", kind=bool, vehicle="--sitl", replay="may change", help="no limits at all"),
-    Option(name="instruction", metavar="TEXT", vehicle="--connect", help="what the pilot is told"),
+    Option(name="instruction", metavar="TEXT", vehicle="--connect", help="the task of the pilot"),
     Option(
         name="target", metavar="LAT,LON[,ALT]", vehicle="--connect", beside_spec=True,
-        help="as surveyed, for the distances: docs/after-flight.md",
+        help="surveyed target, for the distances: docs/after-flight.md",
     ),
     Option(
         name="target_std", kind=float, metavar="M", vehicle="--connect", beside_spec=True,
-        help="with --target: how well, per axis (3)",
+        help="with --target: standard deviation per axis (default 3)",
     ),
-    Option(name="airframe", metavar="NAME", vehicle="--sitl", replay="may change", help="default x500"),
+    Option(name="airframe", metavar="NAME", vehicle="--sitl", replay="may change", help="name or file (default x500)"),
     Option(
         name="optics", kind=Path, metavar="FILE", vehicle="--sitl", replay="may change", help="lens, noise, weather"
     ),
@@ -78,21 +79,22 @@ VEHICLE = (
         name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
         help="with --autopilot px4: starts your PX4; without it, waits",
     ),
-    Option(name="keep_ulog", kind=bool, help="with --connect or --px4: keep the log that PX4 writes on board"),
+    Option(name="keep_ulog", kind=bool, help="with --connect or --px4: keep PX4's log from on board"),
 )  # fmt: skip
 PILOT = (
     Option(
         name="pilot", metavar="NAME",
-        help="vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE; no models",
+        help="built in: vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE",
     ),
     Option(
         name="model", metavar="NAME",
-        help=f"a row of `dronecats models list`; replay:RUN; or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
+        help=f"a row of `dronecats models list`, replay:RUN, or PROVIDER/NAME; providers: {', '.join(PROVIDERS)}",
     ),
     *MODEL,
     *ACCOUNTS,
     Option(
-        name="ledger", kind=Path, metavar="FILE", help="with --model: of several runs (in the folder)", beside_spec=True
+        name="ledger", kind=Path, metavar="FILE", help="with --model: add the costs of this run to a file",
+        beside_spec=True,
     ),
     *REPLIES,
     AGENT,
@@ -104,7 +106,7 @@ RUN = (
     ),
     Option(
         name="drones", kind=int, metavar="N", vehicle="--sitl", replay="as recorded",
-        help="1 to 8 of a commanding episode (default: its four)",
+        help="drones of a commanding episode, 1 to 8 (default 4)",
     ),
     Option(
         name="speed", metavar="N|max", vehicle="--sitl", replay="may change",
@@ -112,15 +114,15 @@ RUN = (
     ),
     Option(
         name="seed", kind=int, vehicle="--sitl", replay="may change",
-        help="tells flights of one episode apart (default 0)",
+        help="seed of all random values (default 0)",
     ),
-    Option(name="seconds", kind=float, vehicle="--connect", help="length of the flight (300)"),
+    Option(name="seconds", kind=float, vehicle="--connect", help="length of the flight (default 300)"),
     Option(
         name="patience", kind=float, metavar="S", vehicle="--connect",
-        help="end the flight after S without a reply (60)",
+        help="end the flight after S seconds without a reply (default 60)",
     ),
     Option(
-        name="spec", kind=Path, metavar="FILE", help="fly what a run.json says, or the flight in it, once more",
+        name="spec", kind=Path, metavar="FILE", help="repeat the flight of a run.json",
         beside_spec=True,
     ),
     Option(
@@ -131,16 +133,14 @@ RUN = (
     Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
 )  # fmt: skip
 OPTIONS = (*VEHICLE, *PILOT, COMMAND, LATENCY, *DISTURBANCES, *RUN)
-BESIDE_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(each.name for each in OPTIONS if each.beside_spec)}
+BESIDE_SPEC = {"verb", "run", "view", "view_port", "view_stay", *(o.name for o in OPTIONS if o.beside_spec)}
 REPLAY = "replay:"
 SCRIPTED = "scripted:"  # before the name of a built-in commander
-PATIENCE_S = 60.0  # s without a reply after which a connected vehicle is brought to an end of its flight
+PATIENCE_S = 60.0  # s without a reply after which the flight of a connected vehicle ends
 
 
 def spec_of(args: argparse.Namespace) -> "FlightSpec":
-    """Return the flight that was asked for. Raises UsageError for words that do not go together."""
-    from foundation.errors import UsageError
-
+    """Return the requested flight. Raises UsageError for options that contradict each other."""
     if args.spec:
         return _read(args)
     if args.sitl == bool(args.connect):
@@ -152,7 +152,7 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
         raise UsageError("--commander-url goes with --commander PROVIDER/NAME, for example --commander local/my-model")
     vehicle = "--connect" if args.connect else "--sitl"
-    stray = first_set(args, (each for each in OPTIONS if each.vehicle not in (None, vehicle)))
+    stray = first_set(args, (option for option in OPTIONS if option.vehicle not in (None, vehicle)))
     if stray and stray.name == "no_envelope":
         raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
     if stray:
@@ -193,12 +193,11 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
-    """Return a recorded flight, but for what is said otherwise."""
+    """Return a recorded flight, with the options that may change in a replay."""
     from dronecats.flight.spec.flight_spec import Simulated
     from dronecats.flight.spec.latency_trace import latency_policy
     from dronecats.flight.spec.recording import recorded
     from episodes.camera.optics.file import load as load_optics
-    from foundation.errors import UsageError
 
     path = args.model.removeprefix(REPLAY)
     if args.keep_ulog:
@@ -206,9 +205,9 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     if args.connect:
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
     if args.base_url:
-        raise UsageError("a replay asks nobody: leave --base-url out")
-    if stray := first_set(args, (each for each in OPTIONS if each.replay == "as recorded")):
-        raise UsageError(f"{stray.flag} is as it was on the flight that --model replay:RUN flies again: leave it out")
+        raise UsageError("a replay asks no model: leave --base-url out")
+    if stray := first_set(args, (option for option in OPTIONS if option.replay == "as recorded")):
+        raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN): leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):
@@ -234,10 +233,10 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 
 
 def replay_line(args: argparse.Namespace, flight: str) -> str:
-    """Return what a replay takes from the recorded flight, and what not, a sentence."""
-    changed = [each.flag for each in OPTIONS if each.replay == "may change" and is_set(getattr(args, each.name))]
-    other = f", but for {', '.join(changed)}" if changed else ""
-    return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{other}"
+    """Return a sentence about what a replay takes from the recorded flight, and which options change it."""
+    changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
+    exceptions = f", but for {', '.join(changed)}" if changed else ""
+    return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{exceptions}"
 
 
 def _accounts(args: argparse.Namespace) -> "Accounts":
@@ -259,7 +258,6 @@ def template_of(file: Path) -> str:
 
 
 def _envelope(args: argparse.Namespace) -> "Limits | None":
-    from foundation.errors import UsageError
     from hil.link.envelope import SIMULATED
 
     if args.no_envelope and args.envelope:
@@ -270,11 +268,10 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
 def _connected(args: argparse.Namespace) -> "FlightSpec":
     from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec
     from dronecats.flight.spec.latency_trace import latency_policy
-    from foundation.errors import UsageError
     from hil.cameras.lens import load as load_calibration
     from hil.link.envelope import Limits
 
-    _check_eyes(args)
+    _check_camera(args)
     key_of(args.sign)
     if args.arm and args.dry_run:
         raise UsageError("--dry-run moves nothing, so it goes without --arm")
@@ -301,13 +298,12 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _read(args: argparse.Namespace) -> "FlightSpec":
-    """Return the flight of a file, with what cannot stand in one, or is another, from the command line."""
+    """Return the flight of a file, with the options that may stand beside --spec."""
     from dronecats.flight.spec.spec_file import hidden, read
-    from foundation.errors import UsageError
 
     stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
     if stray:
-        raise UsageError(f"--spec says what is flown: leave --{stray.replace('_', '-')} out")
+        raise UsageError(f"--spec defines the flight: leave --{stray.replace('_', '-')} out")
     spec = read(args.spec)
     if args.episode:
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
@@ -320,46 +316,45 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
     if not spec.replay and (missing := hidden(spec)):
-        raise UsageError(f"--spec {args.spec} does not hold the whole address, which may have a key: add {missing[0]}")
+        raise UsageError(f"--spec {args.spec} hides part of an address, which may be a key: add {missing[0]}")
     if spec.simulated and not (spec.episode or spec.record or spec.map):
-        raise UsageError(f"--spec {args.spec} is of a run of several episodes: name one with --episode")
+        raise UsageError(f"--spec {args.spec} has several episodes: name one with --episode")
     return spec
 
 
 def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
     from dronecats.pilots import roster
 
-    told: dict[str, Any] = {
+    fields: dict[str, Any] = {
         "prompt": template_of(args.prompt) if args.prompt else None,
         "accounts": _accounts(args),
         **({"agent": args.agent} if args.agent else {}),
         **commanded_by(args),
     }
     if args.model:
-        return {"model": model_of(args.model, args), **told}
-    return {"pilot": roster.check(args.pilot or "vision"), **told}
+        return {"model": model_of(args.model, args), **fields}
+    return {"pilot": roster.check(args.pilot or "vision"), **fields}
 
 
 def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
-    """Return how a fleet is commanded, and by whom."""
+    """Return the fields of a flight for the command of a fleet."""
     from dronecats.agent.models.rows import model_of as row_or_name
     from dronecats.agent.models.spec import provider_of
     from dronecats.pilots import roster
-    from foundation.errors import UsageError
 
-    told: dict[str, Any] = {"command": args.command} if args.command else {}
+    fields: dict[str, Any] = {"command": args.command} if args.command else {}
     if args.commander and args.commander.startswith(SCRIPTED):
-        return {**told, "scripted": roster.check_commander(args.commander)}
+        return {**fields, "scripted": roster.check_commander(args.commander)}
     if args.commander:
-        told["commander"] = commander = row_or_name(args.commander, args.commander_url)
+        fields["commander"] = commander = row_or_name(args.commander, args.commander_url)
         has_url = commander.base_url is not None or provider_of(commander.provider).base_url is not None
-        if args.command == "hierarchical" and not has_url:  # else the flight refuses the commander itself
+        if args.command == "hierarchical" and not has_url:  # otherwise the flight raises for the commander
             raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
-    return told
+    return fields
 
 
 def _of_episode(name: str) -> dict[str, Any]:
-    """Return which of a spec's fields name an episode: its id when it ships, and else its record."""
+    """Return the field of a spec for an episode: the id of a shipped one, otherwise its record."""
     import json
 
     from episodes.records import catalogue
@@ -371,14 +366,13 @@ def _of_episode(name: str) -> dict[str, Any]:
 
 def _of_world(name: str, instruction: str | None) -> dict[str, Any]:
     from episodes import maps
-    from foundation.errors import UsageError
 
     if name in maps.names():
         if not instruction:
-            raise UsageError(f"'{name}' is a map: say with --instruction what to do there, or name an episode")
+            raise UsageError(f"'{name}' is a map: add --instruction, or name an episode")
         return {"map": name, "instruction": instruction}
     if instruction:
-        raise UsageError("an episode brings its instruction: leave --instruction out, or name a map with --world")
+        raise UsageError("an episode has its instruction: leave --instruction out, or name a map with --world")
     return _of_episode(name)
 
 
@@ -388,12 +382,10 @@ def _limits(file: Path | None, base: "Limits") -> "Limits":
     return load(file, base) if file else base
 
 
-def _check_eyes(args: argparse.Namespace) -> None:
-    """Raise UsageError unless it is clear through what a connected vehicle looks, and what at."""
-    from foundation.errors import UsageError
-
+def _check_camera(args: argparse.Namespace) -> None:
+    """Raise UsageError unless a connected vehicle has either a camera or a drawn world, and an instruction."""
     if bool(args.world) != bool(args.truth):
-        raise UsageError("--world and --truth go together: the world is drawn where the truth says that the vehicle is")
+        raise UsageError("--world and --truth go together: the world is drawn from the true pose")
     if args.world and args.target:
         raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
     if args.target_std is not None and not args.target:

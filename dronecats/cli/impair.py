@@ -4,6 +4,7 @@ import argparse
 from typing import Any
 
 from foundation.declaration import DeclaredNumber, declarations
+from foundation.errors import UsageError
 from hil.impairment import Impairment
 
 BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
@@ -12,9 +13,8 @@ QUANTITIES: dict[str, DeclaredNumber] = {  # by the field of an impairment; 0 ba
 }
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("impair")
+def add_impair_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
     parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
     wire = parser.add_argument_group("the wire", f"Each takes {BOTH}.")
@@ -34,8 +34,7 @@ def run(args: argparse.Namespace) -> int:
     """Carry until interrupted, then print the counts; status 3 when one end breaks."""
     import time
 
-    from dronecats.cli import signals
-    from foundation.errors import UsageError
+    from dronecats.cli.exit_status import interrupt_on_signals
     from foundation.redaction import redacted
     from hil.impairment import ImpairedWire
     from hil.link.transport import connect
@@ -43,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     if args.report is not None and not 0.1 <= args.report <= 3600.0:
         raise UsageError(f"--report wants 0.1 to 3600 seconds, got {args.report:g}")
     up, down = impairments(args)
-    signals.as_interrupts()
+    interrupt_on_signals()
     agent = connect(args.listen)
     try:
         autopilot = connect(args.to)
@@ -80,8 +79,6 @@ def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
 
 
 def _pair(name: str, text: str) -> tuple[float, float]:
-    from foundation.errors import UsageError
-
     try:
         values = [float(part) for part in text.split(",")]
     except ValueError:
@@ -92,8 +89,6 @@ def _pair(name: str, text: str) -> tuple[float, float]:
 
 
 def _cut(text: str) -> tuple[float, float]:
-    from foundation.errors import UsageError
-
     try:
         start, end = (float(part) for part in text.split(":"))
     except ValueError:

@@ -1,9 +1,11 @@
-"""`dronecats VERB …`: finds the verb's file and lets it work. Nothing heavy is imported before the verb is known."""
+"""The command `dronecats`: parses the command line and runs the verb. Only the verb's own module is imported."""
 
 import argparse
 import importlib
+import shutil
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
@@ -13,33 +15,39 @@ from foundation import machine
 from foundation.wording import did_you_mean, nearest
 
 VERBS = {
-    "fly": "fly an episode, in simulation or on a vehicle you connect",
+    "fly": "fly one episode, in simulation or on a vehicle that you connect",
     "sitl": "run the simulator for any MAVLink client",
-    "impair": "put a bad wire between an agent and an autopilot",
-    "preflight": "say whether a vehicle is fit to be flown, and what is not",
-    "bench": "fly a suite with models and pilots, and go on where it stopped",
-    "study": "fly what a slow model, a bad wire or the wind costs, by a design",
+    "impair": "put a lossy, slow link between an agent and an autopilot",
+    "preflight": "check whether a connected vehicle is fit to fly",
+    "bench": "fly a suite with models and pilots, or resume one that stopped",
+    "study": "measure what a slow model, a bad link or the wind costs",
     "judge": "derive the verdicts of runs again from their logs",
-    "audit": "say what other rules would make of the same flights, and what think and mending bought",
-    "query": "ask runs in SQL",
-    "replay": "show recorded flights in the browser again, several over one another",
-    "film": "make a film of a flight, from its folder alone",
-    "export": "write flights in other people's formats: MCAP, Rerun, LeRobot, ULog, KML, tables",
-    "report": "make the paper's tables and figures, and a page to look through, from runs",
-    "submit": "make one archive of runs, with everything that is needed to judge them again",
-    "verify": "judge an archive of runs again, and say what that cannot tell",
+    "audit": "count what other rules would change, and what think and mending gained",
+    "query": "query runs with SQL",
+    "replay": "show recorded flights in the browser",
+    "film": "make a video of a recorded flight",
+    "export": "convert flights to MCAP, Rerun, LeRobot, ULog, KML, GeoJSON, CSV or Parquet",
+    "report": "make the paper's tables and figures from runs, and a page to browse them",
+    "submit": "pack runs into one archive that others can verify",
+    "verify": "judge the runs of an archive again, and list what that cannot prove",
     "leaderboard": "make a page of verified entries",
-    "compare": "say how far the paths of two flights lie apart",
-    "flightlog": "list and fetch the logs on board of an autopilot, and trace a flight without truth",
-    "tune": "print an airframe's gains and margins, and draw its loops",
-    "episodes": "list, show, check, make and fly episodes; the reading probe",
+    "compare": "measure how far apart the paths of two flights are",
+    "flightlog": "list and fetch an autopilot's logs, and derive a flight's path from them",
+    "tune": "print an airframe's gains and stability margins, and draw its loops",
+    "episodes": "list, show, check, make and fly episodes",
     "edit": "make or change an episode in the browser",
-    "models": "list the models that are known by name, show what is sent to one, check what it answers",
-    "prompt": "write the prompt of a paper's LaTeX source to a file for --prompt",
-    "maps": "list the maps, export one, import your own",
+    "models": "list the known models, show the requests that one gets, check its answers",
+    "prompt": "copy the prompt of a paper's LaTeX source to a file for --prompt",
+    "maps": "list, show and export maps, and import your own",
     "camera": "check a camera, or calibrate it with a chessboard",
-    "doctor": "say what works on this machine, what is missing and how to get it",
+    "doctor": "check what works on this machine, what is missing and how to get it",
 }
+MODULES = {  # of the verbs that share a module
+    "audit": "judge", "film": "replay", "export": "query", "verify": "submit", "leaderboard": "submit",
+    "edit": "episode_authoring", "prompt": "models",
+}  # fmt: skip
+EXAMPLES = Path(__file__).with_name("examples.txt")  # of the help texts, one command a line
+HELP_COLUMNS = 100
 # GB of address space, measured as VmPeak on two cores and rounded up
 FLIGHT_GB = 2.0  # whatever flies, or draws a world: a flight core, a renderer, and what compiles them
 MEMORY_GB = {
@@ -47,24 +55,42 @@ MEMORY_GB = {
     "episodes": 1.0, "compare": 0.4, "judge": 0.2,
     **dict.fromkeys(("models", "doctor", "impair", "prompt"), 0.0),
 }  # fmt: skip
-OTHERS_GB = 1.2  # the report, with its figures
-UNHEARD = {  # what is said where the work goes on for minutes after the reader of the output has gone
-    "fly": "dronecats fly: nobody reads the output any more; the flight goes on, its results are in the run folder",
+DEFAULT_GB = 1.2  # the report, with its figures
+READER_LOST = {  # printed where the work goes on for minutes after the reader of the output has gone
+    "fly": "dronecats fly: the reader of the output has gone; the flight continues, its results are in the run folder",
 }
 
 
-class Verbs(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
-    """The verbs' parsers. What a verb does stands in the table above, for its own help and for everybody's."""
+class VerbHelp(argparse.HelpFormatter):
+    """Help of at most HELP_COLUMNS, whose list of examples keeps its lines."""
 
-    def add_parser(self, name: str, **kwargs: Any) -> Any:
-        """Return a new parser for the verb `name`."""
-        said = VERBS[name]
-        words = {"help": said, "description": f"{said[0].upper()}{said[1:]}."}
-        return super().add_parser(name, **{**words, **kwargs})
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=28, width=min(HELP_COLUMNS, shutil.get_terminal_size().columns - 2))
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
 class VerbParser(argparse.ArgumentParser):
-    """A parser that answers a mistyped verb or value with the nearest one."""
+    """A parser whose help ends with examples, and which answers a mistyped word with the nearest known ones."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__(formatter_class=VerbHelp, **kwargs)
+
+    def format_help(self) -> str:
+        """Return the help, with the examples that begin with this parser's command."""
+        lines = EXAMPLES.read_text(encoding="utf-8").splitlines()
+        examples = [line for line in lines if line.startswith(f"{self.prog} ")]
+        self.epilog = self.epilog or "\n  ".join(["examples:", *examples[:3]])
+        return super().format_help()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse, and end the program with a suggestion for an option that the command does not have."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if option := next((word for word in unknown if word.startswith("--")), None):
+            near = nearest(option.partition("=")[0], self._option_string_actions)
+            self.error(f"unknown option {option}{f'; {did_you_mean(near)}' if near else f': see {self.prog} --help'}")
+        return parsed, unknown
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         near = nearest(str(value), map(str, action.choices or ()))
@@ -74,30 +100,32 @@ class VerbParser(argparse.ArgumentParser):
 
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """Return what a command line asks for, `run` in it to be called with it. Raises SystemExit as argparse does."""
+    """Return the parsed command line, with the function to call as `run`. Raises SystemExit as argparse does."""
     parser = VerbParser(
-        prog="dronecats", description="A multimodal model as the pilot of a drone, and the benchmark that measures it."
+        prog="dronecats",
+        description="A multimodal model as the pilot of a drone, and the benchmark that measures it.",
+        epilog="`dronecats VERB --help` lists the options of a verb, with examples.",
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")
-    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True, action=Verbs)
-    asked = _verb(arguments)
-    for verb in VERBS:
-        if verb == asked:
-            importlib.import_module(f"dronecats.cli.{verb}").add_parser(verbs)
-        else:
-            verbs.add_parser(verb)
+    verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    named = _verb(arguments)
+    for verb, text in VERBS.items():
+        added = verbs.add_parser(verb, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        if verb == named:
+            module = importlib.import_module(f"dronecats.cli.{MODULES.get(verb, verb)}")
+            getattr(module, f"add_{verb}_options")(added)
     return parser.parse_args(arguments)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status.
 
-    0 done, 2 wrong usage, 3 something broke, 130 interrupted; 1 and 4 are what a verb found: something that is not
-    solved or not fit, a verdict that differs.
-    A reader of the output that goes away, as `head` does, changes nothing of what is done and of its status.
+    0 done, 2 wrong usage, 3 something broke, 130 interrupted. 1 and 4 are findings of a verb: an episode that is not
+    solved, a vehicle that is not fit, a verdict that differs.
+    A reader of the output that goes away, as `head` does, changes neither the work nor the status.
     """
     arguments = sys.argv[1:] if argv is None else argv
-    with Output(UNHEARD.get(_verb(arguments) or "")) as output:
+    with Output(READER_LOST.get(_verb(arguments) or "")) as output:
         args = parse(arguments)
         status = exit_status(f"dronecats {args.verb}", lambda: _run(args))
         fault = output.fault()
@@ -108,8 +136,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Do what a verb is for, and return its status. Raises UsageError where there is not the memory for it."""
-    machine.check(f"dronecats {args.verb}", MEMORY_GB.get(args.verb, OTHERS_GB))
+    """Run the verb and return its status. Raises UsageError where there is too little memory for it."""
+    machine.check(f"dronecats {args.verb}", MEMORY_GB.get(args.verb, DEFAULT_GB))
     return int(args.run(args))
 
 

@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("maps")
+def add_maps_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="one line per map")
     listing.add_argument("--json", action="store_true", help="print one JSON object")
@@ -79,8 +79,6 @@ def run(args: argparse.Namespace) -> int:
     try:
         gltf.save(scene, args.out)
     except OSError as error:
-        from foundation.errors import UsageError
-
         raise UsageError(f"'{args.out}' cannot be written: {error.strerror}.") from None
     print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")
     return 0

@@ -1,17 +1,316 @@
-"""`dronecats models ACTION`: which models are known by name, what is sent to one, and what it answers.
-
-One file per action, imported when it is asked for.
-"""
+"""Verbs `models` and `prompt`: the models known by name, the requests they get, and the prompt."""
 
 import argparse
-import importlib
+import base64
+import json
+import os
+import shlex
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-ACTIONS = ("list", "show", "check")
+from dronecats.agent.models.model import ending_reason
+from dronecats.cli.options import MODEL, add, describe_model, model_of, with_options
+from dronecats.cli.output import show
+from foundation.errors import UsageError
+
+if TYPE_CHECKING:
+    from dronecats.agent.models.probe import ProbeResult
+    from dronecats.agent.models.rows import ModelRow
+    from dronecats.agent.models.spec import ModelSpec
+
+INSTRUCTION = "go to the cyan SUV"  # of the request that `show` prints
+REPLY_SHOWN = 120  # characters
+SCHEMA_FINDINGS = {
+    None: "none is sent",
+    True: "enforced, the reply kept to it although it was asked for something else",
+    False: "NOT enforced, the reply was none that it allows",
+}
+POINTING_FINDINGS = {
+    "as declared": "it points in the declared order, either way",
+    "always [x, y]": "it always points as [x, y], whatever is declared",
+    "always [y, x]": "it always points as [y, x], whatever is declared",
+    "as not declared": "it points in the other order than the declared one, either way",
+    "not at all": "it did not point at the mark",
+}
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb and its actions."""
-    parser = verbs.add_parser("models")
+def add_models_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for action in ACTIONS:
-        importlib.import_module(f"dronecats.cli.models_{action}").add_parser(actions)
+    listing = actions.add_parser("list", help="print one line per model that is known by name")
+    listing.add_argument("--endpoint", metavar="URL", help="list the models of this PROVIDER or address instead")
+    listing.set_defaults(run=_list)
+    showing = actions.add_parser("show", help="print a model's row, its settings, and a request as it would be sent")
+    showing.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
+    add(showing, MODEL)
+    showing.add_argument("--lifted", action="store_true", help="show the request of the step after a think")
+    showing.set_defaults(run=_show)
+    checking = actions.add_parser(
+        "check", help="send two small pictures and check the replies; costs some cents at most"
+    )
+    checking.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
+    add(checking, MODEL)
+    checking.add_argument("--parser", choices=("strict", "lenient"), default="strict", help="how replies are read")
+    checking.set_defaults(run=_check)
+    for action in (listing, showing, checking):
+        action.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def _list(args: argparse.Namespace) -> int:
+    """Print the rows, or the models that a server lists."""
+    from dronecats.agent.models.rows import rows
+    from dronecats.report.table import numbers, table_of, words
+
+    if args.endpoint:
+        names = listed(args.endpoint)
+        print(json.dumps({"endpoint": args.endpoint, "models": names}) if args.json else "\n".join(names))
+        return 0
+    models = [_row_as_json(row) for row in rows().values()]
+    if args.json:
+        print(json.dumps({"models": models}))
+        return 0
+    files = list(dict.fromkeys(row["file"] for row in models))
+    columns = [*map(words, ("name", "model", "points", "schema")), numbers("$ in"), numbers("$ out"), words("key")]
+    if len(files) > 1:
+        show(table_of([*columns, words("from")], ((*_line(row), row["file"]) for row in models)))
+    else:
+        show(table_of(columns, map(_line, models), *(f"from: {file}" for file in files)))
+    return 0
+
+
+def listed(endpoint: str) -> list[str]:
+    """Return the models that a server lists. Raises UsageError for no address, ModelError where none is listed.
+
+    A server at a provider's own address gets that provider's key.
+    """
+    from dronecats.agent.models.spec import PROVIDERS, ModelSpec
+    from dronecats.agent.models.wire_formats import open_model
+
+    url = endpoint.rstrip("/")
+    provider = next((row for row in PROVIDERS.values() if url in (row.name, row.base_url)), PROVIDERS["local"])
+    base_url = None if url == provider.name else endpoint
+    model = open_model(ModelSpec(provider=provider.name, name="models", base_url=base_url))
+    try:
+        return model.listed()
+    finally:
+        model.close()
+
+
+def _row_as_json(row: "ModelRow") -> dict[str, Any]:
+    """Return a row as JSON values: its settings, its file, and whether its key is set, never the key."""
+    from dronecats.agent.models.spec import LOOPBACK, provider_of
+
+    spec, provider = row.spec, provider_of(row.spec.provider)
+    variable = provider.key_variable
+    return {
+        "name": row.name,
+        "provider": spec.provider,
+        "identifier": spec.name,
+        "axis": spec.axis_order,
+        "schema": spec.schema or "none",
+        "temperature": "none" if spec.temperature is None else spec.temperature,
+        "input_usd": spec.input_usd,
+        "output_usd": spec.output_usd,
+        "context": spec.context_tokens,
+        "key_variable": variable,
+        "key_needed": bool(variable) and not (provider.base_url or "").startswith(LOOPBACK),
+        "key_set": bool(variable and os.environ.get(variable, "").strip()),
+        "file": row.file,
+        "source": row.source,
+        "note": row.note,
+    }
+
+
+def _line(row: dict[str, Any]) -> tuple[str, ...]:
+    prices = ("-" if row[price] is None else f"{row[price]:g}" for price in ("input_usd", "output_usd"))
+    point = "[x, y]" if row["axis"] == "xy" else "[y, x]"
+    key = f"{row['key_variable'] or '-'}{'' if row['key_set'] or not row['key_needed'] else ' (not set)'}"
+    return (row["name"], f"{row['provider']}/{row['identifier']}", point, row["schema"], *prices, key)
+
+
+def _show(args: argparse.Namespace) -> int:
+    """Print the model. Sends nothing and needs no key."""
+    from dronecats.agent.models.rows import row_of, rows
+    from dronecats.agent.models.spec import spec_of
+
+    row = row_of(args.model, rows())
+    spec = with_options(row.spec if row else spec_of(args.model), args)
+    shown = _request(spec, args.lifted)
+    if args.json:
+        print(json.dumps({"row": _row_as_json(row) if row else None, "spec": _recorded(spec), "request": shown}))
+        return 0
+    print(describe_model(spec))
+    print(f"Row {row.name} of {row.file}" if row else _rowless(spec))
+    for word in ("source", "note"):
+        if row and getattr(row, word):
+            print(f"{word.capitalize()}: {getattr(row, word)}")
+    print("\nAs run.json records it:", json.dumps(_recorded(spec), indent=2), sep="\n")
+    print(f"\nPOST {shown['url']}")
+    for name, value in shown["headers"].items():
+        print(f"{name}: {value}")
+    print(json.dumps(shown["body"], indent=2, ensure_ascii=False))
+    return 0
+
+
+def _rowless(spec: "ModelSpec") -> str:
+    from dronecats.agent.models.spec import provider_of
+
+    provider = provider_of(spec.provider)
+    has_switch = bool(provider.thinking or provider.quick)
+    note = "" if has_switch else "; it reasons as it likes until a row sets reasoning_off and reasoning_lifted"
+    return f"No row of models.toml: the settings of every model of {provider.name}{note}"
+
+
+def _recorded(spec: "ModelSpec") -> dict[str, Any]:
+    """Return the model as JSON values, its address without anything that may be a key."""
+    from foundation.redaction import redacted_url
+
+    return asdict(replace(spec, base_url=redacted_url(spec.base_url) if spec.base_url else None))
+
+
+def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
+    """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
+    from dronecats.agent.history import History
+    from dronecats.agent.models.model import Request
+    from dronecats.agent.models.probe import marked_picture
+    from dronecats.agent.models.spec import provider_of
+    from dronecats.agent.models.wire_formats import open_model
+    from dronecats.agent.prompt import Prompt
+    from foundation.camera import CameraModel
+    from foundation.protocol import HISTORY_LENGTH
+
+    provider = provider_of(spec.provider)
+    # with an address, the model needs no key
+    model = open_model(replace(spec, base_url=spec.base_url or provider.base_url))
+    jpeg = marked_picture()
+    text = Prompt.load().render(INSTRUCTION, History(CameraModel()).render(), HISTORY_LENGTH, spec.axis_order)
+    body = model.body(Request(text, (jpeg,), lifted))
+    model.close()
+    key = {model.key_header.name: f"{model.key_header.before}***"} if provider.key_variable else {}
+    return {"url": model.address, "headers": {**model.headers(), **key}, "body": _abbreviated(body, jpeg)}
+
+
+def _abbreviated(value: Any, jpeg: bytes) -> Any:
+    """Return a request's values with a note in place of the picture."""
+    if isinstance(value, dict):
+        return {key: _abbreviated(inner, jpeg) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_abbreviated(inner, jpeg) for inner in value]
+    if isinstance(value, str):
+        for code in (base64.b64encode(jpeg), base64.urlsafe_b64encode(jpeg)):
+            value = value.replace(code.decode(), f"<{len(jpeg)} bytes of JPEG in base64>")
+    return value
+
+
+def _check(args: argparse.Namespace) -> int:
+    """Probe a model; status 0 when it can fly, 1 when its points cannot be used, 3 when its endpoint fails."""
+    from dronecats.agent.models.probe import probe
+    from dronecats.agent.models.wire_formats import open_model
+
+    spec = model_of(args.model, args)
+    model = open_model(spec)
+    try:
+        result = probe(model, spec, args.parser)
+    finally:
+        model.close()
+    if args.json:
+        print(json.dumps(_result_as_json(result)))
+        return 0 if result.order_is_right else 1
+    print(describe_model(spec))
+    for answer in result.answers:
+        reply = answer.reply
+        tokens = f"{_count(reply.tokens_in)} tokens in, {_count(reply.tokens_out)} out"
+        text = " ".join(reply.text.split())
+        print(f"\n{answer.question}: {reply.latency_s:.2f} s, {tokens}")
+        print(f"  {text[:REPLY_SHOWN]}{'…' if len(text) > REPLY_SHOWN else ''}" if text else "  (an empty reply)")
+        if reason := ending_reason(reply.finish, reply.tokens_out):
+            print(f"  {reason}")
+    print("", *_findings(result), sep="\n")
+    return 0 if result.order_is_right else 1
+
+
+def _findings(result: "ProbeResult") -> list[str]:
+    """Return the conclusions from the replies, a sentence each."""
+    spec, cost = result.spec, result.cost_usd
+    lines = [_pointing(result), f"Schema: {SCHEMA_FINDINGS[result.enforced]}."]
+    reasons = (ending_reason(answer.reply.finish, answer.reply.tokens_out) for answer in result.answers)
+    lines += [f"Unfinished: {reason}." for reason in dict.fromkeys(reasons) if reason]
+    tokens_in, tokens_out = result.tokens
+    usd = f"${cost:.6f}" if cost is not None else "unknown: its row has no prices, or the endpoint reported no tokens"
+    tokens = f"{_count(tokens_in)} tokens in, {_count(tokens_out)} out"
+    lines.append(f"Cost of these {len(result.answers)}: {usd} ({tokens}).")
+    if result.too_long:
+        lines.append(f"Too long: such a question and a reply of {spec.max_tokens} exceed {spec.context_tokens} tokens.")
+    lines.append("It can fly." if result.order_is_right else "It cannot fly like this.")
+    return lines
+
+
+def _result_as_json(result: "ProbeResult") -> dict[str, Any]:
+    tokens_in, tokens_out = result.tokens
+    return {
+        "model": result.spec.title,
+        "axis": result.spec.axis_order,
+        "pointing": result.pointing,
+        "schema": result.spec.schema or "none",
+        "schema_enforced": result.enforced,
+        "tokens_in": tokens_in,
+        "tokens_out": tokens_out,
+        "cost_usd": result.cost_usd,
+        "can_fly": result.order_is_right,
+        "asked": [
+            {
+                "what": answer.question,
+                "pointed": answer.order,
+                "reply": answer.reply.text,
+                "latency_s": answer.reply.latency_s,
+                "tokens_in": answer.reply.tokens_in,
+                "tokens_out": answer.reply.tokens_out,
+                "finish": answer.reply.finish,
+            }
+            for answer in result.answers
+        ],
+    }
+
+
+def _pointing(result: "ProbeResult") -> str:
+    finding = f"Points: {POINTING_FINDINGS[result.pointing]}"
+    if result.order_is_right or not result.pointing.startswith("always"):
+        return f"{finding}."
+    return (
+        f"{finding}: fly it with --axis {'xy' if result.pointing == 'always [x, y]' else 'yx'}, or set it in its row."
+    )
+
+
+def _count(tokens: int | None) -> str:
+    return "?" if tokens is None else str(tokens)
+
+
+def add_prompt_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's action."""
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    extract = actions.add_parser("extract", help="write the prompt listing of a LaTeX source to a file for --prompt")
+    extract.add_argument("source", type=Path, metavar="PAPER.tex", help="a LaTeX file with one listing of a prompt")
+    extract.add_argument("--out", type=Path, required=True, metavar="FILE", help="the prompt template")
+    extract.set_defaults(run=run_prompt)
+
+
+def run_prompt(args: argparse.Namespace) -> int:
+    """Write the listing. Raises UsageError for a file that holds something else, and keeps that file."""
+    from dronecats.agent.prompt import Prompt, prompt_listing
+
+    try:
+        source = args.source.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"the LaTeX source {args.source} cannot be read: {error}") from None
+    template = prompt_listing(source, str(args.source))
+    try:
+        if args.out.exists() and args.out.read_text(encoding="utf-8") != template:
+            raise UsageError(f"{args.out} exists and holds something else. Choose another --out")
+        args.out.write_text(template, encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UsageError(f"--out {args.out} cannot be written: {error}") from None
+    prompt = Prompt(template)
+    print(f"{args.out}: {len(template):,} characters, prompt {prompt.name}, digest {prompt.digest[:8]}")
+    print(f"fly it: dronecats fly --sitl --model NAME --prompt {shlex.quote(str(args.out))}")
+    return 0

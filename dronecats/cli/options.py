@@ -1,9 +1,9 @@
-"""The options of the verbs that fly, each declared once.
+"""Options that several verbs share, each declared once, and the options of browser pages.
 
-From a declaration come the option on the command line with its help, the word of that name in the file of a benchmark
-or a study with its type, and the vehicle that it goes with. Disturbances are declared in
-`dronecats/flight/disturbances.py`. An option that is not given has no value, so that a file or a recorded flight can
-set it.
+A declaration yields the command-line option with its help, the key of that name in the file of a benchmark or a study
+with its type, and the vehicle that the option goes with. Disturbances are declared in
+`dronecats/flight/disturbances.py`. An option that is absent has no value, so that a file or a recorded flight can set
+it.
 """
 
 import argparse
@@ -16,10 +16,13 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from dronecats.agent.models.spec import PROVIDERS
 from dronecats.flight.disturbances import DECLARED, UNDISTURBED, Disturbances
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.agent.models.spec import ModelSpec
+    from dronecats.view.live.opening import WantedPage
 
+PAGE_PORT = 8090  # above the cameras of simulators, which begin at 8080
 FileType = Literal["a word", "a number", "a whole number", "true or false", "a word or a table"]
 FILE_TYPES: dict[FileType, tuple[type, ...]] = {
     "a word": (str, int, float),
@@ -33,35 +36,35 @@ OF_KIND: dict[type, FileType] = {bool: "true or false", int: "a whole number", f
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Option:
-    """An option, and the word of its name in a file."""
+    """A command-line option, and the key of its name in a file."""
 
     name: str  # "frame_delay" of --frame-delay
     help: str
     metavar: str | None = None
     kind: type = str  # of its value on the command line; bool: a switch
-    file: FileType | None = None  # of its value in a file, where it is not that of `kind`
+    file: FileType | None = None  # of its value in a file, unless that follows from `kind`
     choices: tuple[str, ...] = ()
     many: bool = False  # takes several values
-    repeated: bool = False  # may be said several times
+    repeated: bool = False  # may be given several times
     vehicle: Literal["--sitl", "--connect"] | None = None  # goes with this vehicle only
     replay: Literal["may change", "as recorded"] | None = None  # of a recorded flight
     beside_spec: bool = False  # may stand beside --spec FILE
 
     @property
     def flag(self) -> str:
-        """It as it is typed."""
+        """The option as it is typed."""
         return f"--{self.name.replace('_', '-')}"
 
     def read(self, value: Any) -> Any:
-        """Return its value of a file's. Raises ValueError saying what it wants."""
+        """Return the option's value from that of a file. Raises ValueError with what it wants."""
         wanted = self.file or OF_KIND.get(self.kind, "a word")
         types = FILE_TYPES[wanted]
         if self.many or self.repeated:
             values = value if isinstance(value, list) else [value]
             types = (str,) if wanted == "a word" else types
-            if not values or not all(_is(each, types) for each in values):
+            if not values or not all(_is(item, types) for item in values):
                 raise ValueError(f"a list of {'numbers' if wanted == 'a number' else 'words'}")
-            return [str(each) for each in values] if wanted == "a number" else values
+            return [str(item) for item in values] if wanted == "a number" else values
         if not _is(value, types):
             raise ValueError(wanted)
         if self.choices and value not in self.choices:
@@ -76,16 +79,16 @@ def _is(value: Any, types: tuple[type, ...]) -> bool:
 def add(group: "argparse._ActionsContainer", options: Iterable[Option]) -> None:
     """Declare options to argparse."""
     for option in options:
-        words: dict[str, Any] = {"help": option.help}
+        keywords: dict[str, Any] = {"help": option.help}
         if option.kind is bool:
-            words["action"] = "store_true"
+            keywords["action"] = "store_true"
         else:
-            words |= {"metavar": option.metavar, "type": option.kind, "choices": option.choices or None}
+            keywords |= {"metavar": option.metavar, "type": option.kind, "choices": option.choices or None}
         if option.many:
-            words |= {"action": "extend", "nargs": "+"}
+            keywords |= {"action": "extend", "nargs": "+"}
         if option.repeated:
-            words["action"] = "append"
-        group.add_argument(option.flag, **words)
+            keywords["action"] = "append"
+        group.add_argument(option.flag, **keywords)
 
 
 def is_set(value: Any) -> bool:
@@ -101,54 +104,57 @@ def first_set(args: argparse.Namespace, options: Iterable[Option]) -> Option | N
 MODEL = (
     Option(name="base_url", metavar="URL", help="where the model is served, http://HOST:PORT/v1", beside_spec=True),
     Option(
-        name="axis", choices=("xy", "yx"), help="the order in which the model points (its row's, or xy)",
+        name="axis", choices=("xy", "yx"), help="order of the model's point (default: its row's, or xy)",
         replay="as recorded",
     ),
     Option(
-        name="schema", choices=("object", "array", "none"), help="the root of the schema that replies are held to",
+        name="schema", choices=("object", "array", "none"), help="root of the schema of replies (default: its row's)",
         replay="as recorded",
     ),
     Option(
-        name="temperature", metavar="X", help="of the sampling (its row's, or 0.4); none sends none",
+        name="temperature", metavar="X", help="sampling temperature (default: its row's, or 0.4); none sends none",
         replay="as recorded",
     ),
-    Option(name="top_p", metavar="X", help="of the sampling (its row's, or the provider's)", replay="as recorded"),
     Option(
-        name="max_tokens", metavar="N", help="of a reply, reasoning included (its row's, or 8192)", replay="as recorded"
+        name="top_p", metavar="X", help="sampling top-p (default: its row's, or the provider's)", replay="as recorded"
+    ),
+    Option(
+        name="max_tokens", metavar="N", help="tokens of a reply, with reasoning (default: its row's, or 8192)",
+        replay="as recorded",
     ),
     Option(
         name="reasoning_effort", metavar="WORD", replay="as recorded",
-        help="on every step but the one after a think: the vendor's word, as low",
+        help="the vendor's word, such as low, for every step but the one after a think",
     ),
 )  # fmt: skip
 ACCOUNTS = (
     Option(
-        name="cost_limit", metavar="USD", file="a number", help="with --model: land when so much is spent",
+        name="cost_limit", metavar="USD", file="a number", help="with --model: land when this much is spent",
         beside_spec=True,
     ),
     Option(
-        name="token_limit", metavar="N", file="a whole number", help="with --model: land when so many are spent",
+        name="token_limit", metavar="N", file="a whole number", help="with --model: land when this many are used",
         beside_spec=True,
     ),
     Option(
-        name="cache", kind=Path, metavar="FILE", help="with --model: replies kept, and not asked for twice",
+        name="cache", kind=Path, metavar="FILE", help="with --model: keep replies, and reuse them",
         beside_spec=True,
     ),
 )  # fmt: skip
 REPLIES = (
     Option(name="prompt", kind=Path, metavar="FILE", help="another prompt template", replay="may change"),
     Option(
-        name="parser", choices=("strict", "lenient"), help="how replies are read, see docs/replies.md (default strict)",
+        name="parser", choices=("strict", "lenient"), help="how replies are read: docs/replies.md (default strict)",
         replay="may change",
     ),
     Option(
         name="stop_unreadable", kind=int, metavar="N", replay="may change",
-        help="end a flight as an error when N replies in a row are no actions (default: never)",
+        help="end the flight as an error after N unreadable replies in a row (default: never)",
     ),
     Option(
-        name="commander", metavar="NAME", help="of a hierarchy; or scripted:divide, no model", replay="as recorded"
+        name="commander", metavar="NAME", help="model of a hierarchy; or scripted:divide", replay="as recorded"
     ),
-    Option(name="commander_url", metavar="URL", help="where that is served", beside_spec=True),
+    Option(name="commander_url", metavar="URL", help="where the commander is served", beside_spec=True),
 )  # fmt: skip
 AGENT = Option(
     name="agent", metavar="NAME", help="paper (default), steady, or MODULE:NAME: docs/extending.md",
@@ -160,66 +166,65 @@ COMMAND = Option(
 )  # fmt: skip
 LATENCY = Option(
     name="latency", metavar="POLICY", replay="may change",
-    help="what a reply takes: real, fixed:SECONDS …; default real, in lockstep fixed:0.5: docs/latency.md",
+    help="time of a reply: real, fixed:SECONDS … (default real, in lockstep fixed:0.5): docs/latency.md",
 )  # fmt: skip
 DISTURBANCES = tuple(
     Option(
         name=option.name, metavar=option.metavar, kind=option.kind, vehicle="--sitl", replay="may change",
-        help=option.help if option.read or not each.quantity else f"{option.help}; {each.quantity.wanted}",
+        help=option.help if option.read or not field.quantity else f"{option.help}; {field.quantity.wanted}",
     )
-    for _, _, each in DECLARED
-    if (option := each.option)
+    for _, _, field in DECLARED
+    if (option := field.option)
 )  # fmt: skip
-# of the verbs that fly many episodes
-PART = (
+SELECTION = (
     Option(name="suite", repeated=True, metavar="NAME", help="quick, one-drone, commanding, all or v1"),
-    Option(name="flights", kind=int, metavar="N", help="of each episode, on seeds of their own (default 1)"),
-    Option(name="seed", kind=int, metavar="S", help="of the first flight; the next have the next (default 0)"),
-    Option(name="limit", kind=int, metavar="N", help="the first N episodes only"),
-    Option(name="shard", metavar="i/n", help="the i-th of n parts of them, for one machine of n"),
+    Option(name="flights", kind=int, metavar="N", help="flights of each episode, each on its own seed (default 1)"),
+    Option(name="seed", kind=int, metavar="S", help="seed of the first flight; the next flights count up (default 0)"),
+    Option(name="limit", kind=int, metavar="N", help="fly only the first N episodes"),
+    Option(name="shard", metavar="i/n", help="fly the i-th of n parts of the episodes, for one machine of n"),
     Option(name="full", kind=bool, help="fly to the cap even when the verdict is decided"),
 )
 PILOTS = (
     Option(
         name="model", many=True, file="a word or a table", metavar="NAME",
-        help=f"rows of `dronecats models list`, or PROVIDER/NAME, of {', '.join(PROVIDERS)}",
+        help=f"rows of `dronecats models list`, or PROVIDER/NAME; providers: {', '.join(PROVIDERS)}",
     ),
-    Option(name="pilot", many=True, metavar="NAME", help="built-in pilots, which are no models"),
+    Option(name="pilot", many=True, metavar="NAME", help="built-in pilots; they are no models"),
     *MODEL,
     *ACCOUNTS,
     *REPLIES,
 )  # fmt: skip
 PLACE = (
     Option(name="speed", metavar="N|max", help="factor on real time; max (default) is lockstep"),
-    Option(name="rendered", kind=bool, help="draw the frames for pilots that do not look, too"),
-    Option(name="jobs", kind=int, metavar="J", help="flights in the air at a time (default: one per core)"),
+    Option(name="rendered", kind=bool, help="render frames also for pilots that do not look"),
+    Option(name="jobs", kind=int, metavar="J", help="flights at a time (default: one per core)"),
     Option(name="engine", choices=("local", "ray"), help="this machine (default), or a Ray cluster"),
-    Option(name="address", metavar="HOST:PORT", help="with --engine ray: of the cluster (default: one here)"),
-    Option(name="out", kind=Path, metavar="DIR", help="folder, gone on with"),
+    Option(name="address", metavar="HOST:PORT", help="with --engine ray: the cluster (default: a new one here)"),
+    Option(name="out", kind=Path, metavar="DIR", help="folder; an unfinished one is resumed"),
     Option(name="json", kind=bool, help="end with one JSON object on standard output"),
 )
 
 
 def add_disturbances(parser: argparse.ArgumentParser) -> None:
-    """Declare what is done to a flight on purpose, in a group of its own."""
-    add(parser.add_argument_group("disturbances, of what is simulated (docs/disturbances.md)"), DISTURBANCES)
+    """Declare the disturbances in a group of their own."""
+    add(parser.add_argument_group("disturbances of a simulated flight (docs/disturbances.md)"), DISTURBANCES)
 
 
 def with_folder(options: Iterable[Option], folder: str) -> list[Option]:
-    """Return options with the folder that --out is unless it is given in its help."""
-    return [replace(each, help=f"{each.help} (default {folder})") if each.name == "out" else each for each in options]
+    """Return the options with the default folder in the help of --out."""
+    return [replace(o, help=f"{o.help} (default {folder})") if o.name == "out" else o for o in options]
 
 
 def disturbances_of(args: argparse.Namespace, base: Disturbances = UNDISTURBED) -> Disturbances:
-    """Return what the options say, over what `base` has. Raises UsageError for what cannot be."""
+    """Return `base` with the disturbances that the options set. Raises UsageError for impossible values."""
     values = {option.name: getattr(args, option.name) for option in DISTURBANCES}
     return base.with_options({name: value for name, value in values.items() if value is not None})
 
 
-def add_sign(group: "argparse._ActionsContainer", when: str = "") -> None:
-    """Declare --sign KEYFILE; `when` begins its help where it goes with another option only."""
-    more = "sign MAVLink messages, believe no others: docs/signing.md"
-    add(group, [Option(name="sign", kind=Path, metavar="KEYFILE", help=f"{when}{more}")])
+def add_sign(group: "argparse._ActionsContainer") -> None:
+    """Declare --sign KEYFILE."""
+    text = "sign MAVLink messages, and ignore unsigned ones: docs/signing.md"
+    group.add_argument("--sign", type=Path, metavar="KEYFILE", help=text)
 
 
 def key_of(file: Path | None) -> bytes:
@@ -237,19 +242,20 @@ def speed(text: str) -> float | None:
 
 
 def level_list(text: str) -> list[str]:
-    """Return the words of a list with commas."""
+    """Return the items of a comma-separated list."""
     return [word.strip() for word in text.split(",") if word.strip()]
 
 
 def model_of(word: str, args: argparse.Namespace) -> "ModelSpec":
-    """Return the model of a row's name or PROVIDER/NAME, with what the options say otherwise. Raises UsageError."""
+    """Return the model of a row's name or PROVIDER/NAME, with the options applied. Raises UsageError."""
     from dronecats.agent.models.rows import model_of
 
     return with_options(model_of(word), args)
 
 
 def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
-    """Return a model with what the options say otherwise. Raises UsageError for a value that cannot be sent."""
+    """Return a model with the options applied. Raises UsageError for a value that cannot be sent."""
+    from dronecats.agent.models.rows import NONE
     from dronecats.agent.models.spec import with_effort
 
     changed: dict[str, Any] = {}
@@ -260,31 +266,30 @@ def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
     if args.schema:
         changed["schema"] = None if args.schema == "none" else args.schema
     if args.temperature is not None:
-        changed["temperature"] = _temperature(args.temperature)
+        changed["temperature"] = None if args.temperature == NONE else _number("temperature", args.temperature)
     if args.top_p is not None:
-        changed["top_p"] = float(_stated("top_p", args.top_p))
+        changed["top_p"] = _number("top_p", args.top_p)
     if args.max_tokens is not None:
-        changed["max_tokens"] = int(_stated("max_tokens", args.max_tokens))
+        changed["max_tokens"] = int(_number("max_tokens", args.max_tokens))
     spec = replace(spec, **changed)
-    return with_effort(spec, _effort(args.reasoning_effort)) if args.reasoning_effort else spec
+    if args.reasoning_effort is None:
+        return spec
+    if not re.fullmatch(r"[a-z]{1,20}", args.reasoning_effort):
+        wanted = "--reasoning-effort wants the vendor's word for it, such as none, low or high"
+        raise UsageError(f"{wanted}, got '{args.reasoning_effort:.40}'")
+    return with_effort(spec, args.reasoning_effort)
 
 
 def describe_model(spec: "ModelSpec") -> str:
-    """Return in one line what is declared of a model that decides how it is asked and read."""
+    """Return one line about a model: its points, schema, temperature and length of replies."""
     point = "[x, y]" if spec.axis_order == "xy" else "[y, x]"
     schema = f"a schema with an {spec.schema} at its root" if spec.schema else "no schema"
     temperature = "no temperature" if spec.temperature is None else f"temperature {spec.temperature:g}"
     return f"{spec.title}: points are {point}, {schema}, {temperature}, replies of {spec.max_tokens:,} tokens at most"
 
 
-def _temperature(text: str) -> float | None:
-    from dronecats.agent.models.rows import NONE
-
-    return None if text == NONE else _stated("temperature", text)
-
-
-def _stated(name: str, text: str) -> float:
-    """Return the number that an option states. Raises UsageError for one that a model cannot have."""
+def _number(name: str, text: str) -> float:
+    """Return the number of an option. Raises UsageError for one that a model cannot have."""
     from dronecats.agent.models.spec import ModelSpec
     from foundation.typed_file import fields_of, typed
 
@@ -295,9 +300,67 @@ def _stated(name: str, text: str) -> float:
     return float(typed(value, fields_of(ModelSpec)[name], f"--{name.replace('_', '-')}"))
 
 
-def _effort(text: str) -> str:
-    from foundation.errors import UsageError
+def add_page(group: "argparse._ActionsContainer", prefix: str = "") -> None:
+    """Declare the options of a browser page. Their names begin with `prefix` if the page is not all the verb does."""
+    text = f"with --{prefix.rstrip('-')}: port of the page" if prefix else "port of the page on this machine"
+    group.add_argument(f"--{prefix}port", type=int, metavar="N", help=f"{text} (default {PAGE_PORT})")
+    group.add_argument(
+        f"--{prefix}host",
+        action="append",
+        metavar="NAME",
+        help="another host name of the page, for example a reverse proxy's; may be repeated",
+    )
 
-    if not re.fullmatch(r"[a-z]{1,20}", text):
-        raise UsageError(f"--reasoning-effort wants the vendor's word for it, as none, low or high, got '{text:.40}'")
-    return text
+
+def page_of(args: argparse.Namespace, prefix: str = "") -> tuple[int, tuple[str, ...]]:
+    """Return the port of the page, and its host names besides the loopback ones.
+
+    Raises UsageError for a value that cannot be used, and when the package that serves pages is not installed.
+    """
+    from dronecats.view.scene.page_hosts import check
+    from foundation import extras
+
+    port, hosts = (getattr(args, f"{prefix}{name}".replace("-", "_")) for name in ("port", "host"))
+    port, hosts = PAGE_PORT if port is None else port, tuple(hosts or ())
+    if not 1 <= port <= 65535:
+        raise UsageError(f"--{prefix}port {port} is no port: choose one from 1 to 65535")
+    check(hosts, f"--{prefix}host")
+    extras.require("viser")
+    return port, hosts
+
+
+def serve(page: Any, line: str, *, browser: bool) -> int:
+    """Print a line, show the page in a browser if wanted, and serve it until Ctrl-C; return exit status 0."""
+    import threading
+    import webbrowser
+
+    try:
+        print(line, flush=True)
+        if browser:
+            webbrowser.open(page.url)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        page.close()
+    return 0
+
+
+def add_view(group: "argparse._ActionsContainer") -> None:
+    """Declare --view and the options of its page."""
+    group.add_argument("--view", action="store_true", help="show the flight live in the browser: docs/watching.md")
+    add_page(group, "view-")
+    group.add_argument("--view-stay", action="store_true", help="with --view: keep the page afterwards, until Ctrl-C")
+
+
+def view_of(args: argparse.Namespace) -> "WantedPage | None":
+    """Return the page of --view, None without it. Raises UsageError for options that need --view."""
+    if not args.view:
+        present = {"view-port": args.view_port is not None, "view-host": args.view_host, "view-stay": args.view_stay}
+        if stray := next((name for name, is_present in present.items() if is_present), None):
+            raise UsageError(f"--{stray} goes with --view; add it or leave --{stray} out")
+        return None
+    from dronecats.view.live.opening import WantedPage
+
+    port, hosts = page_of(args, "view-")
+    return WantedPage(port=port, hosts=hosts, stays=args.view_stay)

@@ -1,9 +1,9 @@
-"""Standard output and standard error that may lose their reader: what is lost are the words, never the work.
+"""Standard output and standard error that may lose their reader, tables, and the progress of a long run.
 
 `dronecats fly … | head -1` closes the output in mid-flight. The flight goes on to its end, its results are in the run
 folder, and the exit status is the flight's own.
 
-All that a verb prints passes here, whoever's words they are: `printable` holds for every one of them.
+All that a verb prints passes through `printable`, since a model, a server or a file may have written it.
 """
 
 import contextlib
@@ -12,6 +12,7 @@ import io
 import os
 import shutil
 import sys
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -20,9 +21,12 @@ from foundation.wording import printable
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
+LOG_PERIOD_S = 10.0  # wall s between two progress lines in a log
+BAR = "{bar:10} {desc}"  # tqdm cuts it off at the terminal's width
+
 
 def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
-    """Print tables with a free line between two: as wide as the terminal, or as wide as they are into a file or pipe.
+    """Print tables with an empty line between two: as wide as the terminal, or unwrapped into a file or pipe.
 
     So a search in a pipe finds a row, its words included, on one line.
     """
@@ -33,10 +37,20 @@ def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
     print("\n\n".join(as_terminal(table, columns) for table in tables), file=file, flush=True)
 
 
-class Lossy(io.FileIO):
-    """A file descriptor of ours that goes on as the null device once nobody takes what is written.
+def print_line(line: str) -> None:
+    """Print a line on standard output, flushed."""
+    print(line, flush=True)
 
-    `on_loss` is called once, with the error. `fault` is that error, unless a reader just went away, as `head` does:
+
+def print_note(line: str) -> None:
+    """Print a line on standard error, which holds no results."""
+    print(line, file=sys.stderr, flush=True)
+
+
+class Lossy(io.FileIO):
+    """A file descriptor that becomes the null device once it cannot be written to any more.
+
+    `on_loss` is called once, with the error. `fault` is that error, unless the reader just went away, as `head` does:
     then it had what it wanted.
     """
 
@@ -46,7 +60,7 @@ class Lossy(io.FileIO):
         self.fault: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """Return how many bytes were taken: all of them, when nobody takes any more."""
+        """Return how many bytes were written: all of them after the reader has gone."""
         try:
             return super().write(data)
         except OSError as error:
@@ -60,7 +74,7 @@ class Lossy(io.FileIO):
 
 
 class Printing(io.TextIOWrapper):
-    """A stream of text that nobody's words can steer a terminal by."""
+    """A text stream that writes no control characters, so that no text can steer the terminal."""
 
     def write(self, text: str, /) -> int:
         """Write a text, made printable; return how many characters it has."""
@@ -68,12 +82,12 @@ class Printing(io.TextIOWrapper):
         return len(text)
 
     def draw(self, text: str) -> None:
-        """Write words of our own as they are."""
+        """Write text of this program as it is."""
         super().write(text)
 
 
 class Drawing:
-    """Standard error for a bar of progress, which goes back to the beginning of its line. For our words only."""
+    """Standard error for a progress bar, which returns to the beginning of its line. For text of this program only."""
 
     def write(self, text: str) -> int:
         """Write a text as it is; return how many characters it has."""
@@ -88,17 +102,17 @@ class Output:
     """Standard output and error of this process while a verb is at work: `with Output(note) as output`."""
 
     def __init__(self, note: str | None = None) -> None:
-        """`note` is said on standard error when the reader of the output goes away."""
+        """`note` is printed on standard error when the reader of the output goes away."""
         self._note = note
         self._raw: Lossy | None = None
         self._before = (sys.stdout, sys.stderr)
 
     def __enter__(self) -> "Output":
-        # a test, or whoever imports us, may have put something of its own in their place
+        # a test, or a program that imports this one, may have replaced them
         if sys.__stderr__ is not None and sys.stderr is sys.__stderr__:
             sys.stderr = _text(sys.stderr, Lossy(sys.stderr.fileno()), "backslashreplace")
         if sys.__stdout__ is not None and sys.stdout is sys.__stdout__:
-            self._raw = Lossy(sys.stdout.fileno(), self._tell)
+            self._raw = Lossy(sys.stdout.fileno(), self._print_note)
             sys.stdout = _text(sys.stdout, self._raw, "replace")  # a terminal without ° or ≤ shows a question mark
         return self
 
@@ -117,7 +131,7 @@ class Output:
         error = self._raw.fault if self._raw else None
         return (error.strerror or str(error)) if error else None
 
-    def _tell(self, error: OSError) -> None:
+    def _print_note(self, error: OSError) -> None:
         if self._note:
             print(self._note, file=sys.stderr)
 
@@ -126,3 +140,51 @@ def _text(stream: Any, raw: Lossy, errors: str) -> Printing:
     stream.flush()
     by_line = stream.line_buffering or stream.write_through  # the latter where Python runs unbuffered
     return Printing(io.BufferedWriter(raw), stream.encoding, errors, line_buffering=by_line)
+
+
+class Live:
+    """Progress on standard error, of `total` units: a bar on a terminal, a line every LOG_PERIOD_S in a log."""
+
+    def __init__(self, total: int) -> None:
+        from tqdm import tqdm
+
+        self._bar: Any = None
+        self._file = Drawing()  # the same object for bar and lines: tqdm clears only bars of the file that it writes to
+        if sys.stderr.isatty():
+            self._bar = tqdm(total=total, file=self._file, bar_format=BAR, dynamic_ncols=True, leave=False)
+        self._due_s, self._last = 0.0, ""
+
+    def say(self, line: str) -> None:
+        """Print a line that stays."""
+        if self._bar is not None:
+            self._bar.write(printable(line), file=self._file)
+        else:
+            print_note(line)
+
+    def now(self, line: str, done: int) -> None:
+        """Show the newest state: in place of the last one on a terminal, at most every LOG_PERIOD_S in a log."""
+        if self._bar is not None:
+            self._bar.n = done
+            self._bar.set_description_str(printable(line))
+        elif time.monotonic() >= self._due_s:
+            self._print(line)
+
+    def close(self, line: str = "") -> None:
+        """Remove the bar and print the last state, unless a log has it already."""
+        if self._bar is not None:
+            self._bar.close()
+            self._bar = None
+        if line and line != self._last:
+            self._print(line)
+
+    def _print(self, line: str) -> None:
+        self._due_s, self._last = time.monotonic() + LOG_PERIOD_S, line
+        print_note(line)
+
+
+def progress_bar(total: int, done: int, unit: str, log_period_s: float) -> Any:
+    """Return a tqdm bar on standard error, which adds a line to a log only every `log_period_s`."""
+    from tqdm import tqdm
+
+    period_s = 0.1 if sys.stderr.isatty() else log_period_s
+    return tqdm(total=total, initial=done, unit=unit, dynamic_ncols=True, mininterval=period_s, file=Drawing())

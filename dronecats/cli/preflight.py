@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from dronecats.cli.options import add_sign, key_of
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
@@ -24,9 +25,8 @@ GIVES_KEY = (
 )
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("preflight", help="say whether a vehicle is fit to be flown, and what is not")
+def add_preflight_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument(
         "--connect",
         required=True,
@@ -47,7 +47,6 @@ def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> 
 
 def run(args: argparse.Namespace) -> int:
     """Print the table; return 0 when nothing fails, 1 when something does."""
-    from foundation.errors import UsageError
     from hil.link import transport
     from hil.link.link import Link
     from hil.preflight.check import check, mend

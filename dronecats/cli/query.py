@@ -1,4 +1,4 @@
-"""`dronecats query "SELECT …" [RUN…]`: runs asked in SQL. Tables and columns: docs/query.md."""
+"""Verbs `query` and `export`: read runs with SQL, and convert them to other formats."""
 
 import argparse
 import csv
@@ -20,19 +20,18 @@ if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("query")
+def add_query_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("sql", nargs="?", metavar="SELECT", help="one SELECT, in quotes")
     parser.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="run folders, or folders of runs (./runs)")
     parser.add_argument("--tables", action="store_true", help="print the tables with their columns and units")
     parser.add_argument("--csv", metavar="FILE", help="write the answer as CSV, - for the standard output")
     parser.add_argument("--parquet", type=Path, metavar="FILE", help="write the answer as Parquet")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run_query)
 
 
-def run(args: argparse.Namespace) -> int:
+def run_query(args: argparse.Namespace) -> int:
     """Print what the query says; status 0, damaged episodes named on standard error."""
     if args.tables:
         show(*_run_tables())
@@ -134,3 +133,36 @@ def _shown(value: Any) -> str | None:
     if isinstance(value, float | Decimal):
         return f"{value:.6g}"
     return " ".join(str(value).split())
+
+
+FORMATS = ("mcap", "rerun", "lerobot", "ulog", "kml", "geojson", "csv", "parquet")
+
+
+def add_export_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    parser.add_argument(
+        "runs", type=Path, nargs="+", metavar="RUN", help="run folders, episodes of them, or folders that hold runs"
+    )
+    parser.add_argument("--to", required=True, choices=FORMATS, help="the format: docs/export.md says what opens it")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder to write into (default: RUN-FORMAT, here)")
+    parser.add_argument("--overwrite", action="store_true", help="write anew what is there already")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run_export)
+
+
+def run_export(args: argparse.Namespace) -> int:
+    """Write the files; status 0, episodes that are left out named on standard error."""
+    from dronecats.report.export.formats import export
+    from dronecats.report.recorded.run import recorded_runs
+
+    out = args.out or Path(f"{args.runs[0].resolve().name}-{args.to}")
+    done = export(args.to, recorded_runs(args.runs), out, args.overwrite)
+    for said in done.left_out:
+        print(f"dronecats export: left out: {said}", file=sys.stderr)
+    if args.json:
+        files = {str(path): count for path, count in done.files.items()}
+        print(json.dumps({"to": args.to, "out": str(out), "files": files, "left_out": done.left_out}))
+    else:
+        for path, count in done.files.items():
+            print(f"{path}  {count}")
+    return 0

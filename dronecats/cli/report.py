@@ -6,12 +6,12 @@ import shlex
 from pathlib import Path
 
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 from foundation.protocol import RADIUS_M
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("report")
+def add_report_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folders, or folders that hold runs")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write the report into")
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
@@ -40,7 +40,6 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.report.results.exclusion import exclude, parse_exclusion
     from dronecats.report.tables.listing import tables
     from dronecats.report.writers import as_json
-    from foundation.errors import UsageError
 
     if not math.isfinite(args.delta) or args.delta <= 0:
         raise UsageError(f"--delta wants a radius in metres above 0, got {args.delta:g}")

@@ -6,18 +6,17 @@ import math
 import tempfile
 from pathlib import Path
 
-from dronecats.cli import signals
-from dronecats.cli.options import add_sign, key_of
-from dronecats.cli.page_options import add_view, view_of
+from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.options import add_sign, add_view, key_of, view_of
+from foundation.errors import UsageError
 
 WIND_MAX = 40.0  # m/s, a hurricane
 LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
 PX4_INSTANCES = 10  # further ones all send to port 14549
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("sitl")
+def add_sitl_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("--instance", type=int, default=0, metavar="I", help="added to every port (default 0)")
     parser.add_argument("--count", type=int, default=None, metavar="N", help="vehicles, each on its own ports")
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
@@ -68,7 +67,6 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.cli.options import speed
     from episodes.camera.optics.file import load
     from episodes.records import catalogue
-    from foundation.errors import UsageError
 
     factor = speed(args.speed)
     if factor is None:
@@ -106,7 +104,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError("the page of --view asks for telemetry unsigned: leave --view or --sign out")
     if view and view.stays:
         raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
-    signals.as_interrupts()
+    interrupt_on_signals()
     from dronecats.flight.sitl import compile_ahead
 
     print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
@@ -189,7 +187,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _check_hitl(args: argparse.Namespace, factor: float) -> None:
     """Raise UsageError for what a board cannot do: it runs in real time, alone, and brings its own autopilot."""
-    from foundation.errors import UsageError
     from hil.simulator import sensor_period_us
 
     if factor != 1.0:
@@ -203,8 +200,6 @@ def _check_hitl(args: argparse.Namespace, factor: float) -> None:
 
 def _wind(text: str) -> tuple[float, float]:
     """Return --wind as (north, east) in m/s. Raises UsageError."""
-    from foundation.errors import UsageError
-
     try:
         north, east = (float(part) for part in text.split(","))
     except ValueError:

@@ -1,17 +1,166 @@
-"""`dronecats study ACTION`: what a slow or wavering model, a bad wire or the wind costs.
-
-One file per action; `study_fly.py` has those that fly.
-"""
+"""Verb `study`: flies a study of what disturbances cost, and reports it."""
 
 import argparse
-import importlib
+import json
+import shlex
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-ACTIONS = ("fly", "rate", "report", "loop", "load")
+from dronecats.cli import bench_spec, campaign, study_spec
+from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.options import (
+    PILOTS,
+    PLACE,
+    SELECTION,
+    Option,
+    add,
+    add_disturbances,
+    add_view,
+    level_list,
+    with_folder,
+)
+from dronecats.cli.output import print_note
+from dronecats.cli.study_load import add_load_options
+from dronecats.cli.study_loop import add_loop_options
+from dronecats.cli.study_rate import add_rate_options
+from foundation.errors import UsageError
+
+if TYPE_CHECKING:
+    from dronecats.bench.campaign import OpenRun
+
+REPEATED = Path("again")  # folder of the run folders of repeated flights
+LATENCIES = "0,0.25,0.5,1,2,4"  # s
+RATE, CVS = "2", "0,0.25,0.5,1,2"  # Hz; deviation over mean
+SECONDS = Option(name="seconds", kind=float, metavar="S", help="length of a flight in vehicle time (default 300)")
+HOLD = Option(name="hold", repeated=True, metavar="FACTOR=LEVEL", help="set this in every flight: docs/studies.md")
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb and its actions."""
-    parser = verbs.add_parser("study")
+def add_study_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for action in ACTIONS:
-        importlib.import_module(f"dronecats.cli.study_{action}").add_parser(actions)
+    latency = actions.add_parser("latency", help="fly the same flights with one reply time after another")
+    latency.add_argument(
+        "--values", metavar="S,S,…", default=LATENCIES, help=f"seconds that a reply takes (default {LATENCIES})"
+    )
+    _add_flying_options(latency, "runs/study-latency")
+    latency.set_defaults(run=_fly_latency)
+    jitter = actions.add_parser("jitter", help="fly the same flights with reply times that vary more and more")
+    jitter.add_argument("--rate", metavar="HZ", default=RATE, help=f"mean replies a second (default {RATE})")
+    jitter.add_argument("--cv", metavar="X,X,…", default=CVS, help=f"deviation over mean (default {CVS})")
+    jitter.add_argument("--rho", metavar="X", help="correlation of a reply time with the next one (default none)")
+    _add_flying_options(jitter, "runs/study-jitter")
+    jitter.set_defaults(run=_fly_jitter)
+    of_file = actions.add_parser("run", help="fly the study of a file: any factors, in any design")
+    of_file.add_argument("file", type=Path, metavar="FILE", help="the study, .toml: docs/studies.md")
+    _add_flying_options(of_file, "runs/NAME-OF-THE-FILE")
+    of_file.set_defaults(run=_fly_file)
+    add_rate_options(
+        actions.add_parser("rate", help="time camera, encoding, model and setpoint of your own rig; moves nothing")
+    )
+    report = actions.add_parser("report", help="write a study's page, figures, tables and data")
+    report.add_argument("study", type=Path, metavar="DIR", help="folder of a study")
+    report.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default DIR/report)")
+    report.add_argument(
+        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out flights with more than N"
+    )
+    report.add_argument("--json", action="store_true", help="print the tables as one JSON object")
+    report.set_defaults(run=_report)
+    add_loop_options(
+        actions.add_parser("loop", help="find the delay margins of the control loops, and what setpoint loss they bear")
+    )
+    add_load_options(actions.add_parser("load", help="fly the same flights in lockstep and real time on a busy host"))
+
+
+def _add_flying_options(parser: argparse.ArgumentParser, folder: str) -> None:
+    """Declare episodes, pilots, disturbances and place of a study; `folder` is the default of --out."""
+    episodes = parser.add_argument_group("episodes")
+    episodes.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these, by id or file")
+    episodes.add_argument("--cells", type=level_list, metavar="CELL,…", help="these cells of the suite (default all)")
+    episodes.add_argument("--maps", type=level_list, metavar="MAP,…", help="these maps of the suite (default all)")
+    add(episodes, (*SELECTION, SECONDS, HOLD))
+    add(parser.add_argument_group("pilot"), PILOTS)
+    add_disturbances(parser)
+    run_group = parser.add_argument_group("run")
+    add(run_group, with_folder(PLACE, folder))
+    add_view(run_group)
+
+
+def _fly_latency(args: argparse.Namespace) -> int:
+    return _fly(study_spec.of_options(args, "latency", {"latency": level_list(args.values)}))
+
+
+def _fly_jitter(args: argparse.Namespace) -> int:
+    held = {"rate": args.rate, **({} if args.rho is None else {"jitter_rho": args.rho})}
+    return _fly(study_spec.of_options(args, "jitter", {"jitter_cv": level_list(args.cv)}, held))
+
+
+def _fly_file(args: argparse.Namespace) -> int:
+    return _fly(study_spec.of_file(args))
+
+
+def _fly(request: study_spec.StudyRequest) -> int:
+    """Fly the rest of a study; status 0 when all was flown, 3 when something broke or the budget is spent.
+
+    A flight that did not move is not retried: a second flight on the same seed is the first one, or breaks the pair.
+    """
+    from dronecats.bench.benchmark_folder import Bench
+    from dronecats.bench.tables import bench_rows
+    from dronecats.study import continued, folder
+
+    args, out = request.args, request.out
+    interrupt_on_signals()
+    campaign.check_engine(args)
+    campaign.allow_locks(len(request.plan.entries))
+    study = continued.joined(out, request.plan)
+    bench = Bench(
+        out, request.suite, request.plan.entries, retry=False, limit=args.limit,
+        shard=bench_spec.shard(args), first=lambda: folder.write(out, study),
+        say=print_note,
+    )  # fmt: skip
+    with ExitStack() as pages:
+        result = campaign.fly(bench, args, retry=False, pages=pages)
+        repeats = {run.entry.name: _repeat_command(run) for run in bench.runs if run.part}
+        if not args.json:
+            print("commands that repeat one flight of each run, to the byte:")
+            for command in repeats.values():
+                print(f"  {command}")
+        report = shlex.join(["dronecats", "study", "report", str(out)])
+        more = {"study": study.name, "again": repeats, "report": report}
+        campaign.print_result(result, bench_rows(result.scores), as_json=args.json, more=more)
+        if not args.json:
+            print(f"report: {report}")
+    return campaign.status(result, "study")
+
+
+def _repeat_command(run: "OpenRun") -> str:
+    """Return the command that repeats the first flight of a run."""
+    folder = run.batch.run
+    name = run.batch.folder(run.part[0]).name
+    episode = name if run.part[0] == name else str(Path(folder) / name)  # a record of the user's own is in the folder
+    words = ["--spec", str(folder / "run.json"), "--episode", episode, "--out", str(REPEATED / run.entry.name)]
+    return shlex.join(["dronecats", "fly", *words])
+
+
+def _report(args: argparse.Namespace) -> int:
+    """Write the report; status 0 whatever its content."""
+    from dronecats.report.results.exclusion import parse_exclusion
+    from dronecats.study.analysis.flown_study import flown_study
+    from dronecats.study.report.report_folder import as_json, write
+    from foundation.extras import not_installed
+
+    out = args.out or args.study / "report"
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"--out {out} is a file; name a folder")
+    command = ["dronecats", "study", "report", str(args.study), *(["--out", str(args.out)] if args.out else [])]
+    command += [word for text in args.exclude_above for word in ("--exclude-above", text)]
+    exclusions = [parse_exclusion(text) for text in args.exclude_above]
+    made = write(flown_study(args.study, exclusions=exclusions), shlex.join(command), out)
+    if args.json:
+        print(json.dumps(as_json(made)))
+        return 0
+    print(*made.opening, *made.short, sep="\n")
+    print(f"page: {made.page}, report: {made.markdown}")
+    if made.parquet is None:
+        print(f"no Parquet was written: {not_installed('duckdb')}")
+    return 0

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from dronecats.cli.options import level_list
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 BUSY = "0,2,4,8"  # processes
 MOST = 256  # processes
 
 
-def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    parser = actions.add_parser("load", help="the same flights in lockstep and in real time on a busy host")
+def add_load_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
     parser.add_argument(
         "--busy",
         type=level_list,
@@ -43,14 +43,13 @@ def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -
 
 def run(args: argparse.Namespace) -> int:
     """Fly and compare; status 0, or 1 where load has moved a verdict in lockstep."""
-    from dronecats.cli import signals
+    from dronecats.cli.exit_status import interrupt_on_signals
     from dronecats.cli.study_spec import suite_of_options
     from dronecats.pilots import roster
     from dronecats.study.load import flights, page
     from dronecats.study.load.comparison import compared
-    from foundation.errors import UsageError
 
-    signals.as_interrupts()
+    interrupt_on_signals()
     if not 1 <= args.jobs <= 64 or not 1 <= args.flights <= 1000:
         raise UsageError("--jobs wants 1 to 64, and --flights 1 to 1000")
     if args.out.exists() and not args.out.is_dir():
@@ -79,8 +78,6 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _levels(words: list[str]) -> tuple[int, ...]:
-    from foundation.errors import UsageError
-
     if not words or not all(word.isascii() and word.isdigit() and int(word) <= MOST for word in words):
         raise UsageError(f"--busy wants whole numbers up to {MOST}, as in {BUSY}, got '{','.join(words):.60}'")
     found = tuple(int(word) for word in words)

@@ -8,15 +8,13 @@ import tempfile
 from pathlib import Path
 
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 PARTS = ("margins", "stream", "trace")
 
 
-def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    parser = actions.add_parser(
-        "loop", help="find the delay margins of the cascade, and what it bears of its setpoints"
-    )
+def add_loop_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
     parser.add_argument(
         "--airframe", action="append", metavar="NAME", help="name or TOML file; repeatable (default: all)"
     )
@@ -46,7 +44,6 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.study.loop.hover import Hover
     from dronecats.study.loop.pictures import AGREED
     from dronecats.study.loop.results import LoopResults, as_json
-    from foundation.errors import UsageError
     from vehicles import airframe
 
     loops, parts = chosen(args.loops), args.part or PARTS

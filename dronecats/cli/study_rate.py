@@ -6,11 +6,12 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli import signals
-from dronecats.cli.fly import unsaid
+from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.fly import no_options
 from dronecats.cli.fly_spec import PILOT
 from dronecats.cli.options import add, add_sign
 from dronecats.cli.output import show
+from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
@@ -24,11 +25,8 @@ INSTRUCTION = "Find the red van and fly up to it."
 INTERRUPTED = 130
 
 
-def add_parser(actions: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the action."""
-    parser = actions.add_parser(
-        "rate", help="measure camera, encoding, model and setpoint of your own rig, and move nothing"
-    )
+def add_rate_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
     rig = parser.add_argument_group("the rig")
     rig.add_argument("--connect", metavar="URL", required=True, help="the vehicle: udpin://0.0.0.0:14540, serial://…")
     add_sign(rig)
@@ -55,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     """Measure; status 0 when so much was measured as was asked for, 2 when too little, 3 when something broke."""
     wanted = _wanted(args)
     spec = rehearsal(args)
-    signals.as_interrupts()
+    interrupt_on_signals()
 
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
@@ -84,8 +82,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _wanted(args: argparse.Namespace) -> int | None:
     """Return how many questions are asked, None for as many as the time allows. Raises UsageError."""
-    from foundation.errors import UsageError
-
     if not args.dry_run:
         raise UsageError("`study rate` never moves a vehicle; so that it is clear to everybody, add --dry-run")
     if args.cache is not None:
@@ -100,7 +96,7 @@ def rehearsal(args: argparse.Namespace) -> "FlightSpec":
     """Return the rehearsal, as `fly --connect … --dry-run` would have it. Raises UsageError."""
     from dronecats.cli.fly_spec import spec_of
 
-    return spec_of(argparse.Namespace(**(vars(unsaid()) | vars(args))))
+    return spec_of(argparse.Namespace(**(vars(no_options()) | vars(args))))
 
 
 def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: float | None) -> tuple[int, str | None]:

@@ -1,4 +1,4 @@
-"""From the words of `dronecats study`, and a file of the same words, to a study."""
+"""Turns the options of `dronecats study`, and a file of the same options, into a study."""
 
 import argparse
 from collections.abc import Iterable, Iterator, Mapping
@@ -8,7 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.cli import bench_spec
+from dronecats.cli.bench_spec import FILE_OPTIONS
 from dronecats.cli.options import DISTURBANCES, MODEL, first_set
+from foundation.errors import UsageError
+from foundation.wording import did_you_mean, nearest
 
 if TYPE_CHECKING:
     from dronecats.bench.matrix import ChosenSuite
@@ -17,23 +20,22 @@ if TYPE_CHECKING:
     from dronecats.study.plan import StudyPlan
     from foundation.run_folder.benchmark import Level
 
-# what a file says besides the words of a benchmark's file, but for those of that which are factors here
+# keys of a file besides those of a benchmark's file
 LISTS = ("cells", "maps", "generators")
 COUNTS = ("points", "design_seed")
 TABLES = ("factors", "held")
-OWN = ("name", "seconds", "design", *LISTS, *COUNTS, *TABLES)
-WHO = ("pilot", "model")
-CHOSEN = ("suite", "cells", "maps")  # how episodes are chosen that are not named
-FACTORS_HERE = ("agent", "command", "latency", "rate")
-NOT_HERE = (*FACTORS_HERE, "no_retry", "drop_stalled")
-DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
+OWN_KEYS = ("name", "seconds", "design", *LISTS, *COUNTS, *TABLES)
+PILOT_FACTORS = ("pilot", "model")
+CHOSEN = ("suite", "cells", "maps")  # keys that choose episodes without their names
+FACTOR_KEYS = ("agent", "command", "latency", "rate")
+BENCH_KEYS = [key for key in FILE_OPTIONS if key not in (*FACTOR_KEYS, "no_retry", "drop_stalled")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class AskedStudy:
-    """A study as it was asked for."""
+class StudyRequest:
+    """A study as the user requested it."""
 
-    args: argparse.Namespace  # with the file's words where there is one
+    args: argparse.Namespace  # with the values of the file, if there is one
     out: Path
     suite: "ChosenSuite"
     plan: "StudyPlan"
@@ -41,178 +43,161 @@ class AskedStudy:
 
 def of_options(
     args: argparse.Namespace, name: str, factors: Mapping[str, Any], held: Mapping[str, Any] | None = None
-) -> AskedStudy:
+) -> StudyRequest:
     """Return the study of every combination of these factors' levels. Raises UsageError."""
-    return _asked(args, {"name": name, "factors": factors, "held": held or {}}, Path("runs") / f"study-{name}")
+    return _request(args, {"name": name, "factors": factors, "held": held or {}}, Path("runs") / f"study-{name}")
 
 
-def of_file(args: argparse.Namespace) -> AskedStudy:
-    """Return the study of a file, where the command line does not say otherwise.
+def of_file(args: argparse.Namespace) -> StudyRequest:
+    """Return the study of a file. Options of the command line override the file.
 
-    Raises UsageError naming the file, the word and what it should be.
+    Raises UsageError with the file, the key and the wanted value.
     """
     path = args.file
-    told = bench_spec.toml(path)
-    own = {word.replace("-", "_"): value for word, value in told.items() if word.replace("-", "_") in OWN}
-    others = {word: value for word, value in told.items() if word.replace("-", "_") not in OWN}
-    known = [word for word in bench_spec.FILE_OPTIONS if word not in NOT_HERE]
-    _check_factors_here(path, others)
-    for word, value in own.items():
-        _check(path, word, value)
-    words = bench_spec.checked(path, others, known, OWN)
-    words |= {word: own.pop(word) for word in ("cells", "maps", "seconds") if word in own}
-    if args.episodes:  # by name, whatever the file chooses; and the other way round
-        words = {word: value for word, value in words.items() if word not in CHOSEN}
-    if any(getattr(args, word) for word in CHOSEN):
-        words.pop("episodes", None)
-    bench_spec.filled(args, words)
-    return _asked(args, {"name": path.stem, **own}, Path("runs") / path.stem, path)
+    table = bench_spec.toml(path)
+    own = {key.replace("-", "_"): value for key, value in table.items() if key.replace("-", "_") in OWN_KEYS}
+    of_bench = {key: value for key, value in table.items() if key.replace("-", "_") not in OWN_KEYS}
+    if factor := next((key for key in of_bench if key in FACTOR_KEYS), None):
+        raise UsageError(f"{path}: {factor} is a factor: put it under [factors], or a single level under [held]")
+    for key, value in own.items():
+        _check(path, key, value)
+    values = bench_spec.checked(path, of_bench, BENCH_KEYS, OWN_KEYS)
+    values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
+    if args.episodes:  # names on the command line override the choice of the file, and the other way round
+        values = {key: value for key, value in values.items() if key not in CHOSEN}
+    if any(getattr(args, key) for key in CHOSEN):
+        values.pop("episodes", None)
+    bench_spec.filled(args, values)
+    return _request(args, {"name": path.stem, **own}, Path("runs") / path.stem, path)
 
 
-def _check_factors_here(path: Path, others: Mapping[str, Any]) -> None:
-    from foundation.errors import UsageError
-
-    if word := next((each for each in others if each in FACTORS_HERE), None):
-        raise UsageError(f"{path}: {word} is a factor: say it under [factors], or under [held] where it is one level")
-
-
-def _check(path: Path, word: str, value: Any) -> None:
-    """Raise UsageError unless a file's word of our own is of its kind."""
+def _check(path: Path, key: str, value: Any) -> None:
+    """Raise UsageError unless the value of one of OWN_KEYS has its type."""
     from dronecats.study.design import KINDS
-    from foundation.errors import UsageError
 
-    def wants(what: str) -> UsageError:
-        return UsageError(f"{path}: {word} wants {what}, got {value!r:.60}")
+    def wants(wanted: str) -> UsageError:
+        return UsageError(f"{path}: {key} wants {wanted}, got {value!r:.60}")
 
-    if word in LISTS and not (isinstance(value, list) and value and all(isinstance(one, str) for one in value)):
+    if key in LISTS and not (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
         raise wants("a list of words")
-    if word in COUNTS and (not isinstance(value, int) or isinstance(value, bool) or value < 0):
+    if key in COUNTS and (not isinstance(value, int) or isinstance(value, bool) or value < 0):
         raise wants("a whole number")
-    if word in TABLES and not isinstance(value, dict):
+    if key in TABLES and not isinstance(value, dict):
         raise wants("a table")
-    if word == "name" and not (isinstance(value, str) and value):
+    if key == "name" and not (isinstance(value, str) and value):
         raise wants("a word")
-    if word == "seconds" and (not isinstance(value, int | float) or isinstance(value, bool)):
+    if key == "seconds" and (not isinstance(value, int | float) or isinstance(value, bool)):
         raise wants("a number")
-    if word == "design" and value not in KINDS:
+    if key == "design" and value not in KINDS:
         raise wants(f"one of {', '.join(KINDS)}")
 
 
 @contextmanager
 def _naming(file: Path | None) -> Iterator[None]:
-    """Name a file in what is raised within, where there is one."""
-    from foundation.errors import UsageError
-
+    """Name a file, if there is one, in the UsageError that is raised within."""
     try:
         yield
-    except UsageError as wrong:
-        raise UsageError(f"{file}: {wrong}" if file else str(wrong)) from None
+    except UsageError as error:
+        raise UsageError(f"{file}: {error}" if file else str(error)) from None
 
 
-def _asked(args: argparse.Namespace, told: Mapping[str, Any], folder: Path, file: Path | None = None) -> AskedStudy:
+def _request(
+    args: argparse.Namespace, study: Mapping[str, Any], folder: Path, file: Path | None = None
+) -> StudyRequest:
     from dronecats.study.plan import check_flights, plan
 
-    args = bench_spec.filled(args, DEFAULTS)
+    args = bench_spec.filled(args, bench_spec.DEFAULTS)
     suite = suite_of_options(args)
     out = args.out or folder
     with _naming(file):
-        varied, once = (_from_file(told.get(table, {}), file) for table in TABLES)
+        varied, single = (_from_file(study.get(table, {}), file) for table in TABLES)
         axes = [_axis(name, value) for name, value in varied.items()]
         _check_once("[factors]", varied)
-        design = _design(axes, told)
-        held = _held("[held]", once.items())
-    held |= _held("--hold", [_pair(each) for each in args.hold or ()])
+        design = _design(axes, study)
+        held = _held("[held]", single.items())
+    held |= _held("--hold", [_pair(text) for text in args.hold or ()])
     pilots = _pilots(args, out, {**{axis.name: axis.ends for axis in axes}, **{k: (v,) for k, v in held.items()}})
     with _naming(file):
-        resolved = plan(told["name"], pilots, suite, design, held=held, flights=args.flights)
+        resolved = plan(study["name"], pilots, suite, design, held=held, flights=args.flights)
         check_flights(resolved)
-    return AskedStudy(args=args, out=out, suite=suite, plan=resolved)
+    return StudyRequest(args=args, out=out, suite=suite, plan=resolved)
 
 
 def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
-    """Return a table of a file with the recorded latencies in it looked for from the file's own folder."""
+    """Return a table of a file, its paths of recorded latencies taken from the file's own folder."""
     from dronecats.flight.spec.latency_trace import from_folder
     from dronecats.study.factors import POLICY
 
-    def placed(level: Any) -> Any:
-        return from_folder(level, file.parent) if file and isinstance(level, str) else level
+    def placed(value: Any) -> Any:
+        if isinstance(value, list):
+            return [placed(level) for level in value]
+        return from_folder(value, file.parent) if file and isinstance(value, str) else value
 
-    return {
-        name: value
-        if name.replace("-", "_") != POLICY
-        else [placed(level) for level in value]
-        if isinstance(value, list)
-        else placed(value)
-        for name, value in factors.items()
-    }
+    return {name: placed(value) if name.replace("-", "_") == POLICY else value for name, value in factors.items()}
 
 
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
-    """Return the episodes: by name, or a suite's of these cells and maps."""
+    """Return the episodes: by name, or those of a suite with these cells and maps."""
     from dronecats.bench.matrix import suite_of
     from episodes.records import catalogue, suites
     from episodes.records.record import CELLS
-    from foundation.errors import UsageError
 
     if not (args.cells or args.maps):
         return bench_spec.suite(args)
     if args.episodes:
         raise UsageError("--cells and --maps choose from a suite; leave them out, or the episodes by name")
     names = args.suite or ["all"]
-    records = [catalogue.load(each) for each in dict.fromkeys(each for name in names for each in suites.ids(name))]
-    cells = _known("--cells", args.cells or CELLS, CELLS)
-    maps = _known("--maps", args.maps or (), sorted({record.map for record in records}))
-    kept = [each.id for each in records if each.cell in cells and (not maps or each.map in maps)]
+    records = [catalogue.load(episode) for episode in dict.fromkeys(id for name in names for id in suites.ids(name))]
+    cells = _valid("--cells", args.cells or CELLS, CELLS)
+    maps = _valid("--maps", args.maps or (), sorted({record.map for record in records}))
+    kept = [record.id for record in records if record.cell in cells and (not maps or record.map in maps)]
     if not kept:
         raise UsageError(f"no episode of {'+'.join(names)} is {', '.join(cells)} on {', '.join(maps) or 'any map'}")
     return suite_of(kept, ())
 
 
-def _known(option: str, asked: Iterable[str], known: Iterable[str]) -> list[str]:
-    from foundation.errors import UsageError
-
-    known = list(known)
-    if strange := next((each for each in asked if each not in known), None):
-        raise UsageError(f"{option} wants some of {', '.join(known)}, got '{strange:.60}'")
-    return list(dict.fromkeys(asked))
+def _valid(option: str, names: Iterable[str], choices: Iterable[str]) -> list[str]:
+    """Return the names, each once. Raises UsageError for one that is not among the choices."""
+    choices = list(choices)
+    if unknown := next((name for name in names if name not in choices), None):
+        near = nearest(unknown, choices)
+        hint = f"; {did_you_mean(near)}" if near else ""
+        raise UsageError(f"{option} wants some of {', '.join(choices)}, got '{unknown:.60}'{hint}")
+    return list(dict.fromkeys(names))
 
 
 def _pair(word: str) -> tuple[str, str]:
-    from foundation.errors import UsageError
-
     name, equals, level = word.partition("=")
     if not equals:
         raise UsageError(f"--hold wants FACTOR=LEVEL, for example wind=6, got '{word:.60}'")
     return name.strip(), level.strip()
 
 
-def _held(where: str, told: Iterable[tuple[str, Any]]) -> "dict[str, Level]":
+def _held(where: str, levels: Iterable[tuple[str, Any]]) -> "dict[str, Level]":
     from dronecats.study.factors import factor_of
 
-    pairs = list(told)
+    pairs = list(levels)
     _check_once(where, [name for name, _ in pairs])
     return {factor_of(name).name: factor_of(name).level(value) for name, value in pairs}
 
 
 def _check_once(where: str, names: Iterable[str]) -> None:
-    """Raise UsageError where a factor is named twice, once as `link-loss` and once as `link_loss` for example."""
+    """Raise UsageError if a factor is named twice, for example as `link-loss` and as `link_loss`."""
     from dronecats.study.factors import factor_of
-    from foundation.errors import UsageError
 
-    found = [factor_of(name).name for name in names]
-    if twice := next((name for name in found if found.count(name) > 1), None):
-        raise UsageError(f"{where} says {twice} twice; leave one of them out")
+    factors = [factor_of(name).name for name in names]
+    if twice := next((name for name in factors if factors.count(name) > 1), None):
+        raise UsageError(f"{where} sets {twice} twice; leave one of them out")
 
 
 def _axis(name: str, value: Any) -> "Axis":
-    """Return what is flown of a factor: a list of levels, or a table of low and high."""
+    """Return the axis of a factor from a list of levels, or from a table of low and high."""
     from dronecats.study.design import Axis
     from dronecats.study.factors import factor_of
-    from foundation.errors import UsageError
 
     factor = factor_of(name)
     if isinstance(value, list) and value:
-        levels = tuple(factor.level(each) for each in value)
+        levels = tuple(factor.level(level) for level in value)
         if len(set(levels)) < len(levels):
             raise UsageError(f"{factor.name} has one of its levels twice")
         return Axis(name=factor.name, levels=levels)
@@ -225,53 +210,51 @@ def _axis(name: str, value: Any) -> "Axis":
     raise UsageError(f"{factor.name} wants a list of levels{ranges}, got {value!r:.60}; one level goes under held")
 
 
-def _design(axes: "list[Axis]", told: Mapping[str, Any]) -> "Design":
+def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
     from dronecats.study import design
     from dronecats.study.factors import WHO_FLIES
-    from foundation.errors import UsageError
 
-    kind = told.get("design", "full")
-    for word, of in (("generators", "fractional"), ("points", "latin"), ("design_seed", "latin")):
-        if word in told and kind != of:
-            raise UsageError(f'{word} goes with design = "{of}"; leave it out')
+    kind = study.get("design", "full")
+    for key, of in (("generators", "fractional"), ("points", "latin"), ("design_seed", "latin")):
+        if key in study and kind != of:
+            raise UsageError(f'{key} goes with design = "{of}"; leave it out')
     if not axes:
-        raise UsageError("a study wants factors: say what is varied under [factors], as in docs/studies.md")
+        raise UsageError("a study wants factors: list what varies under [factors], as in docs/studies.md")
     if kind == "fractional":
-        return design.fractional(axes, told.get("generators", ()))
+        return design.fractional(axes, study.get("generators", ()))
     if kind == "latin":
-        if "points" not in told:
+        if "points" not in study:
             raise UsageError('design = "latin" wants points = N')
-        return design.latin(axes, told["points"], told.get("design_seed", 0))
+        return design.latin(axes, study["points"], study.get("design_seed", 0))
     return design.one_at_a_time(axes, WHO_FLIES) if kind == "one-at-a-time" else design.full(axes)
 
 
 def _pilots(
     args: argparse.Namespace, out: Path, levels: "Mapping[str, tuple[Level, ...]]"
 ) -> "list[tuple[str, FlightSpec]]":
-    """Return who flies, but for what `levels` of factors say: where that is the pilot itself, one without a name."""
+    """Return the pilots with the fixed `levels` of factors. Where the pilot is itself a factor, it has no name."""
     from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import LATENCY
-    from foundation.errors import UsageError
     from foundation.protocol import CAP_S
 
-    if both := first_set(args, (option for option in DISTURBANCES if option.name in levels)):
-        raise UsageError(f"{both.flag} is one of the factors, or held; leave one of them out")
-    who = next((name for name in WHO if name in levels), None)
-    if who and (args.pilot or args.model):
-        raise UsageError(f"{who} is one of the factors; leave --{'pilot' if args.pilot else 'model'} out")
-    if who and (option := first_set(args, MODEL)):
+    if option := first_set(args, (option for option in DISTURBANCES if option.name in levels)):
+        raise UsageError(f"{option.flag} is one of the factors, or held; leave one of them out")
+    factor = next((name for name in PILOT_FACTORS if name in levels), None)
+    if factor and (args.pilot or args.model):
+        raise UsageError(f"{factor} is one of the factors; leave --{'pilot' if args.pilot else 'model'} out")
+    if factor and (option := first_set(args, MODEL)):
         raise UsageError(
-            f"{option.flag} is of one --model, and {who} is one of the factors, or held; leave it out:"
+            f"{option.flag} goes with one --model, and {factor} is one of the factors, or held; leave it out:"
             " a row of models.toml has its own"
         )
-    if who == "pilot" and args.rendered:
-        raise UsageError("--rendered goes with --pilot: of pilots that are a factor, those that look have pictures")
+    if factor == "pilot" and args.rendered:
+        raise UsageError("--rendered goes with --pilot: if the pilot is a factor, frames follow from the pilot")
     args.agent, args.command = None, list(levels.get("command", ()))
-    if who:
-        setattr(args, who, [levels[who][0]])
+    if factor:
+        setattr(args, factor, [levels[factor][0]])
     latency = LatencyPolicy.parse(LATENCY if args.speed == "max" else "real")
     seconds = CAP_S if args.seconds is None else float(args.seconds)
     return [
-        ("" if who else name, replace(flight, latency=latency, seconds=seconds))
+        ("" if factor else name, replace(flight, latency=latency, seconds=seconds))
         for name, flight in bench_spec.pilots(args, out)
     ]

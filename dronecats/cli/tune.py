@@ -12,9 +12,8 @@ if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
 
-def add_parser(verbs: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Declare the verb."""
-    parser = verbs.add_parser("tune")
+def add_tune_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
     parser.add_argument("airframe", help="the name of an airframe, or a TOML file that describes one")
     parser.add_argument("--out", type=Path, metavar="DIR", help="draw Bode and step plots into this folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")

@@ -4,7 +4,6 @@ Those of pictures, wire and vehicle are made from the declarations of `dronecats
 set in the registry's order, so that a rate is there before its jitter.
 """
 
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -19,6 +18,7 @@ from dronecats.pilots import roster
 from foundation.declaration import DeclaredNumber
 from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level
+from foundation.wording import did_you_mean, nearest
 
 WHO_FLIES = ("pilot", "model", "agent", "command")  # factors that are no disturbance but an entrant
 REPLY_TIME, WHO = "what a reply takes", "who flies"
@@ -192,9 +192,9 @@ def factor_of(name: str) -> Factor:
     """Return the factor of a name. Raises UsageError for any other, naming the nearest."""
     factor = FACTORS.get(name.replace("-", "_"))
     if factor is None:
-        near = difflib.get_close_matches(name, FACTORS, 1)
-        meant = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(FACTORS)}"
-        raise UsageError(f"no factor is called '{name:.60}'{meant}")
+        near = nearest(name, FACTORS, count=1)
+        hint = did_you_mean(near) if near else f"there are {', '.join(FACTORS)}"
+        raise UsageError(f"no factor is called '{name:.60}'; {hint}")
     return factor
 
 

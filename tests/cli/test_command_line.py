@@ -1,12 +1,13 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 
 import pytest
 
-from dronecats.cli.main import VERBS, main
+from dronecats.cli.main import EXAMPLES, VERBS, main, parse
 from episodes.records import catalogue
 from tests.support.command_line import DRONECATS
 
@@ -85,6 +86,20 @@ def test_what_a_verb_does_is_said_by_its_own_help_and_by_everybodys(capsys):
             assert VERBS[verb][1:] in " ".join(capsys.readouterr().out.split()), verb
 
 
+def test_each_example_can_be_parsed_and_each_verb_has_two(capsys):
+    examples = [shlex.split(line) for line in EXAMPLES.read_text().splitlines()]
+    for program, *words in examples:
+        assert program == "dronecats"
+        assert parse(words).verb == words[0]
+    assert [verb for verb in VERBS if sum(words[1] == verb for words in examples) < (verb != "prompt") + 1] == []
+    for words in (["film"], ["episodes", "probe"]):
+        with pytest.raises(SystemExit):
+            main([*words, "--help"])
+        *_, heading, text = capsys.readouterr().out.partition("examples:\n")
+        assert heading
+        assert all(line.startswith(f"  dronecats {' '.join(words)} ") for line in text.splitlines())
+
+
 def test_an_api_key_that_is_missing_is_asked_for_by_its_variable(capsys, monkeypatch):
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     assert main(["fly", "--sitl", "--model", "openai/gpt-5"]) == 2
@@ -138,6 +153,10 @@ def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
     [
         (["flly"], "'fly'"),
         (["models", "chek"], "'check'"),
+        (["judge", "runs", "--dleta", "3"], "'--delta'"),
+        (["maps", "list", "--jsno"], "'--json'"),
+        (["study", "latency", "--cells", "tracking", "--pilot", "oracle", "--hold", "wnid=3"], "'wind'"),
+        (["study", "latency", "--pilot", "oracle", "--cells", "traking"], "'tracking'"),
         (["fly", "--sitl", "--model", "gpt6"], "gpt-6"),
         (["fly", "--sitl", "--pilot", "orakle"], "'oracle'"),
         (["fly", "--sitl", "--episode", "residentail-approaching-01"], "'residential-approaching-01'"),

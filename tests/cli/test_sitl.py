@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from dronecats.cli import page_options
+from dronecats.cli import options
 from dronecats.cli.main import main
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl import compile_ahead, simulator_process
@@ -69,7 +69,7 @@ def test_the_camera_is_where_the_documentation_looks_for_it_unless_a_port_is_nam
     ):
         config = camera_configuration(monkeypatch, tmp_path, *words)
         assert (config.port, config.or_next_free) == (port, or_next_free), words
-    assert page_options.PORT - 8080 >= 10  # ten simulators' cameras are below the pages
+    assert options.PAGE_PORT - 8080 >= 10  # ten simulators' cameras are below the pages
 
 
 def test_a_port_of_the_camera_that_is_none_is_refused(tmp_path, capsys):

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from dronecats.cli import sitting, study_spec
+from dronecats.cli import campaign, study_spec
 from dronecats.cli.main import main, parse
 from dronecats.cli.options import level_list as levels
 from dronecats.report.recorded.run import recorded_runs
@@ -285,14 +285,14 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
 def test_a_process_may_hold_a_lock_for_each_run():
     before, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     try:
-        resource.setrlimit(resource.RLIMIT_NOFILE, (sitting.FILES, hard))
-        sitting.allow_locks(3)
-        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (sitting.FILES + 3, hard)
-        sitting.allow_locks(1)
-        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (sitting.FILES + 3, hard)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (campaign.SPARE_FILES, hard))
+        campaign.allow_locks(3)
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (campaign.SPARE_FILES + 3, hard)
+        campaign.allow_locks(1)
+        assert resource.getrlimit(resource.RLIMIT_NOFILE) == (campaign.SPARE_FILES + 3, hard)
         if hard != resource.RLIM_INFINITY:
             with pytest.raises(UsageError, match=f"{hard:,} .*{hard:,}"):
-                sitting.allow_locks(hard)
+                campaign.allow_locks(hard)
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (before, hard))
 

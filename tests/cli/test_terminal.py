@@ -82,7 +82,7 @@ def test_a_bar_of_our_own_may_go_back_on_its_line(monkeypatch):
 
 def test_the_progress_of_a_long_run_stays_on_one_line_of_a_terminal(tmp_path):
     (tmp_path / "verb.py").write_text(
-        "from dronecats.cli.live import Live\n"
+        "from dronecats.cli.output import Live\n"
         "from dronecats.cli.output import Output\n"
         "with Output():\n"
         "    live = Live(total=4)\n"

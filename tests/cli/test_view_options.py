@@ -5,7 +5,7 @@ import subprocess
 import sys
 
 from dronecats.cli.main import main, parse
-from dronecats.cli.page_options import page_of
+from dronecats.cli.options import page_of
 
 FLYING = (["fly", "--sitl"], ["sitl"], ["bench"], ["study", "run", "x.toml"], ["study", "latency"])
 

@@ -172,9 +172,9 @@ def test_the_file_of_an_older_run_is_told_from_a_wrong_one(tmp_path, capsys):
 )
 def test_the_command_line_says_how_replies_are_read(vehicle):
     command = argparse.ArgumentParser()
-    fly.add_parser(command.add_subparsers())
+    fly.add_fly_options(command)
 
     def asked(*words):
-        return spec_of(command.parse_args(["fly", *vehicle, *words])).parser
+        return spec_of(command.parse_args([*vehicle, *words])).parser
 
     assert (asked(), asked("--parser", "lenient"), asked("--parser", "strict")) == ("strict", "lenient", "strict")

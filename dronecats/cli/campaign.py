@@ -1,0 +1,178 @@
+"""Flies a campaign from the terminal for `bench` and `study`: progress, summary and exit status."""
+
+import argparse
+import json
+import resource
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from dronecats.cli.options import view_of
+from dronecats.cli.output import Live, print_note, show
+from foundation.errors import UsageError
+from foundation.wording import counted
+
+if TYPE_CHECKING:
+    from dronecats.agent.models.ledger import Spent
+    from dronecats.bench.benchmark_folder import Bench
+    from dronecats.bench.campaign import Ending
+    from dronecats.bench.engine import Engine
+    from dronecats.bench.progress import CostEstimate
+    from dronecats.bench.tables import BenchRow, EpisodeScore
+    from foundation.run_folder.results import Result
+
+SPARE_FILES = 256  # open files that a campaign needs besides a lock for each run
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CampaignResult:
+    """The result of a campaign: its scores, and the flights that broke off."""
+
+    out: Path
+    scores: "list[EpisodeScore]"  # of all requested episodes, whenever they were flown
+    ending: "Ending"
+    episodes: int  # requested
+    done: int
+    spent: "Spent | None"  # None: no model is paid for
+    broken: "Mapping[tuple[str, str], Result]"  # flights that broke off, by run and episode
+
+
+def check_engine(args: argparse.Namespace) -> None:
+    """Raise UsageError for an address without a cluster, a page of a cluster, and a missing package."""
+    from foundation import extras
+
+    if view_of(args) and args.engine == "ray":
+        raise UsageError("--view shows flights on this machine only, not on a cluster; leave it out")
+    if args.address and args.engine != "ray":
+        raise UsageError("--address goes with --engine ray; add it or leave --address out")
+    if args.engine == "ray":
+        extras.require("ray")
+
+
+def allow_locks(runs: int) -> None:
+    """Let this process hold a lock for each run. Raises UsageError where the system does not allow that many files."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = runs + SPARE_FILES
+    if hard != resource.RLIM_INFINITY and wanted > hard:
+        raise UsageError(f"{runs:,} runs need as many open files, and the system allows {hard:,}; fly fewer at a time")
+    if soft != resource.RLIM_INFINITY and wanted > soft:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+
+
+def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitStack) -> CampaignResult:
+    """Fly the rest of a folder, print progress on standard error, and close the folder. Raises DronecatsError.
+
+    The page of --view stays open until `pages` is closed.
+    """
+    from dronecats.bench.campaign import Campaign, EndedFlight
+    from dronecats.bench.engine import cores
+    from dronecats.bench.progress import CostEstimate, Progress
+    from dronecats.flight.run.accounts import Spending
+    from dronecats.view.live.opening import opened
+
+    broken: dict[tuple[str, str], Result] = {}
+    try:
+        jobs = args.jobs or cores()
+        campaign = Campaign(bench.runs, jobs=jobs, retry=retry)
+        progress = Progress(total=sum(len(run.part) for run in bench.runs))
+        left = campaign.left
+        estimate = CostEstimate(bench.runs, left)
+        for run, episode, result in bench.stored():
+            if (run.entry.name, episode) not in left:
+                progress.stored(result)
+                estimate.add(run, result)
+        spending, began_s = Spending(bench.out), time.monotonic()
+        ending: Ending = "flown"
+
+        def state() -> str:
+            return progress.line(time.monotonic() - began_s, spending.spent(), estimate.left_usd())
+
+        def ended(flight: EndedFlight) -> None:
+            name = f"{flight.run.entry.name}/{flight.result.episode}"
+            progress.add(flight.result, again=flight.again)
+            estimate.add(flight.run, flight.result, again=flight.again)
+            if flight.result.outcome == "error":
+                broken[flight.run.entry.name, flight.result.episode] = flight.result
+                live.say(f"{name}: {flight.result.error}")
+            if flight.dropped:
+                live.say(f"{name}: {flight.dropped} more flights of this model are cancelled")
+            if flight.again:
+                live.say(f"{name}: it did not move, and is retried once")
+            live.now(state(), progress.done)
+
+        live = Live(progress.total)
+        try:
+            if left:
+                if estimate.flights:
+                    live.say(_cost_line(estimate))
+                live.now(state(), progress.done)
+                pages.enter_context(opened(view_of(args), bench.out, bench.out.name, live.say))
+                ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), ended)
+        except KeyboardInterrupt:
+            live.close()
+            print_note(f"interrupted: {bench.out} holds the finished flights. The same command resumes")
+            raise
+        finally:
+            live.close(state())
+            spent = spending.spent()
+            spending.close()
+        scores = bench.scores(lambda run, episode: broken.get((run.entry.name, run.batch.folder(episode).name)))
+    finally:
+        bench.close()
+    return CampaignResult(
+        out=bench.out, scores=scores, ending=ending, episodes=progress.total, done=progress.done, spent=spent,
+        broken=broken,
+    )  # fmt: skip
+
+
+def _cost_line(estimate: "CostEstimate") -> str:
+    flights = f"{counted(estimate.flights, 'flight')} of models"
+    usd = estimate.left_usd()
+    if usd is None:
+        return f"cost of {flights}: unknown, since {estimate.unpriced} has no prices"
+    return f"cost of {flights}: about ${usd:.2f} if each flies to its cap; updated as flights end"
+
+
+def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
+    """Return the engine that flies. Raises UsageError for a cluster that does not answer."""
+    from dronecats.bench.engine import LocalEngine
+    from foundation.run_folder.layout import LEDGER
+
+    if args.engine != "ray":
+        return LocalEngine(out / "worker.log", jobs)
+    if args.cache:
+        raise UsageError("--cache is a file of this machine, which a cluster cannot read; leave it out")
+    from dronecats.bench.cluster import ClusterEngine
+
+    return ClusterEngine(jobs, out / LEDGER if args.model else None, args.address)
+
+
+def print_result(
+    result: CampaignResult, rows: "Sequence[BenchRow]", *, as_json: bool, more: Mapping[str, Any] | None = None
+) -> None:
+    """Print the table and the folder, or with `as_json` one object of these and `more`."""
+    from dronecats.bench.tables import bench_table
+
+    if as_json:
+        spent = result.spent and {"tokens": result.spent.tokens, "usd": round(result.spent.usd, 6)}
+        counts = {"ending": result.ending, "episodes": result.episodes, "done": result.done, "spent": spent}
+        rows_as_json = [asdict(row) for row in rows]
+        print(json.dumps({"out": str(result.out), **counts, **(more or {}), "rows": rows_as_json}))
+    else:
+        show(bench_table(rows))
+        print(f"folder: {result.out}")
+
+
+def status(result: CampaignResult, verb: str) -> int:
+    """Return the exit status, and print on standard error why it is not 0."""
+    if result.ending == "budget":
+        reason = next(flight.error for flight in result.broken.values() if flight.reason == "budget")
+        print_note(f"dronecats {verb}: {reason}. The same command resumes")
+        return 3
+    if result.broken:
+        print_note(f"dronecats {verb}: {counted(len(result.broken), 'flight')} broke off. The same command retries")
+        return 3
+    return 0

@@ -1,0 +1,154 @@
+"""Verb `edit` and the actions of `episodes` that write records or pictures."""
+
+import argparse
+import dataclasses
+import json
+from pathlib import Path
+
+from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.options import add_page, page_of, serve
+from dronecats.cli.output import print_line, show
+from foundation.errors import UsageError
+
+
+def add_edit_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the verb's options."""
+    parser.add_argument("what", nargs="?", default="residential", metavar="MAP|ID", help="default: residential")
+    parser.add_argument(
+        "--out", type=Path, default=Path("my-episodes"), metavar="DIR", help="folder for records (default my-episodes)"
+    )
+    add_page(parser)
+    parser.add_argument("--no-browser", action="store_true", help="print the address, and open no browser")
+    parser.set_defaults(run=_edit)
+
+
+def _edit(args: argparse.Namespace) -> int:
+    """Serve the editor until Ctrl-C."""
+    interrupt_on_signals()
+    port, hosts = page_of(args)
+    from dronecats.view.editor.editor import Editor
+    from dronecats.view.scene.page_hosts import reach
+
+    print_line("building the map …")
+    editor = Editor(args.what, args.out, port, hosts)
+    return serve(
+        editor,
+        f"editing at {editor.url} ({reach(hosts)}); records go to {args.out}/ · Ctrl-C ends",
+        browser=not args.no_browser,
+    )
+
+
+def add_new_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
+    parser.add_argument("--map", metavar="NAME", help="a map's name")
+    parser.add_argument("--cell", metavar="CELL", help="approaching, searching, tracking, search-and-track, commanding")
+    parser.add_argument("--count", type=int, default=1, metavar="N", help="how many (default: 1)")
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="equal seeds give equal records (default 0)")
+    parser.add_argument(
+        "--first", type=int, metavar="N", help="number in the first record's id (default: the next after what ships)"
+    )
+    parser.add_argument("--map-seed", type=int, default=1, metavar="N", help="the map's own seed (default: 1)")
+    parser.add_argument("--official", action="store_true", help="make the shipped catalogue again instead")
+    parser.add_argument(
+        "--jobs", type=int, default=0, metavar="N", help="processes for --official (default: one per core)"
+    )
+    parser.set_defaults(run=_new)
+
+
+def _new(args: argparse.Namespace) -> int:
+    """Write the records and print their files."""
+    from episodes.authoring.propose import proposals
+
+    if args.official:
+        if args.map or args.cell:
+            raise UsageError("--official makes every map and cell: leave --map and --cell out.")
+        batches = proposals.make(args.jobs or None)
+    else:
+        if not (args.map and args.cell):
+            raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")
+        first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
+        task = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
+        proposals.must_be_possible(task)
+        batches = iter([proposals.propose(task)])
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out '{args.out}' cannot be made a folder: {error.strerror}.") from None
+    for batch in batches:
+        for record in batch:
+            file = args.out / f"{record.id}.json"
+            _write(file, record.to_json(), replace=args.official)
+            print(f"{file}  {record.instruction}", flush=True)
+    return 0
+
+
+def _write(file: Path, text: str, replace: bool) -> None:
+    """Write a record. Raises UsageError for a file that holds another one, unless `replace`, or cannot be written."""
+    try:
+        if not replace and file.exists() and file.read_bytes() != text.encode():
+            raise UsageError(f"'{file}' holds another record: choose another --out or --first.")
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"'{file}' cannot be written: {error.strerror}.") from None
+
+
+def add_sheet_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
+    parser.add_argument("assets", nargs="*", metavar="ASSET", help="names of assets (default: all)")
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="picture to write (.jpg)")
+    parser.set_defaults(run=_sheet)
+
+
+def _sheet(args: argparse.Namespace) -> int:
+    """Write the sheet."""
+    from episodes.authoring.pictures.contact_sheet import contact_sheet
+
+    if args.out.suffix.lower() not in (".jpg", ".jpeg"):
+        raise UsageError(f"--out {args.out}: a sheet is a JPEG; call it {args.out.with_suffix('.jpg')}")
+
+    contact_sheet(args.assets, args.out)
+    print(args.out)
+    return 0
+
+
+def add_optics_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
+    parser.add_argument("file", type=Path, metavar="FILE", help="picture to write (.jpg)")
+    parser.set_defaults(run=_optics)
+
+
+def _optics(args: argparse.Namespace) -> int:
+    """Write the sheet."""
+    from episodes.authoring.pictures.optics_sheet import write
+
+    write(args.file)
+    print(args.file)
+    return 0
+
+
+def add_probe_options(parser: argparse.ArgumentParser) -> None:
+    """Declare the action's options."""
+    parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the pictures go")
+    parser.add_argument("--seed", type=int, default=0, help="of the inscriptions (default 0)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=_probe)
+
+
+def _probe(args: argparse.Namespace) -> int:
+    """Write the pictures, their index and a contact sheet."""
+    if args.seed < 0:
+        raise UsageError(f"--seed wants 0 or more, got {args.seed}")
+    from dronecats.report.table import numbers, table_of, words
+    from episodes.authoring.pictures.probe import write_probe
+
+    probes = write_probe(args.out, args.seed)
+    if args.json:
+        print(
+            json.dumps({"folder": str(args.out), "seed": args.seed, "probes": [dataclasses.asdict(p) for p in probes]})
+        )
+        return 0
+    columns = (words("picture"), words("letters"), numbers("distance", unit="m"), numbers("height of a letter (px)"))
+    show(table_of(columns, ((p.file, p.text, f"{p.distance_m:g}", f"{p.letter_px:.2f}") for p in probes)))
+    print(f"written to {args.out}, with index.json and contact-sheet.png")
+    return 0
