@@ -21,9 +21,9 @@ from dronecats.cli.exit_status import exit_status
 from dronecats.pilots.vision import ocr, pilot
 from dronecats.pilots.vision.command import plain_text
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE, ReadText
-from episodes.authoring.pictures import probe
-from episodes.authoring.pictures.contact_sheet import alone
-from episodes.camera.renderer.renderer import Renderer
+from episodes.authoring import asset_pictures as probe
+from episodes.authoring.asset_pictures import alone
+from episodes.authoring.scene_pictures import CENTRED, rendered
 from episodes.maps import assets
 from foundation import picture
 from foundation.camera import CameraPose
@@ -64,9 +64,8 @@ def line_of(
     side, angle = math.copysign(1.0, face.ahead), math.radians(angle_deg)
     eye = (face.ahead + side * distance_m * math.cos(angle), face.right + distance_m * math.sin(angle), -eye_m)
     yaw = math.atan2(face.right - eye[1], face.ahead - eye[0])
-    renderer = Renderer(alone(kind.asset, mesh, probe.SUN), probe.CAMERA, shadow_cells=1024)
-    rgb = renderer.render(CameraPose(eye, quat_from_euler(0.0, 0.0, yaw))).rgb
-    renderer.close()
+    pose = CameraPose(eye, quat_from_euler(0.0, 0.0, yaw))
+    rgb = rendered(alone(kind.asset, mesh, probe.SUN), CENTRED, pose, shadow_cells=1024)
     seen = pilot.decode(picture.encode(rgb))
     middle_y = 180.0 + 320.0 * (eye_m - face.height) / distance_m
     high = 1.7 * 320.0 * kind.letter_m / distance_m
@@ -83,7 +82,7 @@ def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
 
 def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) -> tuple[list[LegibilityRow], float]:
     """Return the rows, and the CPU milliseconds of one reading by the package."""
-    rng, taken = np.random.default_rng(11), probe.used()
+    rng, taken = np.random.default_rng(11), probe.used_inscriptions()
     ocr.load_engine()
     rows, spent_s, count = [], 0.0, 0
     for base in probe.KINDS:

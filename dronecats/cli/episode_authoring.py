@@ -69,7 +69,7 @@ def _new(args: argparse.Namespace) -> int:
             raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")
         first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
         task = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
-        proposals.must_be_possible(task)
+        proposals.validate(task)
         batches = iter([proposals.propose(task)])
     try:
         args.out.mkdir(parents=True, exist_ok=True)
@@ -102,12 +102,12 @@ def add_sheet_options(parser: argparse.ArgumentParser) -> None:
 
 def _sheet(args: argparse.Namespace) -> int:
     """Write the sheet."""
-    from episodes.authoring.pictures.contact_sheet import contact_sheet
+    from episodes.authoring.asset_pictures import write_contact_sheet
 
     if args.out.suffix.lower() not in (".jpg", ".jpeg"):
         raise UsageError(f"--out {args.out}: a sheet is a JPEG; call it {args.out.with_suffix('.jpg')}")
 
-    contact_sheet(args.assets, args.out)
+    write_contact_sheet(args.assets, args.out)
     print(args.out)
     return 0
 
@@ -120,9 +120,9 @@ def add_optics_options(parser: argparse.ArgumentParser) -> None:
 
 def _optics(args: argparse.Namespace) -> int:
     """Write the sheet."""
-    from episodes.authoring.pictures.optics_sheet import write
+    from episodes.authoring.scene_pictures import write_optics_sheet
 
-    write(args.file)
+    write_optics_sheet(args.file)
     print(args.file)
     return 0
 
@@ -140,7 +140,7 @@ def _probe(args: argparse.Namespace) -> int:
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")
     from dronecats.report.table import numbers, table_of, words
-    from episodes.authoring.pictures.probe import write_probe
+    from episodes.authoring.asset_pictures import write_probe
 
     probes = write_probe(args.out, args.seed)
     if args.json:

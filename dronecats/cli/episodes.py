@@ -92,7 +92,7 @@ def _show(args: argparse.Namespace) -> int:
     record = catalogue.load(args.episode)
     member, par = (suites.of(record.id), load_par().get(record.id)) if catalogue.ships(record) else ((), None)
     if args.picture is not None:
-        from episodes.authoring.pictures.first_frame import write_first_frame
+        from episodes.authoring.scene_pictures import write_first_frame
 
         write_first_frame(record, args.picture)
     if args.json:
@@ -126,8 +126,7 @@ def _lines(record: "EpisodeRecord", member: "Sequence[str]", par: int | None) ->
 
 def _check(args: argparse.Namespace) -> int:
     """Check the records; status 1 when any is rejected."""
-    from episodes.authoring.check import spread
-    from episodes.authoring.check.rules import check_all
+    from episodes.authoring.check.rules import check_all, check_suite
     from episodes.records import catalogue, suites
 
     if args.jobs < 0:
@@ -147,11 +146,11 @@ def _check(args: argparse.Namespace) -> int:
     if sys.stderr.isatty():
         print("\r" + " " * 30 + "\r", end="", file=Drawing())
     order = {name: k for k, name in enumerate(names)}
-    reports.sort(key=lambda r: order[r.asked])
+    reports.sort(key=lambda r: order[r.source])
     count = Counter(r.name for r in reports)
-    reports = [r if count[r.name] == 1 else dataclasses.replace(r, name=r.asked) for r in reports]  # copies of one id
+    reports = [r if count[r.name] == 1 else dataclasses.replace(r, name=r.source) for r in reports]  # copies of one id
     rejected = {r.name: r.reason for r in reports if r.reason}
-    about_suite = list(spread.rules([r.layout for r in reports if r.layout is not None])) if of_suite else []
+    about_suite = list(check_suite([r.layout for r in reports if r.layout is not None])) if of_suite else []
     uneven = [f.sentence for f in about_suite if not f.passed]
     if args.json:
         print(json.dumps({"checked": len(reports), "rejected": rejected, "suite": uneven}, ensure_ascii=False))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation.frames import Quat, Vec3
+from foundation.frames import Quat, Vec3, rotate
 from foundation.terrain import HeightField
 
 # id → (position_ned m, yaw rad or attitude FRD → NED) of what is not where the scene has it; None: nowhere
@@ -56,8 +56,32 @@ class Instance:
 
     @property
     def turned(self) -> float | Quat:
-        """How it stands: its yaw (rad), or its attitude where it leans."""
+        """Its yaw (rad), or its attitude (FRD → NED) where it leans."""
         return self.yaw if self.attitude is None else self.attitude
+
+    @property
+    def centre_ned(self) -> Vec3:
+        """The middle (m) of its box."""
+        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
+        n, e, d = np.array(self.position_ned) + turn(self.turned) @ ((low + high) / 2)
+        return (float(n), float(e), float(d))
+
+    def vertices_ned(self) -> NDArray[np.float64]:
+        """Return the mesh's vertices (V, 3) in the world, m."""
+        placed: NDArray[np.float64] = self.mesh.vertices @ turn(self.turned).T + np.array(self.position_ned)
+        return placed
+
+    def triangles_ned(self) -> NDArray[np.float64]:
+        """Return the corners (T, 3, 3) of the mesh's triangles in the world, m."""
+        return self.vertices_ned()[self.mesh.triangles]
+
+
+def turn(turned: float | Quat) -> NDArray[np.float64]:
+    """Return the (3, 3) matrix from an asset's FRD axes to NED, of its yaw (rad) or its attitude."""
+    if isinstance(turned, tuple):
+        return np.array([rotate(turned, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
+    c, s = math.cos(turned), math.sin(turned)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from episodes.authoring.check import candidates, rules
 from episodes.authoring.check.finding import LEVEL_M, OF_OTHER_MAPS, REACH_M, RULES, RuleFinding
-from episodes.authoring.check.placement import StandingObstacles, climb, formation, unevenness_m
+from episodes.authoring.check.placement import StaticObstacles, climb, formation, unevenness_m
 from episodes.records.record import MAX_STARTS, EpisodeRecord, StartPose
 from episodes.world.world import World
 from foundation.errors import UsageError
@@ -33,7 +33,7 @@ def flown_by(record: EpisodeRecord, drones: int) -> EpisodeRecord:
     if len(record.starts) != FLEET or not formation(World(record)).passed:
         raise UsageError(f"--drones {drones}: the starts of {record.id} are no square of 2 m sides that could go on")
     alone = World(record)
-    standing = StandingObstacles(alone.scene.instances)
+    standing = StaticObstacles(alone.scene.instances)
     for place in places(record.starts):
         if len(record.starts) == drones:
             break
@@ -47,7 +47,7 @@ def flown_by(record: EpisodeRecord, drones: int) -> EpisodeRecord:
     return record
 
 
-def has_room(world: World, standing: StandingObstacles, place: StartPose) -> bool:
+def has_room(world: World, standing: StaticObstacles, place: StartPose) -> bool:
     """Return whether a drone may stand on the level ground below a place, and climb to a fair height there."""
     north, east, down = place.position_ned
     least, most = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
@@ -59,7 +59,7 @@ def has_room(world: World, standing: StandingObstacles, place: StartPose) -> boo
 def in_sight(record: EpisodeRecord) -> bool:
     """Return whether every drone has every candidate in sight, past the others, and can read none."""
     world = World(record)
-    return all(found.passed for found in candidates.rules(world, StandingObstacles(())))
+    return all(found.passed for found in candidates.rules(world, StaticObstacles(())))
 
 
 def failed(record: EpisodeRecord) -> Iterator[RuleFinding]:

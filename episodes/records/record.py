@@ -24,7 +24,7 @@ VERSION: Final = 1
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")
 MOVING = ("tracking", "search-and-track")
 HIDDEN = ("searching", "search-and-track")
-STANDING = ("quadrotor", "sign")  # assets on a stand or on posts
+STATIONARY = ("quadrotor", "sign")  # assets on a stand or on posts
 
 MAX_POSITION_M = 1000.0
 MAX_SPEED_MPS = 10.0
@@ -230,5 +230,5 @@ def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
     for k, other in enumerate(record.candidates):
         if other.path is not None or other.native is not None:
             yield f"candidates[{k}]", "has a path or is native, but look-alikes are placed and stand still"
-    if moving and record.target.asset in STANDING:
+    if moving and record.target.asset in STATIONARY:
         yield "target.path", f"is given, but a {record.target.asset} cannot move"

@@ -5,15 +5,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from episodes.maps.assets.multirotor import X500, Outline, multirotor
-from episodes.maps.scene import Instance, Moved
+from episodes.maps.scene import Instance, Moved, turn
 from episodes.records.record import StartPose
-from episodes.world.visibility import Hides
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from episodes.world.visibility import Hides, ray_scene
+from foundation.frames import Quat, Vec3, quat_from_euler
 
 Array = NDArray[np.float64]
 
@@ -80,13 +78,11 @@ class _Shape:
     def __init__(self, shape: Outline) -> None:
         mesh = multirotor(shape)
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
-        self._scene = EmbreeScene()
-        corners = np.ascontiguousarray(mesh.vertices[mesh.triangles].reshape(-1, 3), dtype=np.float32)
-        TriangleMesh(self._scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+        self._scene = ray_scene(mesh.vertices[mesh.triangles])
 
     def between(self, origin: Vec3, points: Array, pose: DronePose) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether the ray from the origin meets the drone first."""
-        axes = np.array([rotate(pose.attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
+        axes = turn(pose.attitude).T
         way = points - np.array(origin)
         toward = np.array(pose.position_ned) - np.array(origin)
         along = np.clip(way @ toward / np.maximum(np.einsum("ij,ij->i", way, way), 1e-12), 0.0, 1.0)

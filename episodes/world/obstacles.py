@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.scene import Instance, Scene
-from episodes.world.visibility import turn
 from foundation.frames import Vec3
 from foundation.obstacles import OPEN, MovingBox, Obstacles
 from foundation.threads import recurring
@@ -45,7 +44,7 @@ def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
 def _standing(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
     """Return the triangles of what stands among these, ground excepted, for each its row of the names, and those."""
     standing = [one for one in instances if one.solid and one.kind != "ground" and not one.movable]
-    placed = [_triangles(one) for one in standing]
+    placed = [one.triangles_ned() for one in standing]
     owner = np.repeat(np.arange(len(standing), dtype=np.int32), [len(t) for t in placed])
     return np.concatenate([np.zeros((0, 3, 3)), *placed]), owner, tuple(one.name for one in standing)
 
@@ -158,11 +157,6 @@ def _cells_of(
     near = np.abs(away) <= reach_m + math.sqrt(0.75) * cell_m
     flat = (cell[:, 0] * cells[1] + cell[:, 1]) * cells[2] + cell[:, 2]
     return flat[near].astype(np.int32), (which[near] + number).astype(np.int32)
-
-
-def _triangles(one: Instance) -> Array:
-    placed: Array = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
-    return placed[one.mesh.triangles]
 
 
 def _vector(values: Array) -> Vec3:

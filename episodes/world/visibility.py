@@ -10,9 +10,9 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from episodes.maps.scene import Instance, Mesh
+from episodes.maps.scene import Instance, Mesh, turn
 from foundation.camera import CameraModel, CameraPose
-from foundation.frames import Quat, Vec3, rotate, rotate_inverse
+from foundation.frames import Quat, Vec3, rotate_inverse
 from foundation.protocol import DETECTION_RANGE_M
 
 SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
@@ -62,15 +62,8 @@ def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), cross[which] / area[which, None]
 
 
-def turn(turned: float | Quat) -> Array:
-    """Return the (3, 3) matrix from an asset's FRD axes to NED, of its yaw (rad) or its attitude."""
-    if isinstance(turned, tuple):
-        return np.array([rotate(turned, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))]).T
-    c, s = math.cos(turned), math.sin(turned)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _embree(triangles: NDArray[np.float32]) -> EmbreeScene:
+def ray_scene(triangles: NDArray[np.floating]) -> EmbreeScene:
+    """Return triangles (T, 3, 3), m in any axes, laid out for rays."""
     scene = EmbreeScene()
     corners = np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.float32)
     TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
@@ -84,11 +77,11 @@ class Solids:
         self._instances = [i for i in instances if i.solid and not i.movable]
         world, self._boxes = [], np.empty((len(self._instances), 2, 3))
         for k, one in enumerate(self._instances):
-            placed = one.mesh.vertices @ turn(one.turned).T + np.array(one.position_ned)
+            placed = one.vertices_ned()
             world.append(placed[one.mesh.triangles])
             self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
         self._owner = np.repeat(np.arange(len(world)), [len(triangles) for triangles in world])
-        self._scene = _embree(np.concatenate(world).astype(np.float32))
+        self._scene = ray_scene(np.concatenate(world))
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin."""
@@ -209,7 +202,7 @@ class TargetView:
 
     def __init__(self, mesh: Mesh, solids: Hides) -> None:
         self._points, self._normals = surface_samples(mesh)
-        self._own = _embree(mesh.vertices[mesh.triangles])
+        self._own = ray_scene(mesh.vertices[mesh.triangles])
         self._solids = solids
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
 

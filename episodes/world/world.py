@@ -12,11 +12,11 @@ from episodes import maps
 from episodes.camera.framing import in_camera, picture_box
 from episodes.maps import assets
 from episodes.maps.assets.multirotor import X500, Outline
-from episodes.maps.scene import Instance, Moved, Scene
+from episodes.maps.scene import Instance, Moved, Scene, turn
 from episodes.records.record import EpisodeRecord, TargetRecord
 from episodes.world.fleet import DronePose, Fleet
 from episodes.world.target import TargetMotion, motion
-from episodes.world.visibility import Hides, Solids, TargetView, Together, Without, turn
+from episodes.world.visibility import Hides, Solids, TargetView, Together, Without
 from episodes.world.wheels import Wheels, on_ground
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError

@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from episodes.authoring.check.referring import WORDS
+from episodes.authoring.check.referring import RELATIONS
 from episodes.authoring.check.rules import check, check_all
 from episodes.authoring.check.sight import patch
 from episodes.camera.renderer.layout import camera_pose
@@ -83,8 +83,8 @@ def test_targets_are_varied() -> None:
     assert {r.target.asset for r in campus if r.target.path} == {"delivery_robot", "pedestrian", "service_cart"}
     assert min(r.start_distance_m for r in campus) < 14.0
     assert max(r.start_distance_m for r in campus) > 44.0
-    told = Counter(next(how for how in WORDS if f" {how} " in r.instruction) for r in campus)
-    assert len(told) >= len(WORDS) - 2  # what is behind a landmark is seldom in sight
+    told = Counter(next(how for how in RELATIONS if f" {how} " in r.instruction) for r in campus)
+    assert len(told) >= len(RELATIONS) - 2  # what is behind a landmark is seldom in sight
     assert max(told.values()) < 36
     assert len({(r.instruction, r.cell) for r in records}) > 90
 

@@ -9,7 +9,6 @@ from dronecats.pilots import actions
 from dronecats.pilots.oracle import oracle
 from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
 from dronecats.pilots.scripted import commander
-from episodes.authoring.check.candidates import centre
 from episodes.maps.scene import Instance
 from episodes.records.record import StartPose
 from episodes.world.fleet import DronePose
@@ -78,7 +77,7 @@ class OracleModel:
         row = candidates_in_row(self._world, self._world.record.starts[drone])
         if place is None or place > len(row) or row[place - 1] is self._world.target:
             return self._pilot([state])
-        candidate = replace(state, target_ned=centre(row[place - 1]), target_velocity_ned=(0.0, 0.0, 0.0))
+        candidate = replace(state, target_ned=row[place - 1].centre_ned, target_velocity_ned=(0.0, 0.0, 0.0))
         reply = self._pilot([candidate])
         return actions.think() if reply == actions.finished() else reply
 
@@ -109,7 +108,7 @@ def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
     yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
 
     def bearing(thing: Instance) -> float:
-        middle = centre(thing)
+        middle = thing.centre_ned
         return wrap_pi(math.atan2(middle[1] - east, middle[0] - north) - yaw)
 
     return sorted(things, key=bearing)

@@ -144,7 +144,7 @@ def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
 def ground(name: str, seed: int) -> GroundPicture:
     """Return the picture of a map. Raises UsageError for a name that is no map, ImportError without a renderer."""
     from episodes import maps
-    from episodes.authoring.pictures.map_pictures import from_above
+    from episodes.authoring.scene_pictures import from_above
 
     scene = maps.build(name, seed)
     places = np.array([one.position_ned[:2] for one in scene.instances] or [scene.spawn_ned[:2]])

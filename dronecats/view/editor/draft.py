@@ -11,7 +11,7 @@ from dronecats.view.editor import suggest
 from dronecats.view.editor.suggest import Knots
 from episodes.authoring.check.finding import GRID_SIDE_M, OF_OTHER_MAPS, RULES
 from episodes.maps import assets
-from episodes.maps.scene import Instance, Mesh, Scene
+from episodes.maps.scene import Instance, Mesh, Scene, turn
 from episodes.records.record import (
     HIDDEN,
     MAX_CANDIDATES,
@@ -19,7 +19,7 @@ from episodes.records.record import (
     MAX_STARTS,
     MAX_WAYPOINTS,
     MOVING,
-    STANDING,
+    STATIONARY,
     VERSION,
     EpisodeRecord,
     Path3D,
@@ -27,7 +27,6 @@ from episodes.records.record import (
     TargetRecord,
 )
 from episodes.world.target import motion
-from episodes.world.visibility import turn
 from episodes.world.wheels import Wheels, on_ground
 from foundation.errors import UsageError
 from foundation.frames import Vec3
@@ -92,7 +91,7 @@ class Drafting:
     def choose(self, draft: Draft, asset: str, paint: str) -> Draft:
         """Return the draft with another thing as target (and as look-alikes), where the old one stood."""
         target = draft.record.target
-        if draft.record.cell in MOVING and asset in STANDING:
+        if draft.record.cell in MOVING and asset in STATIONARY:
             raise UsageError(f"the target of a {draft.record.cell} episode moves, which a {asset} cannot.")
         paint = paint if paint in assets.PAINTS else "cyan"
         if target.native is not None:
@@ -268,7 +267,7 @@ class Drafting:
         if cell in MOVING and target.path is None:
             place, yaw = motion(target).pose(0.0)
             speed = RULES.get(record.map, OF_OTHER_MAPS).speed_mps or SPEED_MPS
-            walks = target.native is None and target.asset not in STANDING
+            walks = target.native is None and target.asset not in STATIONARY
             walker = target if walks else replace(target, asset="suv", paint="cyan", native=None)
             walker = replace(walker, position_ned=None, yaw_deg=None, path=Path3D((place, place), speed))
             knots = suggest.way(self.scene, record, (place[0], place[1]), yaw, 1.02 * speed * CAP_S)

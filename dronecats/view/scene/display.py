@@ -17,8 +17,7 @@ from episodes.maps import geometry as g
 from episodes.maps.gltf.container import from_gltf, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.gltf.writer import to_bytes
-from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
-from episodes.world.visibility import turn
+from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun, turn
 from foundation.frames import Quat, Vec3
 from foundation.terrain import FLAT, HeightField
 

@@ -1,4 +1,4 @@
-"""What an episode must fulfil to be accepted, each rule measured against the built scene.
+"""The rules that an episode must pass to be accepted, each measured in the built scene.
 
-`rules.check(world)` gives every rule's finding; `rules.check_all` does so for many records on several processes.
+`rules.check(world)` returns the findings of all rules; `rules.check_all` checks many records on several processes.
 """

@@ -1,8 +1,7 @@
-"""Where the target stands and goes, and where the drones begin.
+"""Rules about the places of the target, its path and the starts of the drones.
 
-The target stands on the ground, passes through nothing, and goes on for the whole episode. The drones begin as far off
-as the record says, at a fair height, and free to take off there. What stands in the way of a box or a sphere are the
-map's things without its ground, by name.
+The target stands on the ground, passes through nothing, and moves for the whole episode. The drones start at the
+recorded distance, at a fair height, and with room to take off. Obstacles are the map's solids without its ground.
 """
 
 import itertools
@@ -30,10 +29,10 @@ from episodes.authoring.check.finding import (
     at_most,
     between,
 )
-from episodes.maps.scene import Instance
+from episodes.maps.scene import Instance, turn
 from episodes.records.record import StartPose
 from episodes.world.target import TargetMotion, has_wheels, motion
-from episodes.world.visibility import distance_to_mesh, turn
+from episodes.world.visibility import distance_to_mesh
 from episodes.world.wheels import contact_patch
 from episodes.world.world import World
 from foundation.frames import Vec3
@@ -51,55 +50,53 @@ class Box:
     yaw: float  # rad
 
 
-def box_of(one: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
+def box_of(instance: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
     """Return the box around an instance at a pose, wider by a margin all round and beginning `lift_m` over its foot."""
-    low = one.mesh.vertices.min(axis=0).astype(np.float64) - margin_m
-    high = one.mesh.vertices.max(axis=0).astype(np.float64) + margin_m
+    low = instance.mesh.vertices.min(axis=0).astype(np.float64) - margin_m
+    high = instance.mesh.vertices.max(axis=0).astype(np.float64) + margin_m
     high[2] = min(high[2], -lift_m)
     return Box(np.array(place) + turn(yaw) @ ((low + high) / 2), np.maximum((high - low) / 2, 0.01), yaw)
 
 
-class StandingObstacles:
-    """Everything solid that does not move, its ground excepted."""
+class StaticObstacles:
+    """All solids of a scene that do not move, without its ground."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
-        self._things = [i for i in instances if i.solid and not i.movable and i.kind != "ground"]
-        self._bounds = np.zeros((len(self._things), 2, 3))
-        for k, one in enumerate(self._things):
+        self._instances = [i for i in instances if i.solid and not i.movable and i.kind != "ground"]
+        self._bounds = np.zeros((len(self._instances), 2, 3))
+        for k, instance in enumerate(self._instances):
             # the box of a turned box: half extents are turned with the absolute values of the matrix
-            low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-            middle = turn(one.turned) @ ((low + high) / 2) + np.array(one.position_ned)
-            reach = np.abs(turn(one.turned)) @ ((high - low) / 2)
+            low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
+            middle = turn(instance.turned) @ ((low + high) / 2) + np.array(instance.position_ned)
+            reach = np.abs(turn(instance.turned)) @ ((high - low) / 2)
             self._bounds[k] = middle - reach, middle + reach
         self._placed: dict[int, Array] = {}
 
     def nearest(self, point: Vec3, within_m: float) -> tuple[float, str]:
-        """Return the distance (m) to the nearest thing and its name; (within_m, '') when none is that near."""
+        """Return the distance (m) to the nearest obstacle and its name; (within_m, '') when none is that near."""
         p = np.array(point)
         outside = np.maximum(np.maximum(self._bounds[:, 0] - p, p - self._bounds[:, 1]), 0.0)
         best, name = within_m, ""
         for k in np.flatnonzero(np.linalg.norm(outside, axis=1) < within_m):
-            one = self._things[k]
-            gap = distance_to_mesh(one.mesh, turn(one.turned).T @ (p - np.array(one.position_ned)))
+            instance = self._instances[k]
+            gap = distance_to_mesh(instance.mesh, turn(instance.turned).T @ (p - np.array(instance.position_ned)))
             if gap < best:
-                best, name = gap, one.name
+                best, name = gap, instance.name
         return best, name
 
-    def met(self, box: Box, but: str = "") -> str:
-        """Return the name of something whose surface reaches into the box; '' when it is free. `but` is left out."""
+    def overlapping(self, box: Box, but: str = "") -> str:
+        """Return the name of an obstacle whose surface reaches into the box; '' when it is free. `but` is left out."""
         reach = np.abs(turn(box.yaw)) @ box.half
         low, high = box.centre_ned - reach, box.centre_ned + reach
         near = (self._bounds[:, 0] <= high).all(axis=1) & (self._bounds[:, 1] >= low).all(axis=1)
         for k in np.flatnonzero(near):
-            if self._things[k].name != but and overlaps(self._triangles(int(k)), box):
-                return self._things[k].name
+            if self._instances[k].name != but and overlaps(self._triangles(int(k)), box):
+                return self._instances[k].name
         return ""
 
     def _triangles(self, k: int) -> Array:
         if k not in self._placed:
-            one = self._things[k]
-            corners = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
-            self._placed[k] = corners[one.mesh.triangles]
+            self._placed[k] = self._instances[k].triangles_ned()
         return self._placed[k]
 
 
@@ -126,26 +123,26 @@ def overlaps(triangles: Array, box: Box) -> bool:
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
 MOST_SWEEPS = 1500  # of a target that covers half a kilometre, the steps are longer
-MARGIN_M = 0.05  # kept to everything by what stands or passes
-LIFT_M = 0.12  # kerbs and roots lower than this stop no wheel
+MARGIN_M = 0.05  # between the target on its path and every obstacle
+LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
 
 
-def target_rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
+def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the target's footing and its path."""
     record = world.record
     if record.target.native is not None:
         return
     yield from wheels(world)
     if record.target.path is None:
-        (north, east, down), yaw = motion(record.target).pose(0.0)  # which is level: `wheels` is of how it leans
+        (north, east, down), yaw = motion(record.target).pose(0.0)  # level; `wheels` checks how it leans
         off = abs(down - world.ground_down(north, east))
         yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
-        met = standing.met(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
+        met = obstacles.overlapping(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
         yield RuleFinding("what the target stands in", not met, met or "nothing", "nothing")
         return
-    yield off_ground(world)
-    yield swept(world, standing)
-    yield long_enough(world)
+    yield path_off_ground(world)
+    yield path_clear(world, obstacles)
+    yield path_length(world)
     yield from pace(world)
     here = record.starts[0].position_ned
     times = np.arange(0.0, CAP_S + 0.5, 1.0)
@@ -153,8 +150,8 @@ def target_rules(world: World, standing: StandingObstacles) -> Iterator[RuleFind
     yield at_least("the path's distance from the start", nearest, START_TO_PATH_M, "m")
 
 
-def off_ground(world: World) -> RuleFinding:
-    """Return whether the path, as far as the target comes and between its waypoints too, lies on the ground."""
+def path_off_ground(world: World) -> RuleFinding:
+    """Return whether the path lies on the ground, also between waypoints, as far as the target comes."""
     path = world.record.target.path
     if path is None:
         raise ValueError("the target stands still")
@@ -169,55 +166,55 @@ def off_ground(world: World) -> RuleFinding:
             if off > worst:
                 worst, where = off, (n, e, d)
         gone += leg
-    says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-    return RuleFinding("the path off the ground", worst <= OFF_GROUND_M, says, f"≤ {OFF_GROUND_M:g} m")
+    measured = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+    return RuleFinding("the path off the ground", worst <= OFF_GROUND_M, measured, f"≤ {OFF_GROUND_M:g} m")
 
 
 def wheels(world: World) -> Iterator[RuleFinding]:
-    """Yield whether every wheel of what the record adds touches the ground, of a target that moves on its whole way."""
+    """Yield whether all wheels of the target and its look-alikes touch the ground, on the whole way of a target."""
     way = motion(world.record.target)
     worst, where = -1.0, (0.0, 0.0, 0.0)
-    for one in world.target_and_lookalikes:
-        if not has_wheels(one.kind):
+    for instance in world.target_and_lookalikes:
+        if not has_wheels(instance.kind):
             continue
-        poses = [(one.position_ned, one.turned)]
-        if one.movable:
+        poses = [(instance.position_ned, instance.turned)]
+        if instance.movable:
             poses = [world.target_pose(float(t)) for t in _sweep(way)]
-        low = contact_patch(one.mesh)
+        low = contact_patch(instance.mesh)
         for place, turned in poses:
             for n, e, d in low @ turn(turned).T + np.array(place):
                 off = abs(float(d) - world.ground_down(float(n), float(e)))
                 if off > worst:
                     worst, where = off, (float(n), float(e), float(d))
     if worst >= 0.0:
-        says = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-        yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, says, f"≤ {WHEEL_OFF_M:g} m")
+        measured = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
+        yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, measured, f"≤ {WHEEL_OFF_M:g} m")
 
 
-def swept(world: World, standing: StandingObstacles) -> RuleFinding:
-    """Return whether the target's box, moved along its path, meets nothing that stands."""
+def path_clear(world: World, obstacles: StaticObstacles) -> RuleFinding:
+    """Return whether the target's box, moved along its path, hits no obstacle."""
     way = motion(world.record.target)
     for t in _sweep(way):
         place, yaw = way.pose(float(t))
-        met = standing.met(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
+        met = obstacles.overlapping(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
         if met:
-            says = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
-            return RuleFinding("what the target meets on its path", False, says, "nothing")
+            measured = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
+            return RuleFinding("what the target meets on its path", False, measured, "nothing")
     return RuleFinding("what the target meets on its path", True, "nothing", "nothing")
 
 
 def _sweep(way: TargetMotion) -> NDArray[np.float64]:
-    """Return the times (s) at which a target that moves is looked at on its way."""
+    """Return the times (s) at which a moving target is checked on its way."""
     last = min(CAP_S, way.length_m / way.speed_mps)
     return np.linspace(0.0, last, min(max(2, math.ceil(last * way.speed_mps / SWEEP_STEP_M) + 1), MOST_SWEEPS))
 
 
-def long_enough(world: World) -> RuleFinding:
+def path_length(world: World) -> RuleFinding:
     """Return whether the target is still on its way when the episode ends."""
     way = motion(world.record.target)
     least = way.speed_mps * CAP_S
-    says = f"{way.length_m:.1f} m"
-    return RuleFinding("the path's length", way.length_m > least, says, f"> {least:g} m, what it covers in {CAP_S:g} s")
+    measured, wanted = f"{way.length_m:.1f} m", f"> {least:g} m, what it covers in {CAP_S:g} s"
+    return RuleFinding("the path's length", way.length_m > least, measured, wanted)
 
 
 def pace(world: World) -> Iterator[RuleFinding]:
@@ -229,28 +226,28 @@ def pace(world: World) -> Iterator[RuleFinding]:
 
 
 CLIMB_STEP_M = 0.2
-RIM = 16  # points around a start at which the ground is looked at
+RIM = 16  # points around a start at which the ground is measured
 
 
-def start_rules(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
+def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
     """Yield the findings about the starts."""
     yield from distance_and_bearing(world)
     yield from altitude(world)
-    yield from free(world, standing)
+    yield from free(world, obstacles)
     yield formation(world)
 
 
 def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the record says what is measured, and whether that is what its map demands."""
+    """Yield whether the recorded distance and bearing are the measured ones, and within the limits of the map."""
     record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
     distance = math.dist(here, goal)
     bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
     off = abs(distance - record.start_distance_m)
-    says, told = f"{distance:.3f} m", f"{record.start_distance_m:g} m, as recorded"
-    yield RuleFinding("the distance measured in the scene", off <= DISTANCE_OFF_M, says, told, "start_distance_m")
+    measured, wanted = f"{distance:.3f} m", f"{record.start_distance_m:g} m, as recorded"
+    yield RuleFinding("the distance measured in the scene", off <= DISTANCE_OFF_M, measured, wanted, "start_distance_m")
     turned = abs(math.remainder(bearing - record.bearing_deg, 360.0))
-    says, told = f"{bearing:.2f}°", f"{record.bearing_deg:g}°, as recorded"
-    yield RuleFinding("the bearing measured in the scene", turned <= BEARING_OFF_DEG, says, told, "bearing_deg")
+    measured, wanted = f"{bearing:.2f}°", f"{record.bearing_deg:g}°, as recorded"
+    yield RuleFinding("the bearing measured in the scene", turned <= BEARING_OFF_DEG, measured, wanted, "bearing_deg")
     if record.cell == "commanding":
         return
     of_map = RULES.get(record.map, OF_OTHER_MAPS)
@@ -261,7 +258,7 @@ def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
 
 
 def altitude(world: World) -> Iterator[RuleFinding]:
-    """Yield whether every drone starts at a fair height above the ground under it, and that is level."""
+    """Yield whether every drone starts at a fair height above level ground."""
     heights = [world.ground_down(s.position_ned[0], s.position_ned[1]) - s.position_ned[2] for s in world.record.starts]
     limits = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
     worst = max(heights, key=lambda h: abs(h - sum(limits) / 2))
@@ -271,23 +268,23 @@ def altitude(world: World) -> Iterator[RuleFinding]:
 
 
 def unevenness_m(world: World, north: float, east: float) -> float:
-    """Return by how much (m) the ground differs in height under a vehicle that stands there."""
+    """Return the difference in height (m) of the ground under a vehicle that stands there."""
     around = [2.0 * math.pi * k / RIM for k in range(RIM)]
     half = REACH_M / 2.0
     downs = [world.ground_down(north + half * math.cos(a), east + half * math.sin(a)) for a in around]
     return max(downs) - min(downs)
 
 
-def free(world: World, standing: StandingObstacles) -> Iterator[RuleFinding]:
-    """Yield whether nothing stands where a drone spawns and climbs to its start."""
+def free(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
+    """Yield whether no obstacle is near a drone at its spawn, its start, and on the climb between them."""
     worst, name = REACH_M, ""
     for start in world.record.starts:
         for point in climb(world, start):
-            gap, met = standing.nearest(point, worst)
+            gap, met = obstacles.nearest(point, worst)
             if met:
                 worst, name = gap, met
-    says = f"{worst:.2f} m, to {name}" if name else f"more than {REACH_M:g} m"
-    yield RuleFinding("the room of a drone at its start and on its climb to it", not name, says, f"≥ {REACH_M:g} m")
+    measured = f"{worst:.2f} m, to {name}" if name else f"more than {REACH_M:g} m"
+    yield RuleFinding("the room of a drone at its start and on its climb to it", not name, measured, f"≥ {REACH_M:g} m")
 
 
 def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]]:
@@ -300,7 +297,7 @@ def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]
 
 
 def formation(world: World) -> RuleFinding:
-    """Return whether the drones are as many as the cell has, and a fleet of four in its grid."""
+    """Return whether the cell's number of drones starts, and a fleet of four in its grid."""
     starts, commanding = world.record.starts, world.record.cell == "commanding"
     if not commanding:
         return RuleFinding("the number of drones", len(starts) == 1, str(len(starts)), "1")
@@ -309,5 +306,5 @@ def formation(world: World) -> RuleFinding:
     gaps = sorted(math.dist(a.position_ned[:2], b.position_ned[:2]) for a, b in itertools.combinations(starts, 2))
     wanted = [GRID_SIDE_M] * 4 + [GRID_SIDE_M * math.sqrt(2.0)] * 2
     off = max(abs(gap - want) for gap, want in zip(gaps, wanted, strict=True))
-    says = ", ".join(f"{gap:.2f}" for gap in gaps)
-    return RuleFinding("the distances among the drones", off <= GRID_OFF_M, f"{says} m", "a square of 2 m sides")
+    measured = ", ".join(f"{gap:.2f}" for gap in gaps)
+    return RuleFinding("the distances among the drones", off <= GRID_OFF_M, f"{measured} m", "a square of 2 m sides")

@@ -1,27 +1,31 @@
-"""Referring expressions: "the bench left of the fountain", what they denote in a scene, computed from its geometry.
+"""Referring expressions and the rule about the instruction: it names the target as a person would, and nothing else.
 
-A relation has a clear and a loose reading. An expression refers when exactly its target fulfils the clear one and no
-other thing of the kind even the loose one: what a person might hesitate about is ambiguous.
+A referring expression is a phrase such as "the bench left of the fountain"; what it denotes is computed from the
+geometry of the scene. A relation has a clear and a loose reading. An expression refers to its target if exactly the
+target fulfils the clear reading and no other thing of the kind fulfils even the loose one.
 
-The things of the scene have the names that people call them by, and an expression may refer to what of a map can be
-seen from a start.
+The things of the scene have the names that people use for them. An expression may refer to the landmarks of the map
+that can be seen from a start.
 """
 
+import itertools
 import math
 import re
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 
 from episodes import maps
+from episodes.authoring.check.finding import RuleFinding
+from episodes.maps import assets
 from episodes.maps.places import Places
-from episodes.maps.scene import Instance
-from episodes.world.visibility import turn
+from episodes.maps.scene import Instance, turn
+from episodes.records.record import EpisodeRecord
+from episodes.world.visibility import ray_scene
+from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_from_euler, rotate
 from foundation.polygon import Point
@@ -48,34 +52,27 @@ def nouns(asset: str) -> tuple[str, ...]:
 
 
 def kind_of(asset: str) -> str:
-    """Return the kind that a map's instances of an asset have: written with hyphens, and who walks is a person, too."""
+    """Return the kind that a map's instances of an asset have: with hyphens, and 'person' for a pedestrian."""
     return "person" if asset == "pedestrian" else asset.replace("_", "-")
 
 
-COMPACT_M = 4.0  # half the width of the largest landmark that has a left, a right, a front and a back for a passer-by
+COMPACT_M = 4.0  # half the width of the largest landmark that has sides: left, right, front and back
 BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # from a landmark, the farthest that is called beside, before or behind it
 NEAREST_M = 25.0  # … and that is called the nearest to it
 APART_M = 40.0  # the farthest that two landmarks stand apart with something between them
 
-# relation → how it is said
-WORDS: dict[str, str] = {
-    "nearest": "nearest",
-    "left of": "left of",
-    "right of": "right of",
-    "in front of": "in front of",
-    "behind": "behind",
-    "between": "between",
-}
-SEEN_FROM = ("left of", "right of", "in front of", "behind")  # these depend on where one stands
+RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
+SEEN_FROM = ("left of", "right of", "in front of", "behind")  # relations that depend on the viewer's place
 _READ = re.compile(
     r"the (?P<noun>[a-z][a-z -]*?) "
-    r"(?P<how>nearest|(?:to the )?left of|(?:to the )?right of|in front of|behind|between) (?P<rest>the .*|[A-Z].*)"
+    r"(?P<relation>nearest|(?:to the )?left of|(?:to the )?right of|in front of|behind|between) "
+    r"(?P<rest>the .*|[A-Z].*)"
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Where a landmark stands."""
+    """The ground that a landmark covers, as a rectangle."""
 
     north: float  # m, middle
     east: float  # m, middle
@@ -100,30 +97,30 @@ class Expression:
     """A kind of thing in a relation to one landmark, or to two for 'between'."""
 
     noun: str
-    relation: str  # a key of WORDS
+    relation: str  # of RELATIONS
     landmarks: tuple[str, ...]  # their phrases, article included
 
     @property
     def words(self) -> str:
         """Return the expression as a person says it."""
-        return f"the {self.noun} {WORDS[self.relation]} {' and '.join(self.landmarks)}"
+        return f"the {self.noun} {self.relation} {' and '.join(self.landmarks)}"
 
 
 def read(text: str, phrases: Iterable[str]) -> Expression | None:
-    """Return the expression in an instruction, given the phrases of the map's landmarks; None when there is none."""
-    found = _READ.search(text)
-    if found is None:
+    """Return the expression in an instruction, None when there is none; `phrases` are those of the map's landmarks."""
+    match = _READ.search(text)
+    if match is None:
         return None
-    how, rest = found["how"].removeprefix("to the "), found["rest"]
-    known = sorted(phrases, key=lambda phrase: (-len(phrase), phrase))
-    first = next((p for p in known if _starts(rest, p)), None)
+    noun, relation, rest = match["noun"], match["relation"].removeprefix("to the "), match["rest"]
+    longest_first = sorted(phrases, key=lambda phrase: (-len(phrase), phrase))
+    first = next((p for p in longest_first if _starts(rest, p)), None)
     if first is None:
         return None
-    if how != "between":
-        return Expression(found["noun"], how, (first,))
+    if relation != "between":
+        return Expression(noun, relation, (first,))
     rest = rest[len(first) :]
-    second = next((p for p in known if _starts(rest, f" and {p}")), None)
-    return Expression(found["noun"], how, (first, second)) if second else None
+    second = next((p for p in longest_first if _starts(rest, f" and {p}")), None)
+    return Expression(noun, relation, (first, second)) if second else None
 
 
 def _starts(text: str, words: str) -> bool:
@@ -131,48 +128,48 @@ def _starts(text: str, words: str) -> bool:
 
 
 def denotes(
-    expression: Expression, things: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
+    expression: Expression, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> tuple[list[str], list[str]]:
-    """Return the names of the things that fulfil an expression clearly, and of those that might be meant by it.
+    """Return the names of the things that fulfil an expression clearly, and of those that fulfil it loosely.
 
-    things: name → place (m, NED) of everything of the kind; landmarks: phrase → where it stands.
+    places: name → position (m, NED) of everything of the kind; landmarks: phrase → footprint.
     """
     marks = [landmarks[phrase] for phrase in expression.landmarks]
-    spots = {name: _flat(place) for name, place in things.items()}
+    spots = {name: _flat(place) for name, place in places.items()}
     if expression.relation == "nearest":
         return _nearest(spots, marks[0])
     if not all(mark.compact for mark in marks):
         return [], []
     points = [(mark.north, mark.east) for mark in marks]
     if expression.relation == "between":
-        return _both(spots, lambda spot, loose: _between(spot, points, loose))
+        return _readings(spots, lambda spot, loose: _between(spot, points, loose))
     test = _SIDES[expression.relation]
-    return _both(spots, lambda spot, loose: test(*_beside(spot, points[0], _flat(viewer)), loose))
+    return _readings(spots, lambda spot, loose: test(*_beside(spot, points[0], _flat(viewer)), loose))
 
 
 def refers(
-    expression: Expression, target: str, things: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
+    expression: Expression, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> bool:
-    """Return whether an expression names the target and nothing else could be meant."""
-    clear, loose = denotes(expression, things, landmarks, viewer)
+    """Return whether an expression denotes the target alone, in both readings."""
+    clear, loose = denotes(expression, places, landmarks, viewer)
     return clear == [target] and loose == [target]
 
 
 def expressions(
-    noun: str, target: str, things: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
+    noun: str, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> list[Expression]:
-    """Return all expressions that name a target, in a fixed order."""
-    phrases: Sequence[str] = sorted(landmarks)
-    asked = [Expression(noun, how, (phrase,)) for phrase in phrases for how in WORDS if how != "between"]
-    asked += [Expression(noun, "between", (a, b)) for k, a in enumerate(phrases) for b in phrases[k + 1 :]]
-    return [one for one in asked if refers(one, target, things, landmarks, viewer)]
+    """Return all expressions that denote a target alone, in a fixed order."""
+    phrases = sorted(landmarks)
+    candidates = [Expression(noun, rel, (phrase,)) for phrase in phrases for rel in RELATIONS if rel != "between"]
+    candidates += [Expression(noun, "between", pair) for pair in itertools.combinations(phrases, 2)]
+    return [expression for expression in candidates if refers(expression, target, places, landmarks, viewer)]
 
 
 def _flat(place: Vec3) -> Point:
     return (place[0], place[1])
 
 
-def _both(spots: Mapping[str, Point], holds: Callable[[Point, bool], bool]) -> tuple[list[str], list[str]]:
+def _readings(spots: Mapping[str, Point], holds: Callable[[Point, bool], bool]) -> tuple[list[str], list[str]]:
     return [n for n, p in spots.items() if holds(p, False)], [n for n, p in spots.items() if holds(p, True)]
 
 
@@ -225,48 +222,46 @@ _SIDES = {"left of": _side(-1.0), "right of": _side(1.0), "in front of": _line(-
 
 
 CAMERA = CameraModel(320, 180)
-SEEN_SHARE = 0.0015  # of the picture: a landmark that is spoken of must be as large as that
-# kinds that no instruction refers to: too large, too many of one look, or too slight
+SEEN_SHARE = 0.0015  # of the picture: the least size of a landmark
+# kinds that no instruction refers to: too large, too many of the same look, or too slight
 UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
-SLIGHT = ("bench", "bin", "person")  # kinds that may be looked for, but by which nothing else is told
+SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never landmarks
 
 
-def footprint(one: Instance) -> Footprint:
-    """Return where an instance stands."""
-    low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-    north, east, _ = np.array(one.position_ned) + turn(one.turned) @ ((low + high) / 2)
-    half = (high - low) / 2
-    return Footprint(float(north), float(east), (float(half[0]), float(half[1])), one.yaw)
+def footprint(instance: Instance) -> Footprint:
+    """Return the footprint of an instance's box."""
+    north, east, _ = instance.centre_ned
+    half = np.ptp(instance.mesh.vertices, axis=0) / 2
+    return Footprint(north, east, (float(half[0]), float(half[1])), instance.yaw)
 
 
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
-    """Return phrase → place of everything that an instruction may use to tell one thing of a kind from the others.
+    """Return phrase → footprint of everything that an instruction may use to tell things of a kind apart.
 
-    Always the map's own landmarks; for a drone that sees its target at the start (`yaw_deg` given), also what the first
-    picture shows one of, as 'the kiosk'. Empty for a map that has no landmarks of its own.
+    These are the map's own landmarks and, for a drone that sees its target at the start (`yaw_deg` given), the things
+    of whose kind the first picture shows just one, as 'the kiosk'. Empty for a map without landmarks of its own.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
         return {}
     by_name = {i.name: i for i in maps.build(map_name, map_seed).instances}
-    found = {phrase: footprint(by_name[name]) for phrase, name in named.items() if by_name[name].kind != kind}
+    marks = {phrase: footprint(by_name[name]) for phrase, name in named.items() if by_name[name].kind != kind}
     if yaw_deg is None:
-        return found
+        return marks
     shown = _scenery(map_name, map_seed).seen(viewer, yaw_deg)
     of_kind: dict[str, list[str]] = defaultdict(list)
     for name in shown:
         of_kind[by_name[name].kind].append(name)
-    for other, names in sorted(of_kind.items()):
-        one = by_name[names[0]]
-        spoken_of = other not in (kind, *UNNAMED, *SLIGHT) and one.name not in named.values()
+    for shown_kind, names in sorted(of_kind.items()):
+        spoken_of = shown_kind not in (kind, *UNNAMED, *SLIGHT) and names[0] not in named.values()
         if spoken_of and len(names) == 1 and shown[names[0]] >= SEEN_SHARE:
-            found[f"the {nouns(other)[0]}"] = footprint(one)
-    return found
+            marks[f"the {nouns(shown_kind)[0]}"] = footprint(by_name[names[0]])
+    return marks
 
 
 @lru_cache(maxsize=8)
 def places(map_name: str, map_seed: int) -> Places:
-    """Return what a map offers; nothing where it is a user's own."""
+    """Return the places of a map; none of a user's own."""
     return maps.places(map_name, map_seed) if map_name in maps.shipped() else Places((), ())
 
 
@@ -276,21 +271,19 @@ def _scenery(map_name: str, map_seed: int) -> "Scenery":
 
 
 class Scenery:
-    """A map's solid things, for counting the pixels that show each."""
+    """A map's solids, for counting the pixels that show them."""
 
     def __init__(self, instances: tuple[Instance, ...]) -> None:
-        things = [i for i in instances if i.solid]
-        placed = [(i.mesh.vertices @ turn(i.turned).T + np.array(i.position_ned))[i.mesh.triangles] for i in things]
-        self._names = [i.name for i in things]
-        self._owner = np.repeat(np.arange(len(things)), [len(t) for t in placed])
-        corners = np.ascontiguousarray(np.concatenate(placed).reshape(-1, 3), dtype=np.float32)
-        self._scene = EmbreeScene()
-        TriangleMesh(self._scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+        solids = [i for i in instances if i.solid]
+        placed = [i.triangles_ned() for i in solids]
+        self._names = [i.name for i in solids]
+        self._owner = np.repeat(np.arange(len(solids)), [len(t) for t in placed])
+        self._scene = ray_scene(np.concatenate(placed))
 
     def seen(self, origin: Vec3, yaw_deg: float) -> dict[str, float]:
-        """Return name → share of the picture (0 … 1) of everything that a level drone's camera sees."""
+        """Return name → share of the picture (0 … 1) of everything in view of a level drone's camera."""
         attitude = quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
-        axes = np.array([rotate(attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
+        axes = turn(attitude).T
         eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))
         x = (np.arange(CAMERA.width) + 0.5 - CAMERA.width / 2) / CAMERA.focal_px
         y = (np.arange(CAMERA.height) + 0.5 - CAMERA.height / 2) / CAMERA.focal_px
@@ -299,3 +292,66 @@ class Scenery:
         hit = self._scene.run(start, np.ascontiguousarray(way), output=1)["primID"]
         count = Counter(self._owner[hit[hit >= 0]].tolist())
         return {self._names[k]: n / len(way) for k, n in sorted(count.items())}
+
+
+def contains(text: str, words: str) -> bool:
+    """Return whether an instruction contains words: whole, in upper or lower case."""
+    return re.search(rf"(?<![\w-]){re.escape(words)}(?![\w-])", text, re.IGNORECASE) is not None
+
+
+def rules(world: World) -> Iterator[RuleFinding]:
+    """Yield the findings about the instruction."""
+    record = world.record
+    kinds = nouns(record.target.asset)
+    if record.cell == "commanding":
+        yield from inscription_rules(record)
+        return
+    named = any(contains(record.instruction, word) for word in kinds)
+    yield RuleFinding("the instruction's noun", named, f"'{record.instruction}'", " or ".join(f"'{k}'" for k in kinds))
+    if record.map == "residential" and record.target.native is None:
+        yield from paint_rules(world)
+    elif named and places(record.map, record.map_seed).landmarks:
+        yield place_rule(world)
+
+
+def inscription_rules(record: EpisodeRecord) -> Iterator[RuleFinding]:
+    """Yield whether the instruction of a commanding record has its target's inscription and no look-alike's."""
+    text = record.target.inscription or ""
+    named = bool(text) and contains(record.instruction, text)
+    yield RuleFinding("the instruction's inscription", named, f"'{record.instruction}'", f"'{text}'")
+    wrong = [c.inscription for c in record.candidates if c.inscription and contains(record.instruction, c.inscription)]
+    yield RuleFinding("other inscriptions in the instruction", not wrong, ", ".join(wrong) or "none", "none")
+
+
+def paint_rules(world: World) -> Iterator[RuleFinding]:
+    """Yield whether the instruction names the target's paint and no other, and no other vehicle wears it."""
+    instruction, paint = world.record.instruction, world.record.target.paint
+    named = [name for name in assets.PAINTS if contains(instruction, name)]
+    yield RuleFinding("the instruction's colour", named == [paint], ", ".join(named) or "none", str(paint))
+    alike = [
+        i.name
+        for i in world.scene.instances
+        if i is not world.target
+        and i.kind in assets.names()
+        and any(m.name == f"paint-{paint}" for m in i.mesh.materials)
+    ]
+    yield RuleFinding("others in the target's colour", not alike, ", ".join(alike[:3]) or "none", "none")
+
+
+def place_rule(world: World) -> RuleFinding:
+    """Return whether the instruction tells the target from its near-duplicates by its place."""
+    record = world.record
+    kind = kind_of(record.target.asset)
+    of_kind = {i.name: i.position_ned for i in world.scene.instances if kind_of(i.kind) == kind}
+    viewer = record.starts[0].position_ned
+    yaw = record.starts[0].yaw_deg if record.visible_at_start else None
+    marks = landmarks(record.map, record.map_seed, kind, viewer, yaw)
+    expression = read(record.instruction, marks)
+    rule, wanted = "what the instruction's place tells", f"{world.target.name} alone"
+    if expression is None:
+        alone = list(of_kind) == [world.target.name]
+        hint = "nearest, left of, right of, in front of, behind or between landmarks"
+        return RuleFinding(rule, alone, f"none of {len(of_kind)}", f"{wanted}, by {hint}")
+    clear, loose = denotes(expression, of_kind, marks, viewer)
+    passed = clear == loose == [world.target.name]
+    return RuleFinding(rule, passed, ", ".join(dict.fromkeys([*clear, *loose])) or "nothing", wanted)

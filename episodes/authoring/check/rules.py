@@ -1,68 +1,274 @@
-"""All rules on one record, and on many at once, each in a process of a small pool."""
+"""All rules on one record, on many records in a pool of processes, and on a suite.
 
+The rules about a suite demand targets so evenly spread that a pilot without a camera cannot guess where they are. They
+hold for the episodes that ship as `all`, and for each cell of a map that has enough records. A `Layout` has what these
+rules use of a record: where the target stands relative to the nose, and on which headings a straight flight finds it.
+"""
+
+import math
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from episodes.authoring.check import candidates, placement, sight, words
-from episodes.authoring.check.finding import RuleFinding
-from episodes.authoring.check.placement import StandingObstacles
-from episodes.authoring.check.spread import Layout, layout
+import numpy as np
+
+from episodes.authoring.check import candidates, placement, referring, sight
+from episodes.authoring.check.finding import SPOTTED_PX, RuleFinding, at_least, at_most, between
+from episodes.authoring.check.placement import StaticObstacles
+from episodes.authoring.check.sight import CAMERA, HALF_VIEW_DEG, bearing_deg, level, patch
 from episodes.authoring.processes import share_out
+from episodes.maps.geometry import assemble, box
+from episodes.maps.scene import Instance, Material
 from episodes.records import catalogue
-from episodes.world.world import World
+from episodes.records.record import StartPose
+from episodes.world.visibility import Solids, Together
+from episodes.world.world import World, solids
 from foundation.errors import UsageError
+from foundation.frames import Vec3
+from foundation.protocol import RADIUS_M, SPEED_MAX
+
+ENOUGH = 5  # records of a cell on a map, for a rule about their spread
+OFF_CENTRE_DEG = 15.0  # at least half of the targets in sight stand farther from the nose than this
+UNEVEN = 0.25  # largest difference (Kolmogorov's) of a cell's ten draws from an even spread
+CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # where the nearest and the farthest start on campus lie
+HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # where the lowest and the highest start lie
+ROWS = 0.05  # of the picture's height, from the uppermost to the lowest target in a suite
+# Of ten in sight 16 m off, a flight straight on passes within 5 m of whatever stands up to 14° beside its way: of the
+# picture's usable 74° that is more than a third, so no spread leaves fewer than three to every heading.
+AHEAD = {True: 2, False: 1}  # of ten in sight or hidden, passed by flying straight on as the record faces …
+ANY_HEADING = {True: 4, False: 2}  # … and on the one heading from the nose that passes most
+
+HEADING_STEP_DEG = 2
+ALONG_STEP_M = 0.5
+CLEAR_M = 0.3  # to both sides of a straight flight
+DRONE_ID = 1_000_000  # of the first drone, beyond the ids of any scene
+DRONE_M = (0.35, 0.35, 0.13)  # half of a drone, rotors included: length, width, height
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """The numbers of one record that the rules about a suite use."""
+
+    id: str
+    map: str
+    cell: str
+    seed: int
+    off_deg: float  # bearing of the target's middle off the first drone's nose, -180 … 180, + to the right
+    column: float | None  # 0 … 1, left to right, of that middle in the first picture; None where it is not in it
+    row: float | None  # 0 … 1, top to bottom
+    distance_m: float
+    height_m: float  # of the first start above the ground under it
+    straight_deg: frozenset[int]  # headings from the nose on which a level straight flight comes to a true declaration
+    fewest_px: int | None  # of a fleet: the least that a drone sees of a candidate past the other drones
 
 
 def check(world: World) -> list[RuleFinding]:
     """Return every rule's finding about a world's record, in a fixed order."""
-    standing = StandingObstacles(world.scene.instances)
+    obstacles = StaticObstacles(world.scene.instances)
     place = "target.position_ned" if world.record.target.path is None else "target.path"
     return [
-        *_about("starts", placement.start_rules(world, standing)),
+        *_about("starts", placement.start_rules(world, obstacles)),
         *_about("starts", sight.rules(world)),
-        *_about(place, placement.target_rules(world, standing)),
-        *_about("candidates", candidates.rules(world, standing)),
-        *_about("instruction", words.rules(world)),
+        *_about(place, placement.target_rules(world, obstacles)),
+        *_about("candidates", candidates.rules(world, obstacles)),
+        *_about("instruction", referring.rules(world)),
     ]
 
 
 def _about(field: str, findings: Iterable[RuleFinding]) -> list[RuleFinding]:
-    """Return findings with the field they are about, where they do not name it themselves."""
-    return [found if found.field else replace(found, field=field) for found in findings]
+    """Return findings with the field that they are about, unless they name one themselves."""
+    return [finding if finding.field else replace(finding, field=field) for finding in findings]
 
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What the rules say about one record."""
+    """The findings about one record."""
 
-    name: str  # its id; where it cannot be read, what it was asked for by
-    asked: str  # id, file or folder
+    name: str  # its id; `source` when it cannot be read
+    source: str  # id, file or folder
     findings: tuple[RuleFinding, ...] = ()
-    refused: str | None = None  # why it could not be read or built at all
+    error: str | None = None  # of a record that cannot be read or built
     layout: Layout | None = None  # for the rules about a suite
 
     @property
     def reason(self) -> str | None:
         """Return why the record is rejected, in one line with file, field and reason; None when it is accepted."""
-        if self.refused:
-            return self.refused
+        if self.error:
+            return self.error
         failed = "; ".join(f.sentence for f in self.findings if not f.passed)
-        return f"{self.asked}: {failed}." if failed else None
+        return f"{self.source}: {failed}." if failed else None
 
 
-def check_one(asked: str, laid_out: bool = False) -> Report:
-    """Return the report on a record given by its id, its file or its folder, its layout with it where asked for."""
-    name = asked
+def check_one(source: str, laid_out: bool = False) -> Report:
+    """Return the report on a record by its id, file or folder, with its layout if `laid_out`."""
+    name = source
     try:
-        record = catalogue.load(asked)
+        record = catalogue.load(source)
         name = record.id
         world = World(record)
-        return Report(name, asked, tuple(check(world)), layout=layout(world) if laid_out else None)
+        return Report(name, source, tuple(check(world)), layout=layout(world) if laid_out else None)
     except UsageError as error:
-        return Report(name, asked, refused=str(error))
+        return Report(name, source, error=str(error))
 
 
-def check_all(asked: Sequence[str], jobs: int | None = None, laid_out: bool = False) -> Iterator[Report]:
+def check_all(sources: Sequence[str], jobs: int | None = None, laid_out: bool = False) -> Iterator[Report]:
     """Yield the reports as they are done, on `jobs` processes (default: one per core)."""
-    yield from share_out(partial(check_one, laid_out=laid_out), asked, jobs)
+    yield from share_out(partial(check_one, laid_out=laid_out), sources, jobs)
+
+
+def layout(world: World) -> Layout:
+    """Return the layout of a world's record."""
+    record, first = world.record, world.record.starts[0]
+    goal = world.target_centre(0.0)
+    off = math.remainder(bearing_deg(first.position_ned, goal) - first.yaw_deg, 360.0)
+    column, row = _in_picture(first, goal) if record.visible_at_start else (None, None)
+    fleet = record.cell == "commanding"
+    return Layout(
+        id=record.id,
+        map=record.map,
+        cell=record.cell,
+        seed=record.seed,
+        off_deg=off,
+        column=column,
+        row=row,
+        distance_m=math.dist(first.position_ned, goal),
+        height_m=world.ground_down(*first.position_ned[:2]) - first.position_ned[2],
+        straight_deg=frozenset() if fleet else straight(world, off),
+        fewest_px=past_each_other(world) if fleet else None,
+    )
+
+
+def _in_picture(start: StartPose, goal: Vec3) -> tuple[float, float]:
+    """Return the column and the row (0 … 1) of a point before a level drone."""
+    yaw = math.radians(start.yaw_deg)
+    north, east = goal[0] - start.position_ned[0], goal[1] - start.position_ned[1]
+    lever = CAMERA.offset_frd
+    ahead = north * math.cos(yaw) + east * math.sin(yaw) - lever[0]
+    right = east * math.cos(yaw) - north * math.sin(yaw) - lever[1]
+    below = goal[2] - start.position_ned[2] - lever[2]
+    focal = CAMERA.focal_px / max(ahead, 1e-3)
+    return 0.5 + focal * right / CAMERA.width, 0.5 + focal * below / CAMERA.height
+
+
+def straight(world: World, off_deg: float) -> frozenset[int]:
+    """Return the headings from the nose (whole degrees, -180 … 179) that pass a target within the radius, in view.
+
+    The flight is level, straight from the start to the first obstacle, and faces its heading.
+    """
+    here = world.record.starts[0].position_ned
+    span = max(math.dist(here, world.target_centre(0.0)), 1e-3)
+    path = world.record.target.path
+    drift = 0.0 if path is None else path.speed_mps * (span + RADIUS_M) / SPEED_MAX
+    wide = math.degrees(math.asin(min(1.0, (RADIUS_M + drift) / span)))
+    first = round(world.record.starts[0].yaw_deg)
+    low, high = math.floor(off_deg - wide), math.ceil(off_deg + wide)
+    passing = (h for h in range(low, high + 1) if h % HEADING_STEP_DEG == 0 and _passes(world, first + h, span, drift))
+    return frozenset((h + 180) % 360 - 180 for h in passing)
+
+
+def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> bool:
+    here, yaw, attitude = world.record.starts[0].position_ned, math.radians(heading_deg), level(heading_deg)
+    north, east = math.cos(yaw), math.sin(yaw)
+    sides = [(here[0] - side * east, here[1] + side * north, here[2]) for side in (-CLEAR_M, 0.0, CLEAR_M)]
+    free = min(world.solids.range_m(side, (north, east, 0.0)) for side in sides) - CLEAR_M
+    near = max(span_m - RADIUS_M - drift_m, 0.0)
+    for along in np.arange(near, min(free, span_m + RADIUS_M + drift_m), ALONG_STEP_M):
+        t, place = float(along) / SPEED_MAX, (here[0] + along * north, here[1] + along * east, here[2])
+        if math.dist(place, world.target_centre(t)) <= RADIUS_M and world.measure(t, place, attitude, CAMERA).visible:
+            return True
+    return False
+
+
+def past_each_other(world: World) -> int:
+    """Return the fewest pixels that a drone of a fleet sees of a candidate, past the other drones."""
+    record, of_map = world.record, solids(world.record.map, world.record.map_seed)
+    targets = world.target_and_lookalikes
+    drones = [_drone(k, start) for k, start in enumerate(record.starts)]
+    fewest = math.inf
+    for target in targets:
+        for drone, start in zip(drones, record.starts, strict=True):
+            past = Together(of_map, Solids(i for i in (*targets, *drones) if i is not target and i is not drone))
+            place, turned, attitude = target.position_ned, target.turned, level(start.yaw_deg)
+            fewest = min(fewest, patch(target, place, turned, past, start.position_ned, attitude, CAMERA).pixels)
+    return int(fewest)
+
+
+def _drone(number: int, start: StartPose) -> Instance:
+    """Return a drone that hovers at a start, as the box around it."""
+    reach, yaw = np.array(DRONE_M), math.radians(start.yaw_deg)
+    mesh = assemble([box(-reach, reach, Material("drone", (0.2, 0.2, 0.2)))])
+    return Instance(DRONE_ID + number, f"drone-{number + 1}", "drone", mesh, start.position_ned, yaw)
+
+
+def check_suite(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
+    """Yield the findings about a suite."""
+    seeds = Counter(layout.seed for layout in layouts)
+    twice = [layout.id for layout in layouts if seeds[layout.seed] > 1]
+    yield RuleFinding("the seeds", not twice, ", ".join(twice[:4]) or "all distinct", "one for each record", "seed")
+    cells: dict[tuple[str, str], list[Layout]] = defaultdict(list)
+    for layout in layouts:
+        cells[layout.map, layout.cell].append(layout)
+    for (place, cell), of_cell in sorted(cells.items()):
+        if len(of_cell) >= ENOUGH:
+            yield from check_cell(f"{place} {cell}", of_cell)
+    one_drone = [layout for layout in layouts if layout.cell != "commanding"]
+    if len(one_drone) >= 4 * ENOUGH:
+        yield from check_one_drone(one_drone)
+
+
+def check_one_drone(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
+    """Yield the findings about the one-drone records together."""
+    campus = [layout.distance_m for layout in layouts if layout.map == "campus"]
+    if campus:
+        yield between("the nearest start on campus", min(campus), CAMPUS_M[0], "m")
+        yield between("the farthest start on campus", max(campus), CAMPUS_M[1], "m")
+    heights = [layout.height_m for layout in layouts]
+    yield between("the lowest start", min(heights), HEIGHTS_M[0], "m")
+    yield between("the highest start", max(heights), HEIGHTS_M[1], "m")
+    rows = [layout.row for layout in layouts if layout.row is not None]
+    if rows:
+        rule = "the rows of the picture from the uppermost to the lowest target"
+        yield at_least(rule, max(rows) - min(rows), ROWS, "")
+
+
+def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
+    """Yield the findings about the records of one cell on one map."""
+    if layouts[0].fewest_px is not None:
+        least = min(layout.fewest_px or 0 for layout in layouts)
+        rule = f"{name}: the least that a drone sees of a candidate past the others"
+        yield at_least(rule, least, SPOTTED_PX, "px", 0)
+        return
+    in_sight = layouts[0].column is not None
+    if in_sight:
+        off = sum(abs(layout.off_deg) > OFF_CENTRE_DEG for layout in layouts)
+        yield at_least(f"{name}: targets more than {OFF_CENTRE_DEG:g}° off the nose", off, len(layouts) / 2, "", 0)
+        shares = [layout.column for layout in layouts if layout.column is not None]
+        rule = f"{name}: how uneven the columns of the targets are"
+    else:
+        hiding = 360.0 - 2.0 * HALF_VIEW_DEG
+        shares = [(layout.off_deg % 360.0 - HALF_VIEW_DEG) / hiding for layout in layouts]
+        rule = f"{name}: how uneven the yaws are over those that hide the target"
+    yield at_most(rule, unevenness(shares), UNEVEN, "")
+    ahead, most = passed(layouts)
+    limits = passable(in_sight, len(layouts))
+    yield at_most(f"{name}: records that a flight straight on passes", ahead, limits[0], "", 0)
+    yield at_most(f"{name}: records that a straight flight passes on any one heading", most, limits[1], "", 0)
+
+
+def passed(layouts: Sequence[Layout]) -> tuple[int, int]:
+    """Return how many records a straight flight passes: straight on, and on the heading that passes most."""
+    count = Counter(heading for layout in layouts for heading in layout.straight_deg)
+    return count[0], max(count.values(), default=0)
+
+
+def passable(in_sight: bool, count: int) -> tuple[float, float]:
+    """Return how many of `count` records of a cell a straight flight may pass: straight on, and on any heading."""
+    return AHEAD[in_sight] * count / 10.0, ANY_HEADING[in_sight] * count / 10.0
+
+
+def unevenness(shares: Iterable[float]) -> float:
+    """Return the largest difference between the shares' distribution and an even one on 0 … 1 (Kolmogorov's D)."""
+    ordered = sorted(shares)
+    n = len(ordered)
+    return max(max((k + 1) / n - u, u - k / n) for k, u in enumerate(ordered))

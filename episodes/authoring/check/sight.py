@@ -1,21 +1,20 @@
-"""What the camera sees from the start: the target, when it is faced and when the record's yaw is flown.
+"""Rules about the camera's view from the start: of the target that is faced, and at the recorded yaw.
 
-Pixels of the target are counted by rays through the middle of each, as the renderer's ids have it. A framing says which
-way a drone may look from a place: with a thing wholly in its picture, or with none of it there.
+Pixels of the target are counted by rays through their middles, as in the renderer's ids. A `Framing` has the yaws at
+which a thing is wholly inside a drone's picture, or wholly outside it.
 """
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from episodes.authoring.check.finding import BODY_M, OF_OTHER_MAPS, RULES, RuleFinding, at_least, between
-from episodes.maps.scene import Instance, Mesh
-from episodes.world.visibility import NEAR_M, Hides, turn
+from episodes.maps.scene import Instance, Mesh, turn
+from episodes.world.visibility import NEAR_M, Hides, ray_scene
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate
@@ -32,7 +31,7 @@ class Patch:
     pixels: int  # that show it
     share: float  # 0 … 1 of the picture's pixels
     box_share: float  # 0 … 1 of the picture covered by the box around those pixels
-    cut: bool = False  # whether they reach an edge of the picture
+    cut: bool = False  # they reach an edge of the picture
 
 
 NOTHING = Patch(0, 0.0, 0.0)
@@ -47,11 +46,14 @@ def patch(
     attitude: Quat,
     camera: CameraModel,
 ) -> Patch:
-    """Return where a target standing at `place` turned so is in the picture of a drone at `origin` (m, NED)."""
-    axes = np.array([rotate(attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))])
+    """Return where a target at `place` is in the picture of a drone at `origin` (m, NED).
+
+    `turned`: the target's yaw (rad) or its attitude; `solids` may hide it.
+    """
+    axes = turn(attitude).T
     eye = np.array(origin) + np.array(rotate(attitude, camera.offset_frd))
     to_world = turn(turned)
-    across, down = _reach(target, np.array(place), to_world, eye, axes, camera)
+    across, down = _reach(target, place, turned, eye, axes, camera)
     if len(across) == 0 or len(down) == 0:
         return NOTHING
     x = (across + 0.5 - camera.width / 2) / camera.focal_px
@@ -61,36 +63,31 @@ def patch(
     local_eye = ((eye - np.array(place)) @ to_world).astype(np.float32)
     start = np.ascontiguousarray(np.broadcast_to(local_eye, way.shape))
     hit = own.run(start, np.ascontiguousarray((way @ to_world).astype(np.float32)), output=1)
-    met = np.flatnonzero((hit["primID"] >= 0) & (hit["tfar"] > NEAR_M))
-    if len(met):
-        points = eye + way[met] * hit["tfar"][met, None].astype(np.float64)
-        met = met[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
-    if len(met) == 0:
+    shown = np.flatnonzero((hit["primID"] >= 0) & (hit["tfar"] > NEAR_M))
+    if len(shown):
+        points = eye + way[shown] * hit["tfar"][shown, None].astype(np.float64)
+        shown = shown[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
+    if len(shown) == 0:
         return NOTHING
-    row, column = np.divmod(met, len(across))
+    row, column = np.divmod(shown, len(across))
     box = (int(np.ptp(row)) + 1) * (int(np.ptp(column)) + 1)
-    whole = camera.width * camera.height
+    pixels = camera.width * camera.height
     edges = {int(across[column].min()), int(across[column].max()) + 1 - camera.width}
     edges |= {int(down[row].min()), int(down[row].max()) + 1 - camera.height}
-    return Patch(len(met), len(met) / whole, box / whole, cut=0 in edges)
+    return Patch(len(shown), len(shown) / pixels, box / pixels, cut=0 in edges)
 
 
-@once(16)  # a record's checks and a search for places ask about the same few things over and over
+@once(16)  # a record's checks and a search for places need the same few meshes over and over
 def _traced(mesh: Mesh) -> EmbreeScene:
     """Return a mesh for rays, in the asset's axes."""
-    scene = EmbreeScene()
-    corners = np.ascontiguousarray(mesh.vertices[mesh.triangles].reshape(-1, 3), dtype=np.float32)
-    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
-    return scene
+    return ray_scene(mesh.vertices[mesh.triangles])
 
 
 def _reach(
-    target: Instance, place: Array, to_world: Array, eye: Array, axes: Array, camera: CameraModel
+    target: Instance, place: Vec3, turned: float | Quat, eye: Array, axes: Array, camera: CameraModel
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the columns and the rows of the picture that the target's box can be in."""
-    low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
-    corners = np.array([[(low, high)[k >> b & 1][b] for b in range(3)] for k in range(8)], dtype=np.float64)
-    seen = (corners @ to_world.T + place - eye) @ axes.T
+    seen = (box_corners(target.mesh, place, turned) - eye) @ axes.T
     if (seen[:, 0] <= NEAR_M).all():
         return np.arange(0), np.arange(0)
     if (seen[:, 0] <= NEAR_M).any():  # partly behind the lens: it may be anywhere
@@ -105,24 +102,24 @@ def _span(values: Array, size: int) -> NDArray[np.int64]:
 
 
 STEP_DEG = 0.1
-EDGE_DEG = 1.0  # kept between a thing and the edge of the picture that shows it whole
+EDGE_DEG = 1.0  # between a thing that is wholly inside the picture and the edge
 CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Framing:
-    """What becomes of a thing in a level drone's picture as the drone turns, in steps of STEP_DEG."""
+    """Where a thing is in a level drone's picture as the drone turns, in steps of STEP_DEG."""
 
     off_deg: Array  # (N,) yaw of the nose off the thing's bearing, -180 … 180, + to the right of it
     left_deg: Array  # (N,) azimuth of the thing's left end from the optical axis, + to the right …
     middle_deg: Array  # (N,) … of the middle of its box …
     right_deg: Array  # (N,) … and of its right end; left <= middle <= right, which may lie beyond ±180
 
-    def whole(self) -> NDArray[np.bool_]:
+    def inside(self) -> NDArray[np.bool_]:
         """Return (N,) where the thing is wholly within the picture's sides."""
-        inside = HALF_VIEW_DEG - EDGE_DEG
-        return np.asarray((self.left_deg >= -inside) & (self.right_deg <= inside))
+        limit = HALF_VIEW_DEG - EDGE_DEG
+        return np.asarray((self.left_deg >= -limit) & (self.right_deg <= limit))
 
     def hidden(self) -> NDArray[np.bool_]:
         """Return (N,) where no part of the thing is in the picture, whichever way it stands in its box."""
@@ -147,32 +144,37 @@ def framing(corners_ned: Array, place: Vec3) -> Framing:
     return Framing(off, centre + beside.min(axis=1), centre, centre + beside.max(axis=1))
 
 
-def box_corners(mesh: Mesh, position_ned: Vec3, yaw: float) -> Array:
-    """Return the corners (8, 3) in m NED of a placed mesh's box; `yaw` in rad."""
+def box_corners(mesh: Mesh, position_ned: Vec3, turned: float | Quat) -> Array:
+    """Return the corners (8, 3) in m NED of a placed mesh's box; `turned` is its yaw (rad) or its attitude."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     corners = np.array([[(low, high)[k >> b & 1][b] for b in range(3)] for k in range(8)], dtype=np.float64)
-    return np.asarray(corners @ turn(yaw).T + np.array(position_ned))
+    return np.asarray(corners @ turn(turned).T + np.array(position_ned))
 
 
 def across(framing: Framing, share: float) -> float | None:
-    """Return the yaw off a thing's bearing (deg) at which its middle stands at a share (0 … 1) of its way across.
+    """Return the yaw off a thing's bearing (deg) at which its middle is at a share (0 … 1) of its way across.
 
-    The way is that from one side of the picture to the other with the thing whole in it, even in columns of the
+    The way leads from one side of the picture to the other with the thing wholly inside, even in columns of the
     picture and not in degrees. None for a thing too wide for the picture.
     """
-    return _at(framing, framing.whole(), share)
+    good = np.flatnonzero(framing.inside())
+    if len(good) == 0:
+        return None
+    column = np.tan(np.radians(framing.middle_deg[good]))
+    wanted = column.max() - share * (column.max() - column.min())  # from the right of the picture to its left
+    return float(framing.off_deg[good[np.argmin(np.abs(column - wanted))]])
 
 
 def across_all(framings: Sequence[Framing], ahead_deg: Sequence[float], share: float) -> float | None:
-    """Return the compass yaw (deg) of drones that have every thing whole in the picture, at a share of that range.
+    """Return the compass yaw (deg) at a share (0 … 1) of the range that has every thing wholly in the picture.
 
     `ahead_deg`: the bearing that each framing's `off_deg` counts from. None when no yaw shows them all.
     """
     first = ahead_deg[0]
     common = np.ones(len(framings[0].off_deg), dtype=bool)
-    for one, ahead in zip(framings, ahead_deg, strict=True):
+    for framing, ahead in zip(framings, ahead_deg, strict=True):
         turned = round(math.remainder(first - ahead, 360.0) / STEP_DEG)
-        common &= np.roll(one.whole(), -turned)
+        common &= np.roll(framing.inside(), -turned)
     good = np.flatnonzero(common)
     if len(good) == 0:
         return None
@@ -189,21 +191,12 @@ def away(framing: Framing, share: float) -> float | None:
     return float(round_about[0] + share * (round_about[-1] - round_about[0]))
 
 
-def _at(framing: Framing, allowed: NDArray[np.bool_], share: float) -> float | None:
-    good = np.flatnonzero(allowed)
-    if len(good) == 0:
-        return None
-    column = np.tan(np.radians(framing.middle_deg[good]))
-    wanted = column.max() - share * (column.max() - column.min())  # from the right of the picture to its left
-    return float(framing.off_deg[good[np.argmin(np.abs(column - wanted))]])
-
-
 def _wrap(degrees: Array) -> Array:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)
 
 
 STEP_M = 0.5
-MOST_STEPS = 201  # a start that far off is red for its distance
+MOST_STEPS = 201  # a start that far off fails the rule about its distance
 FACED_FRACTION = 0.5  # of the target's silhouette that must be open to view when it is faced
 
 
@@ -213,45 +206,40 @@ def level(yaw_deg: float) -> Quat:
 
 
 def rules(world: World) -> Iterator[RuleFinding]:
-    """Yield the findings about sight. Occupancy is that of the box around the target's pixels, as a detector has it."""
+    """Yield the findings about sight. Occupancy is that of the box around the target's pixels, as of a detector."""
     record, start = world.record, world.record.starts[0]
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
     faced = seen(world, start.position_ned, ahead)
     if record.cell != "commanding":
         allowed = RULES.get(record.map, OF_OTHER_MAPS).occupancy_percent
-        said = between("the occupancy of the faced target", 100.0 * faced.box_share, allowed, "%")
-        yield RuleFinding(
-            said.rule, said.passed, f"{said.measured} ({100 * faced.share:.2f} % of the pixels)", said.wanted
-        )
-    others = world.fleet.others(0).values()
-    fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, others).visible_fraction or 0.0
+        finding = between("the occupancy of the faced target", 100.0 * faced.box_share, allowed, "%")
+        yield replace(finding, measured=f"{finding.measured} ({100 * faced.share:.2f} % of the pixels)")
+    around = world.fleet.others(0).values()
+    fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, around).visible_fraction or 0.0
     yield at_least("the share of the faced target that nothing hides", fraction, FACED_FRACTION, "of it")
-    yield way(world)
-    m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA, others)
+    yield way_to_target(world)
+    m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA, around)
     if record.visible_at_start:
-        says = f"{m.visible_fraction:.2f} of it"
-        yield RuleFinding(
-            "the target at the first frame", bool(m.visible), says, "visible, as recorded", "visible_at_start"
-        )
+        measured, wanted = f"{m.visible_fraction:.2f} of it", "visible, as recorded"
+        yield RuleFinding("the target at the first frame", bool(m.visible), measured, wanted, "visible_at_start")
         if record.cell != "commanding":
             cut = seen(world, start.position_ned, start.yaw_deg).cut
             yield RuleFinding("the target in the first picture", not cut, "cut off" if cut else "whole", "whole")
         return
     shown = seen(world, start.position_ned, start.yaw_deg).pixels
-    yield RuleFinding(
-        "the target at the first frame", shown == 0, f"{shown} pixels", "0 pixels, as recorded", "visible_at_start"
-    )
+    measured, wanted = f"{shown} pixels", "0 pixels, as recorded"
+    yield RuleFinding("the target at the first frame", shown == 0, measured, wanted, "visible_at_start")
 
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
-    """Return where the target is in the first picture of the first drone, level, the others of its fleet around it."""
+    """Return where the target is in the first picture of the first drone, level, past the other drones of its fleet."""
     place, turned = world.target_pose(0.0)
     past = world.past(world.fleet.others(0).values())
     return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)
 
 
-def way(world: World) -> RuleFinding:
-    """Return whether a drone may fly straight at the target, as far as the radius of success."""
+def way_to_target(world: World) -> RuleFinding:
+    """Return whether a drone has room to fly straight at the target, as far as the radius of success."""
     start, goal = world.record.starts[0].position_ned, world.target_centre(0.0)
     span = math.dist(start, goal)
     clear = max(span - RADIUS_M, 0.0)

@@ -1,1 +1,1 @@
-"""Records proposed by a seeded search: the map's places, starts around them, words for them, every check on top."""
+"""Records proposed by a seeded search: places of the map, starts around them, words, and every check."""

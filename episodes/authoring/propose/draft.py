@@ -1,7 +1,7 @@
-"""What the search hands on to be checked, how its draws are spread, and the words of an instruction.
+"""Proposals of the search, the spread of its draws, and the words of an instruction.
 
-The draws of a request are spread evenly over what is allowed, each dimension dealt out on its own. The words are verbs
-of each cell around what the target is called.
+The draws of a request are spread evenly over the allowed ranges, each dimension on its own. An instruction is a phrase
+of its cell with the name of the target.
 """
 
 import random
@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from episodes.authoring.check.referring import nouns
 from episodes.authoring.check.sight import Framing, across, away
+from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
-from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +18,7 @@ class Proposal:
     """A record without its name and its derived numbers."""
 
     target: TargetRecord
-    place_ned: Vec3  # m, where the target is at the beginning
-    goal_ned: Vec3  # m, the middle of its box then
+    placed: PlacedTarget  # the same target at the beginning
     starts: tuple[StartPose, ...]
     visible: bool
     instruction: str
@@ -46,20 +45,24 @@ JITTER = 0.25  # of a stratum, either way
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """Where one record's draw lies between the least and the most that is allowed, each 0 … 1."""
+    """The draw of one record: its shares (0 … 1) of the allowed ranges."""
 
     turn: float  # of the yaws that show the target whole, or of those that hide it
     distance: float  # of the start distances
     height: float  # of the start heights
 
+    def height_m(self, limits_m: tuple[float, float]) -> float:
+        """Return the start height between two limits."""
+        return limits_m[0] + self.height * (limits_m[1] - limits_m[0])
+
 
 def shares(count: int, rng: random.Random) -> list[Draw]:
-    """Return the shares of so many records: each dimension cut into as many strata, and each stratum drawn once.
+    """Return the draws of `count` records: each dimension is cut into as many strata, and each stratum drawn once.
 
-    Where there are many records the first and the last stratum lie at the ends, so that the whole range is used.
+    The first and the last stratum of several records lie at the ends, so that the whole range is used.
     """
     turns, distances, heights = (_strata(count, rng) for _ in range(3))
-    return [Draw(*three) for three in zip(turns, distances, heights, strict=True)]
+    return [Draw(*shares) for shares in zip(turns, distances, heights, strict=True)]
 
 
 def _strata(count: int, rng: random.Random) -> list[float]:
@@ -67,7 +70,7 @@ def _strata(count: int, rng: random.Random) -> list[float]:
         return [rng.random()]
     drawn = [(k + rng.uniform(-JITTER, JITTER)) / (count - 1) for k in range(count)]
     rng.shuffle(drawn)
-    return [min(max(one, 0.0), 1.0) for one in drawn]
+    return [min(max(share, 0.0), 1.0) for share in drawn]
 
 
 VERBS: dict[str, tuple[str, ...]] = {
@@ -94,18 +97,18 @@ VERBS: dict[str, tuple[str, ...]] = {
 PEOPLE = ("person", "pedestrian", "cyclist")
 
 
-def instruction(cell: str, named: str, asset: str, rng: random.Random) -> str:
-    """Return an instruction of a cell for a target that is called `named`, article included."""
-    return rng.choice(VERBS[cell]).format(what=named, it="them" if asset in PEOPLE else "it")
+def instruction(cell: str, name: str, asset: str, rng: random.Random) -> str:
+    """Return an instruction of a cell for a target with this name, article included."""
+    return rng.choice(VERBS[cell]).format(what=name, it="them" if asset in PEOPLE else "it")
 
 
 def painted(asset: str, paint: str) -> str:
-    """Return what a placed target is called on a map where its colour is its own."""
+    """Return the name of a placed target on a map where nothing else has its colour."""
     return f"the {paint} {nouns(asset)[0]}"
 
 
 def inscribed(asset: str, text: str, rng: random.Random) -> str:
-    """Return what a candidate is called by its inscription."""
+    """Return the name of a candidate by its inscription."""
     if asset == "sign":
         return rng.choice((f"the sign that reads {text}", f"the sign saying {text}", f"the sign marked {text}"))
     noun = nouns(asset)[0]
@@ -119,17 +122,17 @@ def inscribed(asset: str, text: str, rng: random.Random) -> str:
 
 
 def plates(count: int, rng: random.Random) -> list[str]:
-    """Return so many plates that differ in a digit or two, so that each has to be read to its end."""
+    """Return `count` plates that differ in a digit or two, so that they must be read to the end."""
     base = [rng.randrange(1, 10) for _ in range(4)]
-    found: list[str] = []
-    while len(found) < count:
+    texts: list[str] = []
+    while len(texts) < count:
         digits = list(base)
         for place in rng.sample(range(4), 2):
             digits[place] = rng.randrange(1, 10)
         text = "".join(map(str, digits))
-        if text not in found:
-            found.append(text)
-    return found
+        if text not in texts:
+            texts.append(text)
+    return texts
 
 
 BOARDS = (

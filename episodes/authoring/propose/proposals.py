@@ -1,10 +1,8 @@
-"""From a map, a cell and a seed to records that pass every check, and how the shipped catalogue was made.
+"""Records that pass every check, proposed from a map, a cell and a seed, and the requests behind the shipped catalogue.
 
-`dronecats episodes new --official` makes the same bytes of the catalogue again.
-
-Nothing in it is placed by hand but one target: the cyan SUV of the first flight, with the place that it is looked at
-from. Which way the drone looks there is drawn as for all others. The seeds are the first with which each request
-fulfils the rules about the suite (`episodes.authoring.check.spread`) as well.
+`dronecats episodes new --official` makes the bytes of the catalogue again. One target of it is placed by hand: the cyan
+SUV of the first flight, with its start. The yaw of that start is drawn like all others. The seeds are the first with
+which a request also passes the rules about a suite (`episodes.authoring.check.rules`).
 """
 
 import math
@@ -13,13 +11,12 @@ from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 from episodes import maps
-from episodes.authoring.check import spread
+from episodes.authoring.check import rules
 from episodes.authoring.check.finding import SPOTTED_PX
-from episodes.authoring.check.rules import check
+from episodes.authoring.check.rules import Layout, check, layout
 from episodes.authoring.check.sight import bearing_deg
-from episodes.authoring.check.spread import Layout, layout
 from episodes.authoring.processes import share_out
-from episodes.authoring.propose import commanding, painted, referred
+from episodes.authoring.propose import commanding, one_drone
 from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, shares, yaw_deg
 from episodes.authoring.propose.site import Site, no_room, start
 from episodes.records import catalogue
@@ -28,7 +25,7 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-MOST = 99  # records of one request: their ids have two digits
+MOST = 99  # records of a request: their ids have two digits
 APART_M = 6.0  # between the targets of a request
 EAGER = 40  # drafts after which targets may stand where another record of the request has one
 TRIES = 160  # drafts of one record
@@ -44,20 +41,20 @@ class RecordRequest:
     count: int
     seed: int
     map_seed: int = 1
-    kept: str | None = None  # id of a shipped record whose target, place and words the first one takes over
+    kept: str | None = None  # id of a shipped record whose target, place and words the first record has
 
 
 def propose(request: RecordRequest) -> list[EpisodeRecord]:
-    """Return as many records as are asked for, all of which pass the checks; equal requests give equal records.
+    """Return the requested number of records, which all pass the checks; equal requests give equal records.
 
-    Raises UsageError for a request that cannot be, or when the map has no room for so many.
+    Raises UsageError for an impossible request, or when the map has no room for so many.
     """
-    must_be_possible(request)
+    validate(request)
     site = Site(request.map, request.map_seed)
     rng = random.Random(f"{request.map} {request.map_seed} {request.cell} {request.seed}")
     drafts = _source(site, request.cell, rng)
     next(drafts, None)
-    found: list[EpisodeRecord] = []
+    records: list[EpisodeRecord] = []
     places: list[Vec3] = []
     layouts: list[Layout] = []
     for number, share in enumerate(shares(request.count, rng), request.first):
@@ -65,10 +62,10 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
             if request.kept and number == request.first:
                 draft = _kept(site, catalogue.load(request.kept), share, rng)
             else:
-                draft = _sent(drafts, share)
+                draft = _next(drafts, share)
             if draft is None:
                 raise no_room(f"{request.cell} episode on {request.map}")
-            if tried < EAGER and any(math.dist(draft.place_ned, other) < APART_M for other in places):
+            if tried < EAGER and any(math.dist(draft.placed.position_ned, place) < APART_M for place in places):
                 continue
             record = _record(request, number, draft)
             world = World(record)
@@ -76,22 +73,22 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
                 continue
             layouts.append(layout(world))
             if _evens(request, layouts):
-                found.append(record)
-                places.append(draft.place_ned)
+                records.append(record)
+                places.append(draft.placed.position_ned)
                 break
             layouts.pop()
         else:
             raise no_room(f"{request.cell} episode on {request.map}")
-    return found
+    return records
 
 
 def first_free(name: str, cell: str) -> int:
-    """Return the number after those of the shipped episodes of a map and cell: an id means one episode only."""
-    numbers = [one.removeprefix(f"{name}-{cell}-") for one in catalogue.ids()]
+    """Return the number after those of the shipped episodes of a map and cell."""
+    numbers = [id_.removeprefix(f"{name}-{cell}-") for id_ in catalogue.ids()]
     return max((int(number) for number in numbers if number.isdigit()), default=0) + 1
 
 
-def must_be_possible(request: RecordRequest) -> None:
+def validate(request: RecordRequest) -> None:
     """Raise UsageError for a request that no map and no search could fulfil."""
     if request.cell not in CELLS:
         raise UsageError(f"cell '{request.cell}' does not exist: use one of {', '.join(CELLS)}.")
@@ -104,32 +101,25 @@ def must_be_possible(request: RecordRequest) -> None:
 
 
 def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
-    """Return whether a request that is judged by its spread may still come to be even with these among its records."""
+    """Return whether these records of a request still allow an even spread."""
     if request.cell == "commanding":
         return (layouts[-1].fewest_px or 0) >= SPOTTED_PX
-    limits = spread.passable(request.cell not in HIDDEN, request.count)
-    within = all(count <= limit for count, limit in zip(spread.passed(layouts), limits, strict=True))
-    return request.count < spread.ENOUGH or within
+    limits = rules.passable(request.cell not in HIDDEN, request.count)
+    within = all(count <= limit for count, limit in zip(rules.passed(layouts), limits, strict=True))
+    return request.count < rules.ENOUGH or within
 
 
 def _kept(site: Site, record: EpisodeRecord, share: Draw, rng: random.Random) -> Proposal | None:
-    """Return the draft of a record that stands, with a yaw that is drawn; None where the target fits no picture."""
-    thing, place = site.placed(record.target), record.starts[0].position_ned
-    yaw = yaw_deg(record.cell, bearing_deg(place, thing.centre_ned), site.framed(thing, place), share.turn)
+    """Return the draft of a shipped record with a yaw of its own; None when its target fits no picture."""
+    placed, place = site.placed(record.target), record.starts[0].position_ned
+    yaw = yaw_deg(record.cell, bearing_deg(place, placed.centre_ned), site.framed(placed, place), share.turn)
     if yaw is None:
         return None
-    return Proposal(
-        target=record.target,
-        place_ned=thing.position_ned,
-        goal_ned=thing.centre_ned,
-        starts=(start(place, yaw),),
-        visible=record.visible_at_start,
-        instruction=record.instruction,
-        seed=flight_seed(rng),
-    )
+    starts, visible = (start(place, yaw),), record.visible_at_start
+    return Proposal(record.target, placed, starts, visible, record.instruction, flight_seed(rng))
 
 
-def _sent(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
+def _next(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
     """Return the next draft for a share; None when there are no more."""
     try:
         return drafts.send(share)
@@ -141,13 +131,13 @@ def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | N
     """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
     if cell == "commanding":
         return commanding.drafts(site, rng)
-    if site.places.landmarks:  # a map whose own fixtures are the targets, told apart by where they stand
-        return referred.drafts(site, cell, rng)
-    return painted.drafts(site, cell, rng)
+    if site.places.landmarks:  # a map whose own fixtures are the targets, told apart by their places
+        return one_drone.referred_drafts(site, cell, rng)
+    return one_drone.painted_drafts(site, cell, rng)
 
 
 def _record(request: RecordRequest, number: int, draft: Proposal) -> EpisodeRecord:
-    here, goal = draft.starts[0].position_ned, draft.goal_ned
+    here, goal = draft.starts[0].position_ned, draft.placed.centre_ned
     return EpisodeRecord(
         version=VERSION,
         id=f"{request.map}-{request.cell}-{number:02d}",

@@ -1,4 +1,4 @@
-"""A map as the search sees it: its free places, what stands on it, quick answers about a start, and stretches of lanes.
+"""A map for the search: its free places and obstacles, quick checks of a start, and stretches of lanes.
 
 A stretch of a lane is a path that keeps to the ground between its waypoints.
 """
@@ -14,24 +14,24 @@ import numpy as np
 from episodes import maps
 from episodes.authoring.check import referring
 from episodes.authoring.check.finding import ALTITUDE_M, BODY_M, REACH_M
-from episodes.authoring.check.placement import StandingObstacles
-from episodes.authoring.check.sight import Framing, box_corners, framing
+from episodes.authoring.check.placement import StaticObstacles
+from episodes.authoring.check.sight import CAMERA, Framing, box_corners, framing, level
 from episodes.maps import assets
 from episodes.maps.places import Places
 from episodes.maps.scene import Instance, Mesh
 from episodes.records.record import StartPose, TargetRecord
 from episodes.world import world
 from episodes.world.target import motion
-from episodes.world.visibility import TargetView, Without, turn
-from foundation.camera import CameraModel, CameraPose
+from episodes.world.visibility import TargetView, Without
+from foundation.camera import CameraPose
 from foundation.errors import UsageError
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from foundation.frames import Vec3, rotate
 from foundation.terrain import HeightField
 
 LEG_M = 4.0  # longest leg
 SHORTEST_M = 0.2
 OFF_M = 0.012  # from the ground, at most, before heights are rounded
-LOOK_M = 0.1  # between the points at which that is looked at
+LOOK_M = 0.1  # between the points at which that is checked
 
 
 def stretch(waypoints: Sequence[Vec3], first_m: float, length_m: float, terrain: HeightField) -> tuple[Vec3, ...]:
@@ -41,13 +41,13 @@ def stretch(waypoints: Sequence[Vec3], first_m: float, length_m: float, terrain:
     last_m = min(first_m + length_m, marks[-1])
     stops = [first_m, *(m for m in marks if first_m + SHORTEST_M < m < last_m - SHORTEST_M), last_m]
     points = [_along(flat, marks, s) for s in stops]
-    found = [points[0]]
+    path = [points[0]]
     for a, b in itertools.pairwise(points):
         legs = max(1, math.ceil(math.dist(a, b) / LEG_M))
         ends = [(a[0] + (b[0] - a[0]) * k / legs, a[1] + (b[1] - a[1]) * k / legs) for k in range(1, legs + 1)]
-        for one in ends:
-            found += _split(found[-1], one, terrain)
-    return tuple((round(n, 3), round(e, 3), round(terrain.at(n, e), 3)) for n, e in found)
+        for end in ends:
+            path += _split(path[-1], end, terrain)
+    return tuple((round(n, 3), round(e, 3), round(terrain.at(n, e), 3)) for n, e in path)
 
 
 def _along(flat: list[tuple[float, float]], marks: list[float], s: float) -> tuple[float, float]:
@@ -57,7 +57,7 @@ def _along(flat: list[tuple[float, float]], marks: list[float], s: float) -> tup
 
 
 def _split(a: tuple[float, float], b: tuple[float, float], terrain: HeightField) -> list[tuple[float, float]]:
-    """Return the points after `a` up to `b`, so many that straight lines between them keep to the ground."""
+    """Return points after `a` up to `b` such that straight lines between them keep to the ground."""
     span = math.dist(a, b)
     low, high = terrain.at(*a), terrain.at(*b)
     steps = max(2, math.ceil(span / LOOK_M))
@@ -74,16 +74,15 @@ def _split(a: tuple[float, float], b: tuple[float, float], terrain: HeightField)
     return [*_split(a, middle, terrain), *_split(middle, b, terrain)]
 
 
-CAMERA = CameraModel()
 ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
 EDGE_M = 3.0  # kept off the end of the terrain
 DIRECTIONS = 36  # tried around a target
-CLEAR_FRACTION = 0.8  # of the faced target that a proposal wants unhidden: more than the rules demand
+CLEAR_FRACTION = 0.8  # of the faced target that must be in view: more than the rules demand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedTarget:
-    """A target where it is at the beginning."""
+    """A target at its place at the beginning."""
 
     mesh: Mesh
     position_ned: Vec3  # m
@@ -93,19 +92,17 @@ class PlacedTarget:
     @property
     def centre_ned(self) -> Vec3:
         """Return the middle (m) of its box."""
-        low, high = self.mesh.vertices.min(axis=0), self.mesh.vertices.max(axis=0)
-        n, e, d = turn(self.yaw) @ ((low + high) / 2)
-        return (self.position_ned[0] + float(n), self.position_ned[1] + float(e), self.position_ned[2] + float(d))
+        return Instance(1, "target", "target", self.mesh, self.position_ned, self.yaw).centre_ned
 
     def reach_m(self, bearing_deg: float) -> float:
-        """Return how far it reaches from its middle towards whoever sees it at a compass bearing."""
+        """Return how far it reaches from its middle towards a viewer who sees it at a compass bearing."""
         corners = box_corners(self.mesh, self.position_ned, self.yaw)[:, :2] - np.array(self.centre_ned[:2])
         way = math.radians(bearing_deg)
         return float(-(corners @ np.array([math.cos(way), math.sin(way)])).min())
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Return how wide it is at its widest and how high."""
+        """Return its greatest width and its height."""
         span = self.mesh.vertices.max(axis=0) - self.mesh.vertices.min(axis=0)
         return float(max(span[0], span[1])), float(span[2])
 
@@ -120,12 +117,12 @@ class Site:
         self.name, self.seed = name, seed
         self.scene = maps.build(name, seed)
         self.solids = world.solids(name, seed)
-        self.standing = StandingObstacles(self.scene.instances)
+        self.obstacles = StaticObstacles(self.scene.instances)
         self.places: Places = referring.places(name, seed)
         self._natives: dict[str, PlacedTarget] = {}
 
     def free_paints(self) -> list[str]:
-        """Return the paints that no thing of a target's kind wears on this map, in the catalogue's order."""
+        """Return the paints that no instance of a target's kind wears on this map, in the catalogue's order."""
         kinds = set(assets.names())
         worn = {m.name for i in self.scene.instances if i.kind in kinds for m in i.mesh.materials}
         return [paint for paint in assets.PAINTS if f"paint-{paint}" not in worn]
@@ -138,12 +135,12 @@ class Site:
         place, yaw = motion(target).pose(0.0)
         return PlacedTarget(mesh, place, yaw, TargetView(mesh, self.solids))
 
-    def native(self, one: Instance) -> PlacedTarget:
-        """Return a target that the map brings."""
-        if one.name not in self._natives:
-            view = TargetView(one.mesh, Without(self.solids, one))
-            self._natives[one.name] = PlacedTarget(one.mesh, one.position_ned, one.yaw, view)
-        return self._natives[one.name]
+    def native(self, instance: Instance) -> PlacedTarget:
+        """Return an instance of the map as a target."""
+        if instance.name not in self._natives:
+            view = TargetView(instance.mesh, Without(self.solids, instance))
+            self._natives[instance.name] = PlacedTarget(instance.mesh, instance.position_ned, instance.yaw, view)
+        return self._natives[instance.name]
 
     def ground(self, north: float, east: float) -> float:
         """Return the NED z (m) of the ground."""
@@ -163,17 +160,17 @@ class Site:
         north, east, down = place
         ground = self.ground(north, east)
         heights = [down + k * (ground - down) / 6 for k in range(6)]
-        return all(not self.standing.nearest((north, east, z), REACH_M + 0.05)[1] for z in heights)
+        return all(not self.obstacles.nearest((north, east, z), REACH_M + 0.05)[1] for z in heights)
 
-    def framed(self, thing: PlacedTarget, place: Vec3) -> Framing:
-        """Return what becomes of a thing in the picture as a drone at a place turns."""
-        return framing(box_corners(thing.mesh, thing.position_ned, thing.yaw), place)
+    def framed(self, target: PlacedTarget, place: Vec3) -> Framing:
+        """Return the framing of a target for a drone that turns at a place."""
+        return framing(box_corners(target.mesh, target.position_ned, target.yaw), place)
 
     def starts(
-        self, thing: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
+        self, target: PlacedTarget, distance_m: float, height_m: float, rng: random.Random, off_axes_deg: float = 0.0
     ) -> Iterator[Vec3]:
-        """Yield places (m) at a 3-D distance from a thing from which it is seen well and the way to it is clear."""
-        goal = thing.centre_ned
+        """Yield places (m) at a 3-D distance from a target with a good view of it and a clear way to it."""
+        goal = target.centre_ned
         turns = [360.0 * (k + rng.random()) / DIRECTIONS for k in range(DIRECTIONS)]
         rng.shuffle(turns)
         for angle in turns:
@@ -182,31 +179,27 @@ class Site:
             place = self._at(goal, distance_m, math.radians(angle), height_m)
             if not self.on_map(place[0], place[1]) or not self.free(place):
                 continue
-            if self.seen(thing, place, angle) >= CLEAR_FRACTION and self.clear(place, goal):
+            if self.seen(target, place, angle) >= CLEAR_FRACTION and self.clear(place, goal):
                 yield place
 
-    def seen(self, thing: PlacedTarget, place: Vec3, yaw_deg: float) -> float:
-        """Return how much (0 … 1) of a thing a level drone at a place sees."""
+    def seen(self, target: PlacedTarget, place: Vec3, yaw_deg: float) -> float:
+        """Return the fraction (0 … 1) of a target that a level drone at a place sees."""
         attitude = level(yaw_deg)
         lever = rotate(attitude, CAMERA.offset_frd)
         eye = (place[0] + lever[0], place[1] + lever[1], place[2] + lever[2])
-        return thing.view.sight(thing.position_ned, thing.yaw, CameraPose(eye, attitude), CAMERA).fraction
+        return target.view.sight(target.position_ned, target.yaw, CameraPose(eye, attitude), CAMERA).fraction
 
     def _at(self, goal: Vec3, distance_m: float, bearing: float, height_m: float) -> Vec3:
-        """Return the place from which a goal is seen at a bearing and a 3-D distance, so high above its own ground."""
+        """Return the place that has a goal at a bearing (rad) and a 3-D distance, `height_m` above the ground there."""
         down, flat = goal[2], distance_m
         for _ in range(4):
             north, east = goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing)
             down = self.ground(north, east) - height_m
             flat = math.sqrt(max(distance_m**2 - (goal[2] - down) ** 2, 1.0))
-        return (
-            round(goal[0] - flat * math.cos(bearing), 3),
-            round(goal[1] - flat * math.sin(bearing), 3),
-            round(down, 3),
-        )
+        return rounded((goal[0] - flat * math.cos(bearing), goal[1] - flat * math.sin(bearing), down))
 
     def clear(self, place: Vec3, goal: Vec3) -> bool:
-        """Return whether a drone may fly from a place straight at a goal; a quick look before the rule itself."""
+        """Return whether the straight way from a place to a goal is clear; a quick check before the rule itself."""
         span = math.dist(place, goal)
         for k in range(1, int((span - 5.0) / 1.5) + 1):
             u = k * 1.5 / span
@@ -215,15 +208,10 @@ class Site:
                 place[1] + u * (goal[1] - place[1]),
                 place[2] + u * (goal[2] - place[2]),
             )
-            low = self.ground(point[0], point[1]) - point[2] < BODY_M + 0.02
-            if low or self.standing.nearest(point, BODY_M + 0.05)[1]:
+            is_low = self.ground(point[0], point[1]) - point[2] < BODY_M + 0.02
+            if is_low or self.obstacles.nearest(point, BODY_M + 0.05)[1]:
                 return False
         return True
-
-
-def level(yaw_deg: float) -> Quat:
-    """Return the attitude of a hovering drone."""
-    return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
 
 
 def start(place: Vec3, yaw_deg: float) -> StartPose:
@@ -231,6 +219,11 @@ def start(place: Vec3, yaw_deg: float) -> StartPose:
     return StartPose(place, round(math.remainder(yaw_deg, 360.0), 1))
 
 
-def no_room(what: str) -> UsageError:
-    """Return the error of a search that found nothing."""
-    return UsageError(f"no {what} passes the checks: ask for fewer, or try another --seed or --map-seed.")
+def rounded(place: Vec3) -> Vec3:
+    """Return a place in whole millimetres."""
+    return (round(place[0], 3), round(place[1], 3), round(place[2], 3))
+
+
+def no_room(kind: str) -> UsageError:
+    """Return the error of a search without a result."""
+    return UsageError(f"no {kind} passes the checks: ask for fewer, or try another --seed or --map-seed.")

@@ -12,8 +12,7 @@ from episodes.maps.gltf import accessors
 from episodes.maps.gltf.container import from_gltf, linear_from_gltf
 from episodes.maps.gltf.document import REMEDY, Document
 from episodes.maps.gltf.materials import Look
-from episodes.maps.scene import Material, Mesh
-from episodes.world.visibility import turn
+from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
 
 MAX_VERTICES = 3_000_000  # of one mesh as the file has it, and of all meshes together as they are used

@@ -14,7 +14,6 @@ from episodes.maps.gltf import meshes as shapes
 from episodes.maps.gltf.document import Document
 from episodes.maps.gltf.materials import Images
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
-from episodes.world.visibility import turn
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
@@ -110,7 +109,7 @@ def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | N
     searched = named or [one for one in scene.instances if one.solid and not one.movable]
     if not searched:
         document.fail("the scene", "has nothing solid that could be its ground")
-    corners = [_corners(one) for one in searched]
+    corners = [one.triangles_ned() for one in searched]
     found = ground.find(np.concatenate(corners), north, east, float(wanted[2]) if len(wanted) > 2 else None)
     if found is None:
         raise UsageError(
@@ -158,11 +157,6 @@ def _part(mesh: Mesh, keep: Any) -> Mesh:
     )
 
 
-def _corners(one: Instance) -> Any:
-    placed = one.mesh.vertices.astype(np.float64) @ turn(one.turned).T + np.array(one.position_ned)
-    return placed[one.mesh.triangles]
-
-
 def _ends(parts: Sequence[Any]) -> list[int]:
     return [int(end) for end in np.cumsum([len(part) for part in parts])[:-1]]
 
@@ -183,8 +177,7 @@ def extent(scene: Scene) -> tuple[Vec3, Vec3]:
     """Return the lower and the upper corner (m, NED) of the box around everything in a scene."""
     boxes = []
     for one in scene.instances:
-        used = one.mesh.vertices[np.unique(one.mesh.triangles)].astype(np.float64)
-        placed = used @ turn(one.turned).T + np.array(one.position_ned)
+        placed = one.vertices_ned()[np.unique(one.mesh.triangles)]
         boxes.append((placed.min(axis=0), placed.max(axis=0)))
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)

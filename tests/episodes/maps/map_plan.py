@@ -3,8 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.scene import Instance
-from episodes.world.visibility import turn
+from episodes.maps.scene import Instance, turn
 
 Array = NDArray[np.float64]
 TRUNK_M = 0.6  # of a tree, what stands below this height is its trunk

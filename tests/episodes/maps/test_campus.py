@@ -10,8 +10,8 @@ import pytest
 from episodes import maps
 from episodes.maps import campus, campus_ground, campus_plan
 from episodes.maps.assets import fixtures
-from episodes.maps.scene import Instance, Scene
-from episodes.world.visibility import Solids, turn
+from episodes.maps.scene import Instance, Scene, turn
+from episodes.world.visibility import Solids
 from tests.episodes.maps.map_plan import apart, foot
 
 BUDGET = 250_000

@@ -11,8 +11,8 @@ from episodes.maps import residential_plan as plan
 from episodes.maps.assets.vehicles import SHAPES
 from episodes.maps.places import Lane, Places, Spot
 from episodes.maps.residential import places
-from episodes.maps.scene import Scene
-from episodes.world.visibility import Solids, turn
+from episodes.maps.scene import Scene, turn
+from episodes.world.visibility import Solids
 
 TARGET_M, SPEED_MPS, CAP_S = 16.0, 0.3, 300.0  # paper: residential map
 NEAREST_M, WIDEST_M = (5.5, 11.2), (18.0, 32.0)  # paper: candidates

@@ -37,7 +37,7 @@ def test_every_instruction_of_the_campus_is_read_as_the_catalogue_reads_it():
         [verb for cell in ("approaching", "searching", "tracking", "search-and-track") for verb in draft.VERBS[cell]]
     ),
     KINDS,
-    st.sampled_from([r for r in referring.WORDS if r != "between"]),
+    st.sampled_from([r for r in referring.RELATIONS if r != "between"]),
     st.one_of(KINDS.map(lambda noun: f"the {noun}"), st.sampled_from(HALLS)),
     st.sampled_from(("it", "them")),
 )

@@ -12,7 +12,7 @@ from dronecats.pilots.vision import boards, inscription_target, ocr, pilot, plat
 from dronecats.pilots.vision.command import Inscription, plain_text, read_inscription, read_referent
 from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE
-from episodes.authoring.pictures import probe
+from episodes.authoring import asset_pictures as probe
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets

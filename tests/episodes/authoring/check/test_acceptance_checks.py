@@ -11,7 +11,7 @@ import pytest
 
 from episodes.authoring.check import placement, rules, sight
 from episodes.authoring.check.finding import RuleFinding
-from episodes.authoring.check.placement import Box, StandingObstacles, overlaps
+from episodes.authoring.check.placement import Box, StaticObstacles, overlaps
 from episodes.authoring.check.rules import check
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
@@ -173,10 +173,10 @@ def test_the_nearest_thing_is_named() -> None:
     scene = World(STANDING).scene
     lamp = next(i for i in scene.instances if i.kind == "lamp")
     n, e, d = lamp.position_ned
-    gap, name = StandingObstacles(scene.instances).nearest((n, e + 0.4, d - 2.0), 1.0)
+    gap, name = StaticObstacles(scene.instances).nearest((n, e + 0.4, d - 2.0), 1.0)
     assert name == lamp.name
     assert 0.2 < gap < 0.4
-    assert StandingObstacles(scene.instances).nearest((0.0, 0.0, -30.0), 0.7) == (0.7, "")
+    assert StaticObstacles(scene.instances).nearest((0.0, 0.0, -30.0), 0.7) == (0.7, "")
 
 
 def test_reports_name_file_field_and_reason(tmp_path: Path) -> None:

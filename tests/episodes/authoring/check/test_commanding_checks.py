@@ -93,7 +93,7 @@ def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> Ep
     """
     world = World(record)
     things = [world.target, *(i for i in world.scene.instances if i.name.startswith("candidate-"))]
-    first, goal = record.starts[0], candidates.centre(things[which])
+    first, goal = record.starts[0], things[which].centre_ned
     ahead = sight.bearing_deg(first.position_ned, goal)
     c, s = math.cos(math.radians(ahead)), math.sin(math.radians(ahead))
     x, _, z = sight.CAMERA.offset_frd
@@ -129,7 +129,7 @@ def facing(distance_m: float, turned_deg: float) -> float:
     world = World(SIGNS)
     one = replace(world.target, position_ned=(0.0, 0.0, 0.0), yaw=math.pi + math.radians(turned_deg))
     other = Instance(99, "other", "sign", one.mesh, (500.0, 0.0, 0.0))
-    here = (-distance_m - sight.CAMERA.offset_frd[0], 0.0, candidates.centre(one)[2])
+    here = (-distance_m - sight.CAMERA.offset_frd[0], 0.0, one.centre_ned[2])
     return candidates.letters_px(one, str(SIGNS.target.inscription), Solids([other]), here, 0.0)
 
 

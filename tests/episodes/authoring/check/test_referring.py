@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from episodes.authoring.check.referring import (
-    WORDS,
+    RELATIONS,
     Expression,
     Footprint,
     denotes,
@@ -39,7 +39,7 @@ def test_sides_as_one_sees_them() -> None:
         ("behind", (26.0, 1.0)),
         ("nearest", (26.0, -6.0)),
     ):
-        held = [how for how in WORDS if how != "between" and named(how, place)]
+        held = [how for how in RELATIONS if how != "between" and named(how, place)]
         assert relation in held, relation
         assert set(held) <= {relation, "nearest"}, relation
         if relation != "nearest":
@@ -82,7 +82,7 @@ def test_directions_do_not_depend_on_the_compass(off: float, away: float, turned
     place = (20.0 + away * math.cos(off), away * math.sin(off))
     mark = around(20.0, 0.0)
     moved = {"the fountain": Footprint(mark[0], mark[1], (1.0, 1.0), turned)}
-    for how in WORDS:
+    for how in RELATIONS:
         if how != "between":
             here = denotes(Expression("x", how, ("the fountain",)), {"it": (*place, 0.0)}, MARKS, VIEWER)
             there = denotes(Expression("x", how, ("the fountain",)), {"it": around(*place)}, moved, (0.0, 0.0, -1.5))
@@ -93,7 +93,7 @@ def test_directions_do_not_depend_on_the_compass(off: float, away: float, turned
 
 def test_what_is_said_is_read_again() -> None:
     for pattern in ("go to {}", "find {} and go to it", "locate {}, go after it and reach it"):
-        for relation in list(WORDS):
+        for relation in RELATIONS:
             marks = ("the fountain", "Euler Hall") if relation == "between" else ("Euler Hall",)
             said = Expression("bike rack", relation, marks)
             assert read(pattern.format(said.words), MARKS) == said, (relation, pattern)

@@ -15,10 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.cli.main import main
-from episodes.authoring.check import sight, spread
+from episodes.authoring.check import rules, sight
 from episodes.authoring.check.finding import SPOTTED_PX
-from episodes.authoring.check.rules import check_all
-from episodes.authoring.check.spread import Layout, layout, past_each_other
+from episodes.authoring.check.rules import Layout, check_all, layout, past_each_other
 from episodes.authoring.propose.draft import shares
 from episodes.records import catalogue
 from episodes.records.record import HIDDEN, EpisodeRecord
@@ -65,7 +64,7 @@ def suite() -> list[Layout]:
 
 
 def red(layouts: list[Layout]) -> set[str]:
-    return {f.rule for f in spread.rules(layouts) if not f.passed}
+    return {f.rule for f in rules.check_suite(layouts) if not f.passed}
 
 
 def change(layouts: list[Layout], cell: str, **values: Any) -> list[Layout]:
@@ -125,7 +124,7 @@ def test_seeds_are_distinct() -> None:
 @pytest.mark.slow("checks the hundred episodes")
 def test_the_suite_that_ships_keeps_the_rules_about_a_suite() -> None:
     layouts = [report.layout for report in check_all(catalogue.ids(), laid_out=True)]
-    assert [f.sentence for f in spread.rules([one for one in layouts if one]) if not f.passed] == []
+    assert [f.sentence for f in rules.check_suite([one for one in layouts if one]) if not f.passed] == []
 
 
 def test_what_a_straight_flight_passes_is_what_is_ahead_of_it() -> None:
@@ -161,7 +160,7 @@ def test_unevenness_is_kolmogorovs(values: list[float]) -> None:
     points = np.linspace(-0.01, 1.01, 3000)
     share = np.array([sum(v <= p for v in values) / len(values) for p in points])
     worst = float(np.abs(share - np.clip(points, 0.0, 1.0)).max())
-    assert spread.unevenness(values) == pytest.approx(worst, abs=0.01 + 1e-9) or spread.unevenness(values) >= worst
+    assert rules.unevenness(values) == pytest.approx(worst, abs=0.01 + 1e-9) or rules.unevenness(values) >= worst
 
 
 @given(st.integers(1, 99), st.integers(0, 1000))

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from episodes.authoring.pictures.contact_sheet import (
+from episodes.authoring.asset_pictures import (
     DISTANCES_M,
     HEIGHT_PX,
     LABEL_PX,
     WIDTHS_PX,
-    contact_sheet,
     names,
+    write_contact_sheet,
 )
 from episodes.maps import assets
 from foundation.errors import UsageError
@@ -23,7 +23,7 @@ SHEETS = Path(__file__).parents[4] / "docs" / "assets"
 
 def test_a_sheet_shows_each_asset_at_each_distance(tmp_path: Path) -> None:
     out = tmp_path / "new" / "sheet.jpg"
-    contact_sheet(["suv", "quadrotor"], out)  # cyan and red
+    write_contact_sheet(["suv", "quadrotor"], out)  # cyan and red
     picture = pictures.read(out).astype(int)[..., ::-1]
     rows = (picture.shape[0] - LABEL_PX) // 2
     assert abs(rows - LABEL_PX - HEIGHT_PX) < 10
@@ -41,16 +41,16 @@ def test_a_sheet_shows_each_asset_at_each_distance(tmp_path: Path) -> None:
         assert near[-1] >= 6
     assert len(DISTANCES_M) == len(WIDTHS_PX) == 4
     again = tmp_path / "again.jpg"
-    contact_sheet(["suv", "quadrotor"], again)
+    write_contact_sheet(["suv", "quadrotor"], again)
     assert again.read_bytes() == out.read_bytes()
 
 
 def test_wrong_names_and_places_are_told_in_a_sentence(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"'quadrotr'.* quadrotor"):
-        contact_sheet(["quadrotr"], tmp_path / "sheet.jpg")
+        write_contact_sheet(["quadrotr"], tmp_path / "sheet.jpg")
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"file/sheet.jpg"):
-        contact_sheet(["sign"], tmp_path / "file" / "sheet.jpg")
+        write_contact_sheet(["sign"], tmp_path / "file" / "sheet.jpg")
 
 
 def test_the_documented_sheets_show_everything() -> None:

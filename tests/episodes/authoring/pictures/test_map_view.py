@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.authoring.pictures.map_pictures import LARGEST_BYTES, SIDE_PX, VANTAGE, map_plan, map_view
+from episodes.authoring.scene_pictures import LARGEST_BYTES, SIDE_PX, VANTAGE, write_map_plan, write_map_view
 from foundation.errors import UsageError
 from tests import pictures
 
@@ -16,8 +16,8 @@ SHIPPED = Path(__file__).parents[4] / "docs" / "maps"
 
 def test_same_map_same_bytes(tmp_path: Path) -> None:
     first, second = tmp_path / "a.jpg", tmp_path / "deeper" / "b.jpg"
-    map_view("blocks", first)
-    map_view("blocks", second)
+    write_map_view("blocks", first)
+    write_map_view("blocks", second)
     assert first.read_bytes() == second.read_bytes()
     picture = pictures.read(first)
     assert picture.shape == (720, 1280, 3)
@@ -27,15 +27,15 @@ def test_same_map_same_bytes(tmp_path: Path) -> None:
 
 def test_unknown_maps_and_unwritable_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="blocks"):
-        map_view("blokcs", tmp_path / "a.jpg")
+        write_map_view("blokcs", tmp_path / "a.jpg")
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match=r"file/a.jpg"):
-        map_view("blocks", tmp_path / "file" / "a.jpg")
+        write_map_view("blocks", tmp_path / "file" / "a.jpg")
 
 
 def test_the_plan_names_what_stands(tmp_path: Path) -> None:
     """Without names the picture from above would have no ink as dark as theirs."""
-    map_plan("blocks", tmp_path / "plan.jpg")
+    write_map_plan("blocks", tmp_path / "plan.jpg")
     plan = pictures.read(tmp_path / "plan.jpg", cv2.IMREAD_GRAYSCALE)
     assert plan.shape == (SIDE_PX, SIDE_PX)
     rows, columns = np.nonzero(plan < 60)

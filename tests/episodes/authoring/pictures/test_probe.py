@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from dronecats.cli.main import main
-from episodes.authoring.pictures import probe as reading
+from episodes.authoring import asset_pictures as reading
 from episodes.maps import assets
 from foundation import picture
 from tests import pictures
@@ -72,8 +72,8 @@ def test_the_index_tells_every_picture_of_both_kinds_at_every_distance(written):
 def test_no_inscription_is_used_by_an_episode_or_twice(written):
     texts = [probe.text for probe in written[1]]
     assert len(set(texts)) == len(texts)
-    assert not set(texts) & reading.used()
-    assert len(reading.used()) > 20
+    assert not set(texts) & reading.used_inscriptions()
+    assert len(reading.used_inscriptions()) > 20
 
 
 def test_inscriptions_depend_on_the_seed_alone():

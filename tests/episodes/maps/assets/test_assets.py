@@ -11,7 +11,7 @@ from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.assets import exhibits, lettering, materials, scenery
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
-from episodes.world.visibility import _embree, surface_samples
+from episodes.world.visibility import ray_scene, surface_samples
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
@@ -54,7 +54,7 @@ def test_faces_look_outwards(name: str) -> None:
     """From all around, next to nothing is seen from behind: neither holes nor triangles turned inside out."""
     mesh = assets.build(name, "red", "AB 123")
     points, _ = surface_samples(mesh, 4000)
-    own = _embree(mesh.vertices[mesh.triangles])
+    own = ray_scene(mesh.vertices[mesh.triangles])
     tri = triangles(mesh)
     outward = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     wrong = seen = 0

@@ -1,1 +1,0 @@
-"""Pictures of maps, assets and records, for people."""

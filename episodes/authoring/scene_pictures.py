@@ -1,0 +1,211 @@
+"""Pictures of maps and episodes: a plan, a view, the first frame of each drone, and one place under all camera options.
+
+The same arguments give the same bytes.
+"""
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes import maps
+from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
+from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
+from episodes.camera.renderer.layout import camera_pose
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps.scene import Scene
+from episodes.records import catalogue
+from episodes.records.record import EpisodeRecord
+from episodes.world.world import World
+from foundation.camera import CameraModel, CameraPose
+from foundation.errors import UsageError
+from foundation.frames import quat_from_euler
+
+Picture = NDArray[np.uint8]  # (H, W, 3) sRGB
+Rect = tuple[int, int, int, int]  # px: left, top, right, bottom
+
+# Plans
+UNNAMED = ("ground", "wood", "shrub", "bush", "bollard", "fence", "hedge")  # kinds without a label
+SIDE_PX = 1800
+HFOV_DEG = 12.0  # a long lens from high above: tall things lean outwards by less than their own width
+MARGIN_M = 6.0
+PALE = 0.42  # of white over the picture, so that the names stand out
+PLAN_QUALITY = 72
+
+# Views. map → north, east and height above the ground there in m, heading and pitch in degrees
+VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
+    "blocks": (-46.0, -30.0, 9.0, 32.0, -9.0),
+    "campus": (-17.0, -25.0, 6.5, 34.0, -6.0),
+    "residential": (-40.0, 3.0, 11.0, 356.0, -12.0),
+}
+ABOVE_SPAWN_M = 12.0  # of the eye over the spawn point of a map that is not in VANTAGE
+CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # at the pose itself, without a vehicle
+LARGEST_BYTES = 250_000
+QUALITIES = range(90, 40, -5)  # JPEG; the first that is small enough
+
+SUFFIXES = (".png", ".jpg", ".jpeg")  # of a first frame
+
+# The sheet of camera options
+SHOWN: dict[str, Optics] = {
+    "all off": Optics(),
+    "lens: k1 -0.25, vignetting 1": Optics(lens=LensModel(k1=-0.25, k2=0.05, vignetting=1.0)),
+    "sensor: 300 e, read 12 e": Optics(sensor=Sensor(300.0, 12.0)),
+    "exposure: 50 ms at 1 m/s, 60 deg/s": Optics(exposure=Exposure(0.05, 12)),
+    "sun: hour 18.5": Optics(sun=SunPlace(hour=18.5)),
+    "haze: 0.02 per m": Optics(haze=Haze(0.02)),
+    "rain: 40 mm/h": Optics(rain=Rain(40.0)),
+    "haze, rain, lens, noise": Optics(
+        LensModel(k1=-0.2, k2=0.03, vignetting=0.7),
+        Sensor(2000.0, 8.0),
+        Exposure(0.008, 2),
+        haze=Haze(0.01),
+        rain=Rain(20.0),
+    ),
+}
+TILE_PX, COLUMNS, LABEL_PX, SHEET_QUALITY = (480, 270), 2, 24, 82
+
+
+def write_map_plan(name: str, out: Path, seed: int = 1) -> None:
+    """Write a JPEG, north up, of all named things of a map with the names that records use for native targets.
+
+    Raises UsageError for a name that is no map, or a file that cannot be written.
+    """
+    scene = maps.build(name, seed)
+    named = [i for i in scene.instances if i.kind not in UNNAMED]
+    places = np.array([i.position_ned[:2] for i in named] or [scene.spawn_ned[:2]])
+    middle = (places.min(axis=0) + places.max(axis=0)) / 2
+    half = float(np.ptp(places, axis=0).max()) / 2 + MARGIN_M
+    picture = from_above(scene, float(middle[0]), float(middle[1]), half)
+    picture = np.asarray(picture * (1.0 - PALE) + 255.0 * PALE, np.uint8)
+    taken: list[Rect] = []
+    for instance in named:
+        # left and top of the middle of the picture are west and north
+        x = SIDE_PX / 2 + (instance.position_ned[1] - middle[1]) / half * SIDE_PX / 2
+        y = SIDE_PX / 2 - (instance.position_ned[0] - middle[0]) / half * SIDE_PX / 2
+        _label(picture, instance.name, round(x), round(y), taken)
+    write_picture(jpeg(picture, PLAN_QUALITY, optimize=False), out)
+
+
+def from_above(scene: Scene, north: float, east: float, half: float, side_px: int = SIDE_PX) -> Picture:
+    """Return the square (side_px, side_px, 3) of ground around a place, north up, `half` metres to each side."""
+    height = half / math.tan(math.radians(HFOV_DEG / 2))
+    eye = (north, east, scene.terrain.at(north, east) - height)
+    pose = CameraPose(eye, quat_from_euler(0.0, -math.pi / 2, 0.0))
+    return rendered(scene, CameraModel(side_px, side_px, HFOV_DEG, (0.0, 0.0, 0.0)), pose)
+
+
+def _label(picture: Picture, text: str, x: int, y: int, taken: list[Rect]) -> None:
+    """Write a name beside its dot, in a place that no earlier name covers if there is one."""
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.36
+    (wide, tall), _ = cv2.getTextSize(text, font, size, 1)
+    around = ((5, 4), (-wide - 5, 4), (-wide // 2, -6), (-wide // 2, tall + 6), (5, -8), (5, tall + 8), (-wide - 5, -8))
+    rects = [(x + dx, y + dy - tall, x + dx + wide, y + dy) for dx, dy in around]
+    free = [r for r in rects if r[0] > 0 and r[2] < SIDE_PX and not any(_meet(r, label) for label in taken)]
+    left, top, right, bottom = (free or rects)[0]
+    taken.append((left, top, right, bottom))
+    cv2.circle(picture, (x, y), 2, (170, 20, 20), -1, cv2.LINE_AA)
+    cv2.putText(picture, text, (left, bottom), font, size, (255, 255, 255), 3, cv2.LINE_AA)
+    cv2.putText(picture, text, (left, bottom), font, size, (20, 20, 24), 1, cv2.LINE_AA)
+
+
+def _meet(a: Rect, b: Rect) -> bool:
+    return a[0] < b[2] + 2 and b[0] < a[2] + 2 and a[1] < b[3] + 2 and b[1] < a[3] + 2
+
+
+def write_map_view(name: str, out: Path, seed: int = 1) -> None:
+    """Write a JPEG of at most LARGEST_BYTES that shows a map from its VANTAGE.
+
+    Raises UsageError for a name that is no map, or a file that cannot be written.
+    """
+    scene = maps.build(name, seed)
+    n0, e0, _ = scene.spawn_ned
+    default = (n0, e0, ABOVE_SPAWN_M, math.degrees(scene.spawn_yaw), -15.0)
+    north, east, height, heading, pitch = VANTAGE.get(name, default)
+    eye = (north, east, scene.terrain.at(north, east) - height)
+    attitude = quat_from_euler(0.0, math.radians(pitch), math.radians(heading))
+    view = rendered(scene, CENTRED, CameraPose(eye, attitude))
+    for quality in QUALITIES:
+        data = jpeg(view, quality)
+        if len(data) <= LARGEST_BYTES:
+            break
+    write_picture(data, out)
+
+
+def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
+    """Return the camera's picture at t = 0, (H, W, 3); of a fleet all pictures, two beside each other."""
+    world = World(record)
+    renderer = Renderer(world.filmed, camera)
+    views = []
+    for drone, start in enumerate(record.starts):
+        attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
+        moved = world.moved(0.0, world.fleet.others(drone))
+        views.append(renderer.render(camera_pose(start.position_ned, attitude, camera), moved).rgb)
+    renderer.close()
+    if len(views) == 1:
+        return views[0]
+    if len(views) % 2:
+        views.append(np.zeros_like(views[0]))
+    return np.concatenate([np.concatenate(views[k : k + 2], axis=1) for k in range(0, len(views), 2)])
+
+
+def write_first_frame(record: EpisodeRecord, file: Path) -> None:
+    """Write the first frame, 1280 px wide, a fleet's 640 px each. Raises UsageError when it cannot be written there."""
+    if file.suffix.lower() not in SUFFIXES:
+        raise UsageError(f"--picture wants a file that ends in {', '.join(SUFFIXES)}, not '{file.name[:60]}'.")
+    camera = CameraModel() if len(record.starts) == 1 else CameraModel(640, 360)
+    done, data = cv2.imencode(file.suffix.lower(), first_frame(record, camera)[..., ::-1])
+    if not done:
+        raise UsageError(f"the picture '{file}' cannot be encoded.")
+    write_picture(data.tobytes(), file)
+
+
+def write_optics_sheet(file: Path, episode: str | None = None) -> None:
+    """Write one place under every camera option as JPEG. Raises UsageError when it cannot be written."""
+    world = World(catalogue.load(episode or catalogue.DEFAULT))
+    tiles = [_optics_tile(name, optics, world) for name, optics in SHOWN.items()]
+    rows = [np.concatenate(tiles[k : k + COLUMNS], axis=1) for k in range(0, len(tiles), COLUMNS)]
+    write_picture(jpeg(np.concatenate(rows), SHEET_QUALITY), file)
+
+
+def _optics_tile(name: str, optics: Optics, world: World) -> Picture:
+    """Return one labelled picture from the episode's start."""
+    start = world.record.starts[0]
+    motion = VehicleMotion(
+        time_s=0.0,
+        position_ned=start.position_ned,
+        velocity_ned=(1.0, 0.0, 0.0),
+        attitude=quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)),
+        rates_frd=(0.0, 0.0, math.radians(60.0) if name.startswith("exposure") else 0.0),
+    )
+    renderer = OpticalRenderer(world.scene, CameraModel(), optics)
+    picture = cv2.resize(renderer.picture(motion, world.moved, (1,)), TILE_PX, interpolation=cv2.INTER_AREA)
+    renderer.close()
+    label = np.full((LABEL_PX, TILE_PX[0], 3), 246, np.uint8)
+    cv2.putText(label, name, (6, LABEL_PX - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (36, 38, 42), 1, cv2.LINE_AA)
+    return np.concatenate((label, picture))
+
+
+def rendered(scene: Scene, camera: CameraModel, pose: CameraPose, **options: int) -> Picture:
+    """Return one picture of a scene; `options` are those of `Renderer`."""
+    renderer = Renderer(scene, camera, **options)
+    try:
+        return renderer.picture(pose)
+    finally:
+        renderer.close()
+
+
+def jpeg(picture: Picture, quality: int, optimize: bool = True) -> bytes:
+    """Return a picture as JPEG."""
+    settings = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, int(optimize)]
+    return cv2.imencode(".jpg", picture[..., ::-1], settings)[1].tobytes()
+
+
+def write_picture(data: bytes, file: Path) -> None:
+    """Write an encoded picture, and its folder where it is missing. Raises UsageError when that is not possible."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(data)
+    except OSError as error:
+        raise UsageError(f"the picture '{file}' cannot be written: {error.strerror}.") from None
