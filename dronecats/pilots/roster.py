@@ -5,7 +5,7 @@ from pathlib import Path
 
 from dronecats.pilots.actions import Pilot
 from dronecats.pilots.oracle.failing import FAILURES
-from dronecats.pilots.scripted.blind import PATTERNS
+from dronecats.pilots.scripted import PATTERNS
 from dronecats.pilots.vision.command import read_inscription
 from foundation.errors import UsageError
 from foundation.wording import did_you_mean, nearest
@@ -60,10 +60,10 @@ def forgets(name: str) -> bool:
 
 def looks(name: str) -> bool:
     """Return whether a pilot looks at the frames, which then must be rendered."""
-    return not knows(name) and name != "blind" and not name.startswith(BLIND)
+    return not needs_truth(name) and name != "blind" and not name.startswith(BLIND)
 
 
-def knows(name: str | None) -> bool:
+def needs_truth(name: str | None) -> bool:
     """Return whether a pilot knows the truth, and flies only where that is available."""
     return name is not None and (name in (ORACLE, NOISY) or name.startswith(FAILING))
 
@@ -71,18 +71,18 @@ def knows(name: str | None) -> bool:
 def answer(name: str) -> Pilot:
     """Return a served pilot for one flight. Raises UsageError for a file without replies."""
     if name.startswith(RECORDED):
-        from dronecats.pilots.scripted.recorded import player
+        from dronecats.pilots.scripted import player
 
         return player(Path(name.removeprefix(RECORDED)))
     if name in COMMANDERS:
-        from dronecats.pilots.scripted.commander import divide
+        from dronecats.pilots.scripted import divide
 
         return divide
     if name == "vision":
         from dronecats.pilots.vision.pilot import answer as vision
 
         return vision
-    from dronecats.pilots.scripted import blind
+    from dronecats.pilots import scripted as blind
 
     return blind.pattern_pilot(name.removeprefix(BLIND)) if name.startswith(BLIND) else blind.answer
 

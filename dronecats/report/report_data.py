@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from dronecats.pilots import roster
 from dronecats.pilots.oracle.failing import FAILURES
-from dronecats.pilots.scripted.blind import PATTERNS
+from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import differences, identity, refusal

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from dronecats.bench.tables import audit_table, blind_flights, floor, groups, score_row
 from dronecats.cli.main import main
-from dronecats.pilots.scripted.blind import PATTERNS
+from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.writers import as_terminal
 from episodes.records import catalogue, suites
 from episodes.records.baselines import BlindFlight, BlindTable, load_blind, merged

@@ -7,7 +7,7 @@ from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.history import NONE_YET, History
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.pilots import actions
-from dronecats.pilots.scripted import blind
+from dronecats.pilots import scripted as blind
 from dronecats.pilots.vision.command import read_referent
 from foundation.camera import CameraModel
 

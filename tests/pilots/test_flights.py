@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
+from dronecats.pilots import scripted as blind
 from dronecats.pilots.oracle import oracle
-from dronecats.pilots.scripted import blind
 from dronecats.pilots.vision import pilot
 from episodes.records import catalogue, suites
 from episodes.world import world as worlds

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.pilots.scripted import blind
+from dronecats.pilots import scripted as blind
 from dronecats.pilots.server import MAX_BODY_BYTES, PilotServer, read_request
 from foundation.errors import UsageError
 

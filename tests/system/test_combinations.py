@@ -22,7 +22,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.pilots import roster
-from dronecats.pilots.scripted.commander import divide
+from dronecats.pilots.scripted import divide
 from dronecats.pilots.server import completion, read_request
 from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
 from tests.support.command_line import DRONECATS, last_object

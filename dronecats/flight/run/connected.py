@@ -89,7 +89,7 @@ class ConnectedFlight(VehicleFlight):
     def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
         """Open its link and its camera. Raises UsageError, LinkError."""
         pilot = flight.spec.pilot
-        if roster.knows(pilot):
+        if roster.needs_truth(pilot):
             raise UsageError(
                 f"the pilot {pilot} needs the truth, which --sitl knows, or --world with --truth;"
                 " choose --pilot vision or --model"

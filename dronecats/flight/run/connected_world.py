@@ -35,7 +35,7 @@ class ConnectedWorldFlight(VehicleFlight):
         spec, record = flight.spec, flight.record
         if record is None:
             raise UsageError("a vehicle that simulates itself wants a world: name an episode or a map with --world")
-        if spec.map is not None and roster.knows(spec.pilot):
+        if spec.map is not None and roster.needs_truth(spec.pilot):
             raise UsageError(
                 f"the pilot {spec.pilot} knows an episode's target, and a map has none; choose --pilot vision"
             )

@@ -1,25 +1,164 @@
-"""Fits the network of `shape_detector` to pictures of campuses that do not exist (`campuses`).
+"""Fits the network of `shape_detector` to pictures of campuses that do not exist.
 
-A first network is fitted to random windows of the first pictures. Then windows that it mistakes join the examples,
-and the shipped network is fitted to all of them.
+A campus has halls and the catalogue's things at random places. None stands at its place on the shipped campus: halls,
+trees and fixtures have other places, plants have another seed than any record, and the sun is elsewhere. A first
+network is fitted to random windows of the first pictures. Then windows that it mistakes join the examples, and the
+shipped network is fitted to all of them.
 """
 
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.pilots.fitting import campuses, training
-from dronecats.pilots.fitting.campuses import VisibleThing
-from dronecats.pilots.fitting.training import BATCH, Floats, OutputGradient
+from dronecats.pilots.fitting import training
+from dronecats.pilots.fitting.training import BATCH, CAMERA, Floats, OutputGradient
 from dronecats.pilots.vision import shape_detector
 from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.shape_detector import KINDS, ShapeNetwork
+from episodes.camera.renderer.renderer import Renderer
+from episodes.maps import assets, campus, campus_ground, campus_plan
+from episodes.maps.assets import buildings, campus_monuments, fixtures, people, street
+from episodes.maps.scene import Instance, Mesh, Scene, sun_at
+from foundation.camera import CameraPose
+from foundation.frames import Vec3, quat_from_euler
+
+EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: the area of the things
+COPIES = {"bench": 12, "bin": 8, "lamp": 12, "person": 26, "tree": 18, "bollard": 8, "conifer": 8, "shrub": 20}
+DISTRACTORS = 11  # copies of every other kind
+APART_M = 2.6  # between the middles of two things
+HEIGHTS_M = (1.0, 2.4)  # of the camera over the ground
+FARTHEST_M = 50.0
+TILT_RAD = 0.025  # standard deviation of pitch and roll: a drone that has just braked
+
+
+@dataclass(frozen=True, slots=True)
+class VisibleThing:
+    """A thing in a picture."""
+
+    kind: str
+    depth_m: float  # along the optical axis, to the thing's middle
+    right_m: float  # right of the optical axis
+    below_m: float  # the thing's foot below the camera
+    box: tuple[int, int, int, int]  # px, left, top, right, bottom of its pixels
+    pixels: int
+    box_pixels: float  # px of the box around the thing, unobstructed
+
+
+def makers(rng: np.random.Generator) -> dict[str, Mesh]:
+    """Return a mesh per kind, with the catalogue's looks."""
+    made = {kind: maker() for kind, maker in fixtures.MAKERS.items()}
+    made["tiered-fountain"] = campus_monuments.fountain(3)
+    made["person"] = people.person("grey")
+    made["delivery-robot"] = fixtures.delivery_robot("white")
+    made["service-cart"] = fixtures.service_cart("white")
+    species = str(rng.choice(("oak", "maple", "birch")))
+    made["tree"] = street.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
+    made["conifer"] = street.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))
+    made["shrub"] = street.bush(float(rng.uniform(0.4, 0.6)), int(rng.integers(3, 9)))
+    return made
+
+
+def build(seed: int) -> Scene:
+    """Return a campus with random places."""
+    rng = np.random.default_rng((seed, 4711))
+    terrain = campus_ground.terrain()
+    instances: list[Instance] = []
+
+    def add(kind: str, mesh: Mesh, north: float, east: float, yaw: float, down: float | None = None) -> None:
+        place = (north, east, terrain.at(north, east) if down is None else down)
+        instances.append(Instance(len(instances) + 1, f"{kind}-{len(instances)}", kind, mesh, place, yaw))
+
+    for use, mesh in campus_ground.ground():
+        instances.append(Instance(len(instances) + 1, use, "ground", mesh, (0.0, 0.0, 0.0)))
+    plans = [plan for plan, *_ in campus_plan.HALLS]
+    feet: list[tuple[float, float, float, float]] = []  # north, east, half depth, half width of the halls
+    for k, (_, north, east, facing) in zip(rng.permutation(len(plans)), campus_plan.HALLS, strict=True):
+        plan, yaw = plans[int(k)], math.radians(facing)
+        out = plan.depth / 2 + 2.0
+        add(
+            "hall",
+            buildings.hall(plan),
+            north,
+            east,
+            yaw,
+            terrain.at(north + math.cos(yaw) * out, east + math.sin(yaw) * out),
+        )
+        forward, back, side = buildings.reach(plan)
+        deep, wide = max(forward, back) + 0.6, side + 0.6
+        feet.append((north, east, *((deep, wide) if facing in (0.0, 180.0) else (wide, deep))))
+    made = makers(rng)
+    taken: list[tuple[float, float]] = []
+    for kind in sorted(made):
+        for _ in range(COPIES.get(kind, DISTRACTORS if kind != "clock-tower" else 2)):
+            for _ in range(20):
+                n, e = (float(rng.uniform(*span)) for span in EXTENT)
+                apart = all(math.hypot(n - a, e - b) > APART_M for a, b in taken)
+                if apart and not any(abs(n - a) < h and abs(e - b) < w for a, b, h, w in feet):
+                    taken.append((n, e))
+                    add(kind, _dressed(kind, made[kind], rng), n, e, float(rng.uniform(-math.pi, math.pi)))
+                    break
+    for side in (-1, 1):
+        for along in (-90.0, -30.0, 30.0, 90.0):
+            add("wood", street.wood(64.0, 10.0, 3), side * 104.0, along, math.pi / 2)
+            add("wood", street.wood(64.0, 10.0, 4), along, side * 104.0, 0.0)
+    sun = sun_at(campus.ORIGIN[0], int(rng.integers(110, 170)), float(rng.uniform(9.4, 11.4)))
+    return replace(campus.build(1), name=f"campus-of-{seed}", instances=tuple(instances), sun=sun)
+
+
+def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
+    """Return a person with a random garment and gait; another kind unchanged."""
+    if kind != "person":
+        return mesh
+    paint = str(rng.choice(assets.PAINTS)) if rng.random() < 0.6 else "grey"
+    return people.pedestrian(paint) if rng.random() < 0.5 else people.person(paint)
+
+
+def photograph(
+    scene: Scene, renderer: Renderer, seed: int, count: int
+) -> Iterator[tuple[NDArray[np.uint8], tuple[VisibleThing, ...]]]:
+    """Yield pictures (360, 640, 3) RGB from random places of a campus, at the benchmark's heights, and their things."""
+    rng = np.random.default_rng((seed, 815))
+    instances = [i for i in scene.instances if i.kind not in ("ground", "wood", "hall")]
+    halls = [i for i in scene.instances if i.kind == "hall"]
+    done = 0
+    while done < count:
+        n, e = (float(rng.uniform(*span)) for span in EXTENT)
+        yaw = float(rng.uniform(-math.pi, math.pi))
+        near = min(math.hypot(i.position_ned[0] - n, i.position_ned[1] - e) for i in instances)
+        if near < 2.0 or any(math.dist((n, e), h.position_ned[:2]) < 16.0 for h in halls):
+            continue
+        height = float(rng.uniform(*HEIGHTS_M))
+        eye = (n, e, scene.terrain.at(n, e) - height)
+        tilt = [float(v) for v in rng.normal(0.0, TILT_RAD, 2)] if rng.random() < 0.5 else [0.0, 0.0]
+        view = renderer.render(CameraPose(eye, quat_from_euler(tilt[0], tilt[1], yaw)))
+        done += 1
+        yield view.rgb, tuple(_visible(view.ids, instances, eye, yaw))
+
+
+def _visible(ids: NDArray[np.int32], instances: list[Instance], eye: Vec3, yaw: float) -> Iterator[VisibleThing]:
+    counts = np.bincount(ids.ravel(), minlength=max(i.id for i in instances) + 1)
+    c, s = math.cos(yaw), math.sin(yaw)
+    for instance in instances:
+        if counts[instance.id] < 12:
+            continue
+        north, east = instance.position_ned[0] - eye[0], instance.position_ned[1] - eye[1]
+        depth, right = c * north + s * east, -s * north + c * east
+        if depth > FARTHEST_M or depth < 1.0:
+            continue
+        rows, columns = np.nonzero(ids == instance.id)
+        low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
+        wide = 0.5 * (high[0] - low[0] + high[1] - low[1])
+        box_pixels = float(wide * -low[2]) * (CAMERA.focal_px / depth) ** 2
+        box = (int(columns.min()), int(rows.min()), int(columns.max()) + 1, int(rows.max()) + 1)
+        below = instance.position_ned[2] - eye[2]
+        yield VisibleThing(instance.kind, depth, right, below, box, int(counts[instance.id]), box_pixels)
+
 
 FILE = "shape_network.npz"
 FIT_SEED, CHECK_SEED = 200, 900  # first seed of the campuses to fit to, and of those to check with
@@ -32,7 +171,7 @@ CHECK_SCENES, CHECK_PICTURES = 4, 24
 # NEAR of the thing is no example. A mistaken window within PARTS of it shows a part, and is no counter-example.
 HOLDS = (0.10, 0.36, 0.17)
 NEAR = (0.26, 0.90, 0.40)
-PARTS = (0.60, 1.6, 0.80)
+PARTIAL = (0.60, 1.6, 0.80)
 WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}  # NEAR, aside
 SEEN = (0.15, 0.40)  # visible share of a thing: under the first it is absent, under the second no example
 NO_EXAMPLE = -1
@@ -64,27 +203,27 @@ class WindowExamples:
 
 def join(examples: Iterable[WindowExamples]) -> WindowExamples:
     """Return all examples as one."""
-    parts = list(examples)
-    return WindowExamples(np.concatenate([e.windows for e in parts]), np.concatenate([e.kinds for e in parts]))
+    batches = list(examples)
+    return WindowExamples(np.concatenate([e.windows for e in batches]), np.concatenate([e.kinds for e in batches]))
 
 
 def draw(first: int, scenes: int, pictures: int) -> Iterator[CampusJpeg]:
     """Yield pictures of campuses as JPEG, each with its visible things."""
-    return training.draw(campuses.build, campuses.photograph, first, scenes, pictures)
+    return training.draw(build, photograph, first, scenes, pictures)
 
 
 def decoded(jpegs: Iterable[CampusJpeg]) -> Iterator[tuple[Picture, tuple[VisibleThing, ...]]]:
     """Yield the pictures as a pilot decodes them."""
-    for data, things in jpegs:
-        yield np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8), things
+    for data, items in jpegs:
+        yield np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR), np.uint8), items
 
 
 def usual_fill(jpegs: Iterable[CampusJpeg]) -> dict[str, float]:
     """Return for each kind the share of its box that an unobstructed thing fills."""
     shares: dict[str, list[tuple[float, float]]] = defaultdict(list)
-    for _, things in jpegs:
-        for thing in things:
-            shares[thing.kind].append((thing.depth_m, thing.pixels / thing.box_pixels))
+    for _, items in jpegs:
+        for item in items:
+            shares[item.kind].append((item.depth_m, item.pixels / item.box_pixels))
     fill = {}
     for kind, pairs in shares.items():
         near = [share for depth, share in pairs if depth < USUAL_WITHIN_M]
@@ -95,7 +234,7 @@ def usual_fill(jpegs: Iterable[CampusJpeg]) -> dict[str, float]:
 def labels(
     strip: shape_detector.Strip,
     height: int,
-    things: Iterable[VisibleThing],
+    items: Iterable[VisibleThing],
     fill: dict[str, float],
     near: tuple[float, float, float] = NEAR,
 ) -> NDArray[np.int8]:
@@ -103,30 +242,30 @@ def labels(
     right = strip.rights_m()
     kinds = np.zeros(len(right), np.int8)
     offsets = np.full(len(right), np.inf)
-    for thing in things:
-        if thing.kind not in KINDS:
+    for item in items:
+        if item.kind not in KINDS:
             continue
-        share = thing.pixels / (thing.box_pixels * fill[thing.kind])
+        share = item.pixels / (item.box_pixels * fill[item.kind])
         # at another distance the same direction is farther aside, and the same row farther below
-        depth_off = abs(np.log(thing.depth_m / strip.depth_m))
-        aside = np.abs(right - thing.right_m * strip.depth_m / thing.depth_m)
-        height_off = abs(thing.below_m - shape_detector.HEIGHTS_M[height])
+        depth_off = abs(np.log(item.depth_m / strip.depth_m))
+        aside = np.abs(right - item.right_m * strip.depth_m / item.depth_m)
+        height_off = abs(item.below_m - shape_detector.HEIGHTS_M[height])
         if share < SEEN[0] or depth_off > near[0] or height_off > near[2]:
             continue
-        is_near = aside < max(WIDE_M.get(thing.kind, 0.0), near[1])
+        is_near = aside < max(WIDE_M.get(item.kind, 0.0), near[1])
         is_example = depth_off < HOLDS[0] and height_off < HOLDS[2] and share >= SEEN[1]
         holds = aside < HOLDS[1] if is_example else np.zeros_like(is_near)
         offset = depth_off / HOLDS[0] + aside / HOLDS[1] + height_off / HOLDS[2]
         kinds[is_near & ~holds & (kinds == 0)] = NO_EXAMPLE
         better = holds & (offset < offsets)
-        kinds[better] = KINDS.index(thing.kind)
+        kinds[better] = KINDS.index(item.kind)
         offsets[better] = offset[better]
     return kinds
 
 
 def examples_of(
     picture: Picture,
-    things: tuple[VisibleThing, ...],
+    items: tuple[VisibleThing, ...],
     fill: dict[str, float],
     rng: np.random.Generator,
     empty_windows: int,
@@ -140,7 +279,7 @@ def examples_of(
     empty, rank, displaced = list[NDArray[np.float16]](), list[NDArray[np.float64]](), list[NDArray[np.float16]]()
     for strip in shape_detector.strips(picture):
         for height in range(len(shape_detector.HEIGHTS_M)):
-            window_kinds = labels(strip, height, things, fill)
+            window_kinds = labels(strip, height, items, fill)
             holds = np.flatnonzero(window_kinds > 0)
             nothing = np.flatnonzero(window_kinds == 0)
             if network is None:
@@ -154,7 +293,7 @@ def examples_of(
                 empty.append(seen[nothing].astype(np.float16))
                 rank.append(rng.random(len(nothing)))
                 continue
-            is_part = labels(strip, height, things, fill, PARTS)[nothing] != 0
+            is_part = labels(strip, height, items, fill, PARTIAL)[nothing] != 0
             displaced.append(seen[rng.permutation(nothing[is_part])[:1]].astype(np.float16))
             clear = nothing[~is_part]
             mistake = 1.0 - network.probabilities(seen[clear])[:, 0]
@@ -247,22 +386,22 @@ def evaluate(
     fill = usual_fill(jpegs)
     present: dict[str, list[tuple[float, float]]] = defaultdict(list)
     false: dict[str, list[float]] = defaultdict(list)
-    for picture, things in decoded(jpegs):
+    for picture, items in decoded(jpegs):
         detected = shape_detector.find(picture, KINDS[1:], network)
-        for thing in things:
-            is_plain = thing.kind in KINDS and thing.pixels >= PLAINLY * thing.box_pixels * fill[thing.kind]
-            if is_plain and CHECKED_M[0] <= thing.depth_m < CHECKED_M[-1]:
-                odds = (d.odds for d in detected if d.kind == thing.kind and _is(d, thing, 0.35, 0.05))
-                present[thing.kind].append((thing.depth_m, max(odds, default=-math.inf)))
+        for item in items:
+            is_plain = item.kind in KINDS and item.pixels >= PLAINLY * item.box_pixels * fill[item.kind]
+            if is_plain and CHECKED_M[0] <= item.depth_m < CHECKED_M[-1]:
+                odds = (d.odds for d in detected if d.kind == item.kind and _is(d, item, 0.35, 0.05))
+                present[item.kind].append((item.depth_m, max(odds, default=-math.inf)))
         for d in detected:
-            if not any(d.kind == thing.kind and _is(d, thing, 0.5, 0.1) for thing in things):
+            if not any(d.kind == item.kind and _is(d, item, 0.5, 0.1) for item in items):
                 false[d.kind].append(d.odds)
     return {kind: (present[kind], false[kind]) for kind in KINDS[1:]}
 
 
-def _is(detection: shape_detector.PlacedThing, thing: VisibleThing, ratio_log: float, aside: float) -> bool:
-    off = abs(detection.right_m / detection.depth_m - thing.right_m / thing.depth_m)
-    return abs(math.log(detection.depth_m / thing.depth_m)) < ratio_log and off < aside
+def _is(detection: shape_detector.PlacedThing, item: VisibleThing, ratio_log: float, aside: float) -> bool:
+    off = abs(detection.right_m / detection.depth_m - item.right_m / item.depth_m)
+    return abs(math.log(detection.depth_m / item.depth_m)) < ratio_log and off < aside
 
 
 def check(folder: Path, short: bool) -> None:

@@ -79,14 +79,14 @@ def label(step: FlightStep) -> LabelledDecision | None:
     return LabelledDecision("target", seen, away, (off_x, off_y), math.log(go.depth_m / ahead), None)
 
 
-def one_drone(flown: JudgedFlight) -> OneDroneFlight:
+def one_drone(flight: JudgedFlight) -> OneDroneFlight:
     """Return the decisions of the drone that was on the target most often."""
     of_drone: dict[int, list[LabelledDecision]] = defaultdict(list)
-    for step in flown.steps:
+    for step in flight.steps:
         if step.counts and (decision := label(step)) is not None:
             of_drone[step.decision.drone].append(decision)
     most = max(of_drone.values(), key=lambda ds: sum(d.taken == "target" for d in ds), default=[])
-    return OneDroneFlight(flown.verdict.success is True, tuple(most))
+    return OneDroneFlight(flight.verdict.success is True, tuple(most))
 
 
 def attention(flights: Iterable[OneDroneFlight]) -> Attention:
@@ -152,9 +152,9 @@ def fit_run(run: Path) -> VisionErrors:
     """Return the errors of a run folder's flights. Raises UsageError if it is damaged."""
     flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
-        flown = JudgedFlight.read(folder)
-        if flown.scored:
-            flights[noisy.named_by(str(flown.record.get("instruction", "")))].append(one_drone(flown))
+        flight = JudgedFlight.read(folder)
+        if flight.scored:
+            flights[noisy.named_by(str(flight.record.get("instruction", "")))].append(one_drone(flight))
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))
     return VisionErrors(
         fitted_to=run.resolve().name, code_sha256=code, eyes={name: errors_of(group) for name, group in flights.items()}

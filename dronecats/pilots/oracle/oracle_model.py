@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from dronecats.agent.models.model import Reply, Request
 from dronecats.pilots import actions
+from dronecats.pilots import scripted as commander
 from dronecats.pilots.oracle import oracle
 from dronecats.pilots.oracle.oracle import TrueState, TruthPilot
-from dronecats.pilots.scripted import commander
 from episodes.maps.scene import Instance
 from episodes.records.record import StartPose
 from episodes.world.fleet import DronePose
@@ -98,17 +98,17 @@ class OracleModel:
     def _visible(self, sample: TruthSample, t_s: float) -> bool:
         """Return whether the target is visible from a sample, by the logger's measure, with the other drones around."""
         fleet = self._truth.at(sample.drone, sample.time_us)
-        others = [DronePose(other.position_ned, other.attitude) for other in fleet[1].values()] if fleet else []
-        return bool(self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, others).visible)
+        neighbours = [DronePose(d.position_ned, d.attitude) for d in fleet[1].values()] if fleet else []
+        return bool(self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, neighbours).visible)
 
 
 def candidates_in_row(world: World, start: StartPose) -> list[Instance]:
     """Return the target and its look-alikes from left to right, seen from a start."""
-    things = world.target_and_lookalikes
+    candidates = world.target_and_lookalikes
     yaw, (north, east, _) = math.radians(start.yaw_deg), start.position_ned
 
-    def bearing(thing: Instance) -> float:
-        middle = thing.centre_ned
+    def bearing(candidate: Instance) -> float:
+        middle = candidate.centre_ned
         return wrap_pi(math.atan2(middle[1] - east, middle[0] - north) - yaw)
 
-    return sorted(things, key=bearing)
+    return sorted(candidates, key=bearing)

@@ -1,13 +1,144 @@
-"""Decides for a target that the command names by its colour and kind: "the cyan SUV"."""
+"""Decides for a target that the command names by its colour and kind: "the cyan SUV".
+
+It aims ahead of targets that move, and goes round the end of long ones. Both need a value of the step before, kept in
+the depth of a stride, which the history repeats. The last digit of a long stride's depth is the lead of its aim: the
+next picture then shows how far the target has moved across. Of a long target, as a bus, the drone must reach the flank,
+since its end is farther from its middle than the radius of success: the depths _RIGHT_M and _LEFT_M say on which side
+the drone passes it.
+"""
 
 import math
 
 from dronecats.pilots import actions
-from dronecats.pilots.actions import PastAction
-from dronecats.pilots.vision import approach, color_detector, colors, ranging, search
+from dronecats.pilots.actions import LEVEL_PX, PastAction
+from dronecats.pilots.vision import color_detector, colors, ranging, search
 from dronecats.pilots.vision.color_detector import Detection, ExpectedPlace
 from dronecats.pilots.vision.command import Referent, Size
+from dronecats.pilots.vision.ranging import FOCAL_PER_WIDTH
 from foundation.protocol import FINISHED, GO, NEAR_M, RADIUS_M, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M
+
+MIDDLE_PX = 640.0
+UNSEEN_PX = (MIDDLE_PX, LEVEL_PX)  # the point of a stride to a target that was not detected
+_CODED_FROM_M = NEAR_M + 1.0  # smaller depths have other meanings
+_LEAD_STEP = 0.03  # of the picture's width, per digit
+_NO_LEAD = 5  # the digit of no lead
+_STILL_M = 0.4  # motion across during a stride; less is the drone's own drift
+_MOST_ACROSS_M = 1.2  # motion across during a stride: at 0.3 m/s for the 4 s that a stride with its turn takes
+_MOST_STRIDES = 2.0  # strides to look ahead, at most
+_SHORT_OF_M = 4.0  # distance from the target at which the last stride ends
+LONG_M = 7.0  # from this length on a thing is long
+_END_REACH_M = 3.2  # from the middle to the near end: from this on the drone passes the end
+_LONG_WITHIN_M = 20.0  # farther away the drone flies straight to it
+_CLEAR_M = 1.9  # between the drone's way and the edge of the thing
+_RIGHT_M, _LEFT_M = 5.1, 5.2  # depths of a 3 m stride that passes it on the right, or on the left
+_FLANK_TURN_DEG = 60.0
+FLANK_DISTANCE_M = 4.0  # from a passing drone to the flank
+_ACROSS = 0.08  # of the picture's width off its middle: from this on the drone already passes
+_CUT_OFF = 0.49  # of the picture's width off its middle: there the picture cuts the thing off
+
+
+def encode_lead(depth_m: float, lead: float) -> float:
+    """Return a depth of a long stride that holds a lead (fraction of the picture's width, + right)."""
+    digit = min(9, max(0, round(lead / _LEAD_STEP) + _NO_LEAD))
+    return max(_CODED_FROM_M, int(depth_m * 10.0) / 10.0) + 0.01 * digit
+
+
+def decode_lead(past: tuple[PastAction, ...]) -> float | None:
+    """Return the lead of the last action; None if it was no long stride to a detection."""
+    if not past or past[-1].kind != GO or past[-1].depth_m < _CODED_FROM_M or search.count_wander_strides(past):
+        return None
+    if (past[-1].x_px, past[-1].y_px) == UNSEEN_PX:
+        return None
+    return (round(past[-1].depth_m * 100.0) % 10 - _NO_LEAD) * _LEAD_STEP
+
+
+def expected_place(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
+    """Return where the target of the last long stride must be, if it stands still; None without such a stride."""
+    lead = decode_lead(past)
+    if lead is None:
+        return None
+    left = max(2.0, past[-1].depth_m - STRIDE_MAX_M)
+    return ExpectedPlace(-lead * past[-1].depth_m / left, left)
+
+
+def compute_lead(detection: Detection, past: tuple[PastAction, ...]) -> float:
+    """Return how far beside the detection to aim, in fractions of the picture's width, + right."""
+    before = decode_lead(past)
+    if before is None:
+        return 0.0
+    x, depth = 0.5 * (detection.box.left + detection.box.right), detection.range.depth_m
+    across = (x * depth + before * past[-1].depth_m) / FOCAL_PER_WIDTH
+    if abs(across) < _STILL_M:
+        return 0.0
+    strides = min(_MOST_STRIDES, max(0.0, (depth - _SHORT_OF_M) / STRIDE_MAX_M))
+    lead = min(_MOST_ACROSS_M, max(-_MOST_ACROSS_M, across)) * strides * FOCAL_PER_WIDTH / depth
+    return _LEAD_STEP * min(9 - _NO_LEAD, max(-_NO_LEAD, round(lead / _LEAD_STEP)))
+
+
+def shows_long_end(detection: Detection, size: Size) -> bool:
+    """Return whether the drone sees the end of a long thing."""
+    if size.length_m < LONG_M or detection.range.distance_m > _LONG_WITHIN_M:
+        return False
+    return ranging.half_depth_m(detection.box, detection.range, size) >= _END_REACH_M
+
+
+def is_at_flank(detection: Detection, past: tuple[PastAction, ...]) -> bool:
+    """Return whether the drone is at the flank: it passes the thing, or the thing spans the picture."""
+    return passing_side(past) != 0 or (detection.box.left < -_CUT_OFF and detection.box.right > _CUT_OFF)
+
+
+def passing_side(past: tuple[PastAction, ...]) -> int:
+    """Return 1 or -1 if the last stride passed a thing on its right or on its left; else 0."""
+    last = next((p for p in reversed(past) if p.kind == GO), None)
+    if last is None:
+        return 0
+    return (abs(last.depth_m - _RIGHT_M) < 0.02) - (abs(last.depth_m - _LEFT_M) < 0.02)
+
+
+def stride_past_end(detection: Detection, past: tuple[PastAction, ...]) -> str:
+    """Return a stride past the near end, on the side of the flank, whose upper edge falls away from that end."""
+    box = detection.box
+    middle = 0.5 * (box.left + box.right)
+    flank = 1 if detection.lean > 0.0 else -1
+    side = passing_side(past) or (-1 if middle > _ACROSS else 1 if middle < -_ACROSS else flank)
+    outer = box.right if side > 0 else -box.left
+    if outer > _CUT_OFF:  # the thing fills the picture on that side
+        side, outer = -side, -box.left if side > 0 else box.right
+    # the edge of the near end, or of the far one if the near one is already beside the drone
+    beside_it = (box.left < -_CUT_OFF) if side > 0 else (box.right > _CUT_OFF)
+    near = max(2.0, detection.range.depth_m + (_END_REACH_M if beside_it else -_END_REACH_M))
+    return _coded_stride(side * min(_CUT_OFF, outer + _CLEAR_M * FOCAL_PER_WIDTH / near), side)
+
+
+def stride_along_flank(detection: Detection, past: tuple[PastAction, ...]) -> str | None:
+    """Return a stride along the flank, to the side on which it goes on; None if it does not."""
+    side = passing_side(past)
+    if not side:
+        return None
+    if len(past) < 2 or past[-2].kind != ROTATE:
+        return _coded_stride(0.0, side)
+    left, right = detection.box.left < -_CUT_OFF, detection.box.right > _CUT_OFF
+    if left == right:
+        return None
+    return _coded_stride(-_CUT_OFF if left else _CUT_OFF, side)
+
+
+def turn_to_flank(past: tuple[PastAction, ...]) -> str | None:
+    """Return a turn to the thing that the last stride passed; None if it passed nothing."""
+    side = passing_side(past)
+    return actions.rotate(-_FLANK_TURN_DEG * side) if side and past[-1].kind == GO else None
+
+
+def has_turned_to_flank(past: tuple[PastAction, ...]) -> bool:
+    """Return whether the last action was such a turn: then the flank is straight ahead."""
+    if len(past) < 2 or past[-1].kind != ROTATE or past[-2].kind != GO:
+        return False
+    return past[-1].angle_deg == -_FLANK_TURN_DEG * passing_side(past)
+
+
+def _coded_stride(x: float, side: int) -> str:
+    return actions.go(500.0 + 1000.0 * x, 500.0, _RIGHT_M if side > 0 else _LEFT_M)
+
 
 # Arriving. The verifier's radius is 5 m around the target's centre; the margin is for the error of the estimate.
 ARRIVED_M = 4.6
@@ -37,23 +168,23 @@ def decide(picture: colors.Picture, referent: Referent, past: tuple[PastAction, 
         return _without_detection(picture, expected, past)
     if past and search.count_trailing(past, ROTATE) == len(past) and detection.score < _SURE:
         return search.next_action(picture, past)
-    is_at_middle = referent.size.length_m < approach.LONG_M or approach.is_at_flank(detection, past)
+    is_at_middle = referent.size.length_m < LONG_M or is_at_flank(detection, past)
     if detection.range.distance_m <= ARRIVED_M or (_fills(detection.box, aspect) and is_at_middle):
         return actions.finished()
-    if approach.shows_long_end(detection, referent.size):
-        return approach.stride_past_end(detection, past)
+    if shows_long_end(detection, referent.size):
+        return stride_past_end(detection, past)
     return _approach(detection, aspect, past)
 
 
 def _expected(past: tuple[PastAction, ...]) -> ExpectedPlace | None:
     """Return where the target of the last action must be: after a short stride or a declaration, straight ahead."""
-    if approach.has_turned_to_flank(past):
-        return ExpectedPlace(0.0, approach.FLANK_DISTANCE_M)
+    if has_turned_to_flank(past):
+        return ExpectedPlace(0.0, FLANK_DISTANCE_M)
     if not past or past[-1].kind not in (GO, FINISHED) or search.count_wander_strides(past):
         return None
-    if past[-1].kind == GO and (past[-1].x_px, past[-1].y_px) == approach.UNSEEN_PX:
+    if past[-1].kind == GO and (past[-1].x_px, past[-1].y_px) == UNSEEN_PX:
         return ExpectedPlace(0.0, max(2.0, past[-1].depth_m - STRIDE_MAX_M))
-    return approach.expected_place(past) or ExpectedPlace(0.0, _STOP_M)
+    return expected_place(past) or ExpectedPlace(0.0, _STOP_M)
 
 
 def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, past: tuple[PastAction, ...]) -> str:
@@ -62,10 +193,10 @@ def _without_detection(picture: colors.Picture, expected: ExpectedPlace | None, 
         return actions.finished()
     if search.has_turned_away(past):
         return search.stride_away(picture)
-    turn = approach.turn_to_flank(past)
+    turn = turn_to_flank(past)
     if turn:
         return turn
-    if expected is not None and expected.depth_m > _AHEAD_M and (past[-1].x_px, past[-1].y_px) != approach.UNSEEN_PX:
+    if expected is not None and expected.depth_m > _AHEAD_M and (past[-1].x_px, past[-1].y_px) != UNSEEN_PX:
         return actions.go(500.0, 500.0, min(expected.depth_m, search.WANDER_M - 1.0))
     return search.next_action(picture, past)
 
@@ -77,12 +208,12 @@ def _after_declaration(detection: Detection | None, aspect: float, size: Size, p
     """
     if detection is None or detection.range.distance_m > _LOST_M or search.has_declared_enough(past):
         return search.turn_away(past)
-    if size.length_m >= approach.LONG_M:
-        along = approach.stride_along_flank(detection, past)
+    if size.length_m >= LONG_M:
+        along = stride_along_flank(detection, past)
         if along:
             return along
-        if approach.shows_long_end(detection, size):
-            return approach.stride_past_end(detection, past)
+        if shows_long_end(detection, size):
+            return stride_past_end(detection, past)
     if detection.range.distance_m > ARRIVED_M:
         return _approach(detection, aspect, past)
     near_end_m = ranging.half_depth_m(detection.box, detection.range, size)
@@ -112,8 +243,8 @@ def _approach(detection: Detection, aspect: float, past: tuple[PastAction, ...])
     """Go to the detection, or ahead of it if it moves across, with strides that end short of it."""
     if detection.range.distance_m < _CAREFUL_M:
         return _toward(detection, aspect, _depth_for(detection.range))
-    aside = approach.compute_lead(detection, past)
-    return _toward(detection, aspect, approach.encode_lead(_depth_for(detection.range), aside), aside)
+    aside = compute_lead(detection, past)
+    return _toward(detection, aspect, encode_lead(_depth_for(detection.range), aside), aside)
 
 
 def _toward(detection: Detection, aspect: float, depth_m: float, aside: float = 0.0) -> str:

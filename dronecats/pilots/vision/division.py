@@ -68,8 +68,8 @@ def divide(views: Sequence[Sequence[GroundPoint]]) -> list[GroundPoint | None]:
         shared = _joined(shared, [_moved(s, shifts[k]) for s in views[k]])
     if not shared:
         return [None] * len(views)
-    chosen = sorted(shared, key=lambda thing: (-thing.views, thing.spot.distance_m))[: len(views)]
-    chosen.sort(key=lambda thing: thing.spot.bearing_rad)
+    chosen = sorted(shared, key=lambda candidate: (-candidate.views, candidate.spot.distance_m))[: len(views)]
+    chosen.sort(key=lambda candidate: candidate.spot.bearing_rad)
     return [_moved(chosen[k % len(chosen)].spot, _back(shifts[k])) for k in range(len(views))]
 
 
@@ -81,15 +81,15 @@ def _back(shift: GroundPoint) -> GroundPoint:
     return GroundPoint(-shift.right_m, -shift.ahead_m)
 
 
-def _gap(point: GroundPoint, other: GroundPoint) -> float:
+def _gap(point: GroundPoint, reference: GroundPoint) -> float:
     """Return the distance of two points over the allowed difference: below 1 they are the same thing."""
-    allowed = _WRONG_M + _WRONG_SHARE * min(point.distance_m, other.distance_m)
-    return math.hypot(point.right_m - other.right_m, point.ahead_m - other.ahead_m) / allowed
+    allowed = _WRONG_M + _WRONG_SHARE * min(point.distance_m, reference.distance_m)
+    return math.hypot(point.right_m - reference.right_m, point.ahead_m - reference.ahead_m) / allowed
 
 
 def _pairs(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> list[tuple[int, int]]:
     """Return the pairs (index in shared, index in points) of the same thing, nearest pairs first, each index once."""
-    gaps = sorted((_gap(thing.spot, s), i, j) for i, thing in enumerate(shared) for j, s in enumerate(points))
+    gaps = sorted((_gap(candidate.spot, s), i, j) for i, candidate in enumerate(shared) for j, s in enumerate(points))
     pairs: list[tuple[int, int]] = []
     for gap, i, j in gaps:
         if gap < 1.0 and all(i != a and j != b for a, b in pairs):
@@ -100,9 +100,9 @@ def _pairs(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> lis
 def _shift(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> GroundPoint:
     """Return the shift that moves a drone's points best onto the shared things."""
     best, most = GroundPoint(0.0, 0.0), (0, 0.0)
-    for thing in shared:
+    for candidate in shared:
         for spot in points:
-            shift = GroundPoint(thing.spot.right_m - spot.right_m, thing.spot.ahead_m - spot.ahead_m)
+            shift = GroundPoint(candidate.spot.right_m - spot.right_m, candidate.spot.ahead_m - spot.ahead_m)
             if math.hypot(shift.right_m, shift.ahead_m) > _APART_M:
                 continue
             moved = [_moved(s, shift) for s in points]
@@ -115,5 +115,5 @@ def _shift(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> Gro
 
 def _joined(shared: Sequence[_SharedThing], points: Sequence[GroundPoint]) -> list[_SharedThing]:
     pairs = dict(_pairs(shared, points))
-    joined = [replace(thing, views=thing.views + 1) if i in pairs else thing for i, thing in enumerate(shared)]
+    joined = [replace(seen, views=seen.views + 1) if i in pairs else seen for i, seen in enumerate(shared)]
     return joined + [_SharedThing(s, 1) for j, s in enumerate(points) if j not in pairs.values()]

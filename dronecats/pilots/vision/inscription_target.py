@@ -51,7 +51,7 @@ def decide(pictures: Sequence[Picture], wanted: Inscription, command: str, past:
     if not under_way and len(pictures) == 1:
         return [_depart(first_destination(views[0], read_place_in_row(command)))]
     if not under_way:
-        return [_depart(spot) for spot in divide([[thing.spot for thing in view] for view in views])]
+        return [_depart(spot) for spot in divide([[candidate.spot for candidate in view] for view in views])]
     all_settled = all(map(is_settled, past))
     return [
         actions.rotate(_ON_DEG) if all_settled else _decide_one(picture, view, wanted, history, kind.size)
@@ -65,7 +65,7 @@ def first_destination(view: Sequence[Candidate], which: int | None) -> GroundPoi
         return None
     if which is not None and -len(view) <= which < len(view):
         return view[which].spot
-    return min((thing.spot for thing in view), key=lambda spot: spot.distance_m)
+    return min((candidate.spot for candidate in view), key=lambda spot: spot.distance_m)
 
 
 def is_settled(past: Past, rests: int = HISTORY_LENGTH) -> bool:
@@ -88,17 +88,17 @@ def _depart(spot: GroundPoint | None) -> str:
 def _decide_one(picture: Picture, view: Sequence[Candidate], wanted: Inscription, past: Past, size: Size) -> str:
     if past and past[-1].kind == THINK:
         return actions.rotate(_ON_DEG) if wanted.on_plate and is_settled(past, _RESTS) else actions.think()
-    mine = own_candidate(view, past)
-    if mine is None and is_moving_on(past):
+    own = own_candidate(view, past)
+    if own is None and is_moving_on(past):
         has_circled = len(past) >= HISTORY_LENGTH and all(is_moving_on((action,)) for action in past)
         return actions.go(500.0, 500.0, _WANDER_M) if has_circled else actions.rotate(_ON_DEG)
-    if mine is None:
+    if own is None:
         if past and past[-1].kind == GO and past[-1].depth_m >= NEAR_M + STRIDE_MAX_M and past[-1].y_px == LEVEL_PX:
             return actions.go(500.0, 500.0, past[-1].depth_m - STRIDE_MAX_M)  # the thing is hidden, or too far away
         return plates.decide_unseen(past) if wanted.on_plate and past else actions.rotate(_BACK_DEG)
     if wanted.on_plate:
-        return plates.decide(picture, mine, wanted, past, size)
-    return boards.decide(picture, mine, wanted)
+        return plates.decide(picture, own, wanted, past, size)
+    return boards.decide(picture, own, wanted)
 
 
 def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
@@ -109,17 +109,17 @@ def own_candidate(view: Sequence[Candidate], past: Past) -> Candidate | None:
         least, most = (_OTHER_M, math.inf) if is_moving_on(past) else (0.0, _LOST_M)
         if is_settled(past):
             most = math.inf
-        others = [thing for thing in view if least < thing.spot.distance_m < most]
-        return min(others, key=lambda thing: thing.spot.distance_m) if others else None
+        near = [candidate for candidate in view if least < candidate.spot.distance_m < most]
+        return min(near, key=lambda candidate: candidate.spot.distance_m) if near else None
     near_aside = _NEAR_ASIDE_RAD if past[-1].y_px == LEVEL_PX else _ROUND * _NEAR_ASIDE_RAD
     left = past[-1].depth_m - STRIDE_MAX_M
     was_short = left <= NEAR_M  # then the depth is chosen for the stride
 
-    def mismatch(thing: Candidate) -> float:
-        aside = abs(thing.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
+    def mismatch(candidate: Candidate) -> float:
+        aside = abs(candidate.spot.bearing_rad) / (_ASIDE_RAD if left > _NEAR_THING_M else near_aside)
         if was_short:
-            return math.hypot(aside, max(0.0, math.log(max(thing.spot.ahead_m, 0.1) / _SHORT_OF_M)) / _DISTANCE_LOG)
-        off = math.log(max(thing.spot.ahead_m, 0.1) / left) / _DISTANCE_LOG
+            return math.hypot(aside, max(0.0, math.log(max(candidate.spot.ahead_m, 0.1) / _SHORT_OF_M)) / _DISTANCE_LOG)
+        off = math.log(max(candidate.spot.ahead_m, 0.1) / left) / _DISTANCE_LOG
         return math.hypot(aside, off)
 
     best = min(view, key=mismatch)
@@ -148,8 +148,8 @@ def _find_vehicles(pictures: Sequence[Picture], kind: Referent, own: OwnCandidat
         views = [[_vehicle_candidate(d, p) for d in color_detector.find_all(p, referent)] for p in pictures]
         own_things = [own(k, view) for k, view in enumerate(views)] if own else []
         rank = (
-            sum(thing.score * thing.size_px for thing in own_things if thing),  # a near vehicle is larger than a brick
-            sum(sum(sorted((thing.score for thing in view), reverse=True)[:_LOOK_ALIKES]) for view in views),
+            sum(c.score * c.size_px for c in own_things if c),  # a near vehicle is larger than a brick
+            sum(sum(sorted((c.score for c in view), reverse=True)[:_LOOK_ALIKES]) for view in views),
         )
         if rank > most:
             most, best = rank, views

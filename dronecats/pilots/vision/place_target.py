@@ -43,22 +43,22 @@ def decide(picture: Picture, expression: PlaceExpression, past: tuple[PastAction
     """Return the action for one picture, for the target's expression and the drone's history."""
     kinds = _kinds_for(expression.kind)
     landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
-    things = shape_detector.find(picture, sorted({*kinds, *landmark_kinds}), shape_detector.shipped_network())
-    wanted = [t for t in things if t.kind in kinds]
+    detections = shape_detector.find(picture, sorted({*kinds, *landmark_kinds}), shape_detector.shipped_network())
+    wanted = [t for t in detections if t.kind in kinds]
     if past and past[-1].kind == FINISHED:
         return _after_declaration(picture, wanted, past)
     if past and past[-1].kind == GO and not search.count_wander_strides(past):
-        return _follow(picture, wanted, past, expression, things)
-    return _choose(picture, wanted, past, expression, things)
+        return _follow(picture, wanted, past, expression, detections)
+    return _choose(picture, wanted, past, expression, detections)
 
 
 def _kinds_for(kind: str) -> tuple[str, ...]:
     return _KINDS_FOR.get(kind, (kind,))
 
 
-def _away_m(thing: PlacedThing) -> float:
+def _away_m(detection: PlacedThing) -> float:
     """Return how far (m) a thing is from the body, in plan."""
-    return math.hypot(thing.depth_m + ranging.CAMERA_AHEAD_M, thing.right_m)
+    return math.hypot(detection.depth_m + ranging.CAMERA_AHEAD_M, detection.right_m)
 
 
 def _after_declaration(picture: Picture, wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str:
@@ -82,7 +82,7 @@ def _follow(
     wanted: list[PlacedThing],
     past: tuple[PastAction, ...],
     expression: PlaceExpression,
-    things: list[PlacedThing],
+    detections: list[PlacedThing],
 ) -> str:
     """Go on to the thing of the last stride, if it is detected or must be near."""
     last = past[-1]
@@ -106,7 +106,7 @@ def _follow(
         return actions.finished()
     if expected <= _CAREFUL_M:
         return _go(PlacedThing(expression.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
-    return _choose(picture, wanted, past, expression, things)
+    return _choose(picture, wanted, past, expression, detections)
 
 
 def _blocked(past: tuple[PastAction, ...], away_m: float) -> bool:
@@ -129,61 +129,63 @@ def _choose(
     wanted: list[PlacedThing],
     past: tuple[PastAction, ...],
     expression: PlaceExpression,
-    things: list[PlacedThing],
+    detections: list[PlacedThing],
 ) -> str:
     """Go to the most likely target; without one, search."""
     # no episode starts so near to its target: the drone came here, and declared or passed
     open_to = [t for t in wanted if not (past and _away_m(t) < _VISITED_M)]
     turns = search.count_trailing(past, ROTATE)
-    ranked = sorted(((_log_odds(t, expression, things), t) for t in open_to), key=lambda pair: -pair[0])
+    ranked = sorted(((_log_odds(t, expression, detections), t) for t in open_to), key=lambda pair: -pair[0])
     # a target to search for is not in the first picture; until its landmark is detected, the drone closes the first
     # circle before it accepts another thing of the kind
-    knows_landmarks = all(mark.kind for mark in expression.landmarks)
+    has_known_landmarks = all(mark.kind for mark in expression.landmarks)
     first_circle = expression.needs_search and turns == len(past) and turns < _CIRCLE
-    least = _SURE + 0.3 * _WEIGHT if first_circle and knows_landmarks else _SURE
+    least = _SURE + 0.3 * _WEIGHT if first_circle and has_known_landmarks else _SURE
     if not past and not expression.needs_search:  # the target is in the first picture, however unsure the detection
         least = shape_detector.LEAST_ODDS
     if ranked and ranked[0][0] >= least and not (expression.needs_search and not past):
         likely = [t for odds, t in ranked if odds >= least]
-        tours = expression.needs_search and not knows_landmarks
+        tours = expression.needs_search and not has_known_landmarks
         best = likely[_picture_number(picture) % len(likely)] if tours else ranked[0][1]
         return _approach(best, _away_m(best))
     landmark_kinds = {kind for mark in expression.landmarks if mark.kind for kind in _kinds_for(mark.kind)}
-    far = [t for t in things if t.kind in landmark_kinds and t.odds >= _SURE and _away_m(t) > 2.0 * _VISITED_M]
+    far = [t for t in detections if t.kind in landmark_kinds and t.odds >= _SURE and _away_m(t) > 2.0 * _VISITED_M]
     if turns and far and not wanted:
         best = max(far, key=lambda t: t.odds)
         return _go(best, search.WANDER_M)
     return search.next_action(picture, past)
 
 
-def _log_odds(thing: PlacedThing, expression: PlaceExpression, things: Iterable[PlacedThing]) -> float:
+def _log_odds(detection: PlacedThing, expression: PlaceExpression, detections: Iterable[PlacedThing]) -> float:
     """Return the log odds that a thing is the target."""
     landmarks = [
-        [t for t in things if mark.kind and t.kind in _kinds_for(mark.kind) and t is not thing]
+        [t for t in detections if mark.kind and t.kind in _kinds_for(mark.kind) and t is not detection]
         for mark in expression.landmarks
     ]
     if not all(landmarks):
-        return thing.odds
-    others = [
-        _floor_point(t) for t in things if t.kind in _kinds_for(expression.kind) and t is not thing and t.odds >= _SURE
+        return detection.odds
+    rivals = [
+        _floor_point(t)
+        for t in detections
+        if t.kind in _kinds_for(expression.kind) and t is not detection and t.odds >= _SURE
     ]
     best = 0.0
     for pair in itertools.product(*landmarks):  # one landmark, or two with BETWEEN
         sure = min(1.0 / (1.0 + math.exp(-t.odds - _MARK_BONUS)) for t in pair)
-        holds = relation_fit(expression.relation, _floor_point(thing), [_floor_point(t) for t in pair], others)
+        holds = relation_fit(expression.relation, _floor_point(detection), [_floor_point(t) for t in pair], rivals)
         best = max(best, sure * holds)
-    return min(thing.odds, 6.0) + _WEIGHT * best
+    return min(detection.odds, 6.0) + _WEIGHT * best
 
 
-def _floor_point(thing: PlacedThing) -> FloorPoint:
-    return thing.right_m, thing.depth_m
+def _floor_point(detection: PlacedThing) -> FloorPoint:
+    return detection.right_m, detection.depth_m
 
 
-def _approach(thing: PlacedThing, away_m: float) -> str:
+def _approach(detection: PlacedThing, away_m: float) -> str:
     """Declare at a thing that is near enough; else go to it with strides that end short of it."""
     if away_m <= _ARRIVED_M:
         return actions.finished()
-    return _go(thing, _depth_for(away_m))
+    return _go(detection, _depth_for(away_m))
 
 
 def _depth_for(away_m: float) -> float:
@@ -193,21 +195,21 @@ def _depth_for(away_m: float) -> float:
     return actions.depth_of_stride(actions.short_stride_m(away_m - _STOP_M))
 
 
-def _go(thing: PlacedThing, depth_m: float) -> str:
+def _go(detection: PlacedThing, depth_m: float) -> str:
     """Return a level `go` in a thing's direction."""
-    side = thing.right_m / max(thing.depth_m, 0.5)
+    side = detection.right_m / max(detection.depth_m, 0.5)
     return actions.go(500.0 + 500.0 * max(-0.99, min(0.99, side)), 500.0, depth_m)
 
 
 def relation_fit(
-    relation: str, spot: FloorPoint, landmarks: Sequence[FloorPoint], others: Sequence[FloorPoint] = ()
+    relation: str, spot: FloorPoint, landmarks: Sequence[FloorPoint], rivals: Sequence[FloorPoint] = ()
 ) -> float:
     """Return how well a relation holds between `spot` and the landmarks, seen from (0, 0): 0 … 1.
 
     others: the other things of the target's kind. NEAREST compares `spot` with them.
     """
     if relation == NEAREST:
-        return _nearest_fit(spot, landmarks[0], others)
+        return _nearest_fit(spot, landmarks[0], rivals)
     if relation == BETWEEN:
         return _between_fit(spot, landmarks[0], landmarks[1])
     beyond, right = _offset_from(spot, landmarks[0])
@@ -220,9 +222,9 @@ def relation_fit(
     return near * _ramp(way, 0.0, 1.2) * _ramp(abs(right), 1.5 * max(way, 0.5), 0.5 * max(way, 0.5))
 
 
-def _nearest_fit(spot: FloorPoint, landmark: FloorPoint, others: Sequence[FloorPoint]) -> float:
+def _nearest_fit(spot: FloorPoint, landmark: FloorPoint, rivals: Sequence[FloorPoint]) -> float:
     away = math.dist(spot, landmark)
-    least = min((math.dist(other, landmark) for other in others), default=math.inf)
+    least = min((math.dist(rival, landmark) for rival in rivals), default=math.inf)
     return _ramp(away, 1.4 * NEAREST_M, NEAREST_M) * _ramp(away, 1.6 * least + 1.0, least)
 
 

@@ -106,7 +106,7 @@ def _pale_rectangles(
     for level in _LEVELS:
         for x0, y0, x1, y1 in _rectangles(dull & (lab[..., 0] > level), height_px):
             rectangle = (x0 + left, y0 + top, x1 + left, y1 + top)
-            if all(max(abs(a - b) for a, b in zip(rectangle, other, strict=True)) > _SAME_PX for other in rectangles):
+            if all(max(abs(a - b) for a, b in zip(rectangle, kept, strict=True)) > _SAME_PX for kept in rectangles):
                 rectangles.append(rectangle)
     return sorted(rectangles, key=lambda b: (abs(b[3] - b[1] - height_px), b))
 

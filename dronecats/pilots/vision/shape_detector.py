@@ -188,11 +188,11 @@ def find(picture: Picture, kinds: Iterable[str], network: ShapeNetwork) -> list[
 def _merge(group: list[PlacedThing]) -> PlacedThing:
     """Return one thing for all detections of it; the first has the highest odds."""
     first = group[0]
-    weight = [math.exp(thing.odds - first.odds) for thing in group]
+    weight = [math.exp(detection.odds - first.odds) for detection in group]
     total = sum(weight)
-    depth = math.exp(sum(w * math.log(thing.depth_m) for w, thing in zip(weight, group, strict=True)) / total)
-    aside = sum(w * thing.right_m / thing.depth_m for w, thing in zip(weight, group, strict=True)) / total
-    below = sum(w * thing.below_m for w, thing in zip(weight, group, strict=True)) / total
+    depth = math.exp(sum(w * math.log(detection.depth_m) for w, detection in zip(weight, group, strict=True)) / total)
+    aside = sum(w * detection.right_m / detection.depth_m for w, detection in zip(weight, group, strict=True)) / total
+    below = sum(w * detection.below_m for w, detection in zip(weight, group, strict=True)) / total
     return PlacedThing(first.kind, depth, aside * depth, below, first.odds)
 
 
@@ -222,10 +222,10 @@ def _ground_below_m(peaks: list[PlacedThing]) -> float:
     return sum(h * v * v for h, v in evidence.items()) / total
 
 
-def _are_same(thing: PlacedThing, other: PlacedThing) -> bool:
+def _are_same(first: PlacedThing, second: PlacedThing) -> bool:
     """Return whether two detections are of one thing, or of two kinds in one place."""
-    if abs(math.log(thing.depth_m / other.depth_m)) > _APART_LOG:
+    if abs(math.log(first.depth_m / second.depth_m)) > _APART_LOG:
         return False
-    half = half_width_m(other.kind) if thing.kind == other.kind else 0.5 * _USUAL_HALF_WIDTH_M
-    aside = abs(thing.right_m / thing.depth_m - other.right_m / other.depth_m)
-    return aside <= max(_SAME_RAD, half / other.depth_m)
+    half = half_width_m(second.kind) if first.kind == second.kind else 0.5 * _USUAL_HALF_WIDTH_M
+    aside = abs(first.right_m / first.depth_m - second.right_m / second.depth_m)
+    return aside <= max(_SAME_RAD, half / second.depth_m)

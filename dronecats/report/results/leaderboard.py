@@ -10,7 +10,7 @@ import msgspec
 from dronecats.agent.names import PAPER, agent_name
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.roster import BLIND, FAILING, NOISY, ORACLE, RECORDED, SERVED
-from dronecats.pilots.scripted.blind import PATTERNS
+from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.archive.verification import CellScore, Verification
 from dronecats.report.table import CellValue, TableCell, numbers, table_of, words
 from dronecats.report.writers import as_markdown, escaped

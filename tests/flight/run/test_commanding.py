@@ -11,7 +11,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.judge.episode import judge_run
-from dronecats.pilots.scripted import commander
+from dronecats.pilots import scripted as commander
 from foundation.errors import UsageError
 from foundation.run_folder.reading import exchanges
 from tests.foundation.run_folder.published import check

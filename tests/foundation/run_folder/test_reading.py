@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.judge.episode import judge_run, write_verdict
-from dronecats.pilots.scripted.recorded import replies
+from dronecats.pilots.scripted import replies
 from foundation.errors import UsageError
 from foundation.run_folder import layout, reading
 from foundation.run_folder.damage import taken

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.pilots.fitting import colors, neighbourhoods, training
+from dronecats.pilots.fitting import colors, training
+from dronecats.pilots.fitting import colors as neighbourhoods
 from dronecats.pilots.vision import color_detector
 from dronecats.pilots.vision.ranging import BoundingBox, Range
 from episodes.records import catalogue

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.pilots.fitting import campuses, shapes, training
-from dronecats.pilots.fitting.campuses import VisibleThing
+from dronecats.pilots.fitting import shapes, training
+from dronecats.pilots.fitting import shapes as campuses
+from dronecats.pilots.fitting.shapes import VisibleThing
 from dronecats.pilots.vision import shape_detector
 from episodes import maps
 

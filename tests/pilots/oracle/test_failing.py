@@ -183,7 +183,7 @@ def test_each_is_in_its_own_failure_mode(flown, name, mode):
 def test_each_says_what_it_is_and_wants_the_truth(name):
     assert roster.check(f"failing:{name}") == f"failing:{name}"
     assert not roster.looks(f"failing:{name}")
-    assert roster.knows(f"failing:{name}")
+    assert roster.needs_truth(f"failing:{name}")
     assert name in SECONDS
     from dronecats.flight.run.fly import fly
 

@@ -173,7 +173,7 @@ def test_the_numbers_that_ship_are_shares_and_spreads():
 
 def test_it_is_a_built_in_pilot_and_says_so():
     assert roster.check("noisy") == "noisy"
-    assert roster.knows("noisy")
+    assert roster.needs_truth("noisy")
     assert not roster.looks("noisy")
     assert leaderboard.what("noisy") != leaderboard.what("unknown")
     assert what_it_is("noisy") != what_it_is("unknown")

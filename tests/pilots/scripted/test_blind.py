@@ -16,7 +16,7 @@ from dronecats.agent.reply.strict import parse, parse_fleet
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import roster
-from dronecats.pilots.scripted import blind
+from dronecats.pilots import scripted as blind
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import RADIUS_M

@@ -6,7 +6,7 @@ import re
 from dronecats.agent.action import Finished, Go
 from dronecats.agent.commanding.command_prompt import STALL_STEPS, CommandPrompt, Post, roster
 from dronecats.agent.controller import Drone
-from dronecats.pilots.scripted import commander
+from dronecats.pilots import scripted as commander
 from foundation.camera import CameraModel
 from foundation.run_folder.rows import Cause
 from tests.agent.flown_wire import Clock

@@ -9,7 +9,7 @@ import pytest
 
 from dronecats.pilots import roster
 from dronecats.pilots.pilot_process import PilotConfig, create
-from dronecats.pilots.scripted.recorded import player, replies
+from dronecats.pilots.scripted import player, replies
 from foundation.errors import UsageError
 
 JPEG = b"\xff\xd8\xff\xd9"

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from dronecats.pilots.actions import PastAction
-from dronecats.pilots.vision import approach
+from dronecats.pilots.vision import color_target as approach
 from dronecats.pilots.vision.color_detector import Detection
 from dronecats.pilots.vision.command import SIZES
 from dronecats.pilots.vision.ranging import BoundingBox, Range

@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.pilots.actions import PastAction
-from dronecats.pilots.vision import approach, search
+from dronecats.pilots.vision import color_target as approach
+from dronecats.pilots.vision import search
 from dronecats.pilots.vision.color_detector import Detection
 from dronecats.pilots.vision.ranging import BoundingBox, Range
 

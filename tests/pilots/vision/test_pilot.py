@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.pilots.actions import PastAction
-from dronecats.pilots.vision import approach, color_detector, color_target, pilot, ranging, search
+from dronecats.pilots.vision import color_detector, color_target, pilot, ranging, search
+from dronecats.pilots.vision import color_target as approach
 from dronecats.pilots.vision.command import SIZES, read_referent
 from episodes.maps import assets
 from foundation.errors import UsageError

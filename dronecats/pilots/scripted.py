@@ -1,24 +1,21 @@
-"""Pilots that do not look: the floor of the benchmark.
-
-Each flies a pattern that is fixed before the first picture. It counts its own steps, reads from the prompt only a
-seed (for the random one), and from the pictures only their number. So its score is what chance and the layout of the
-episodes give. `blind` itself never declares, which shows what arrives without a declaration; the others declare as
-well as a pattern can.
-
-The patterns use what is published: a stride is 3 m, or 1.2 m for a depth of 2 m; 5 m count as arrival; a camera sees
-90°. Those marked `16 m` also use the start distance of the residential map, and declare only where a target can be. A
-pattern never ends; the episode's time ends it.
-"""
+"""Pilots that look at no picture: blind patterns, a scripted commander, and the replies of another flight."""
 
 import hashlib
+import json
 import math
 import random
+import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 from dronecats.pilots import actions
 from dronecats.pilots.actions import Pilot
+from foundation.errors import UsageError
 from foundation.protocol import BRAKE_M, GO, STRIDE_MAX_M, STRIDE_MIN_M
+from foundation.run_folder.layout import DECISIONS
+from foundation.run_folder.reading import rows
+from foundation.run_folder.rows import Whole
 
 LONG_M, LONG_DEPTH_M = STRIDE_MAX_M, 6.0  # the longest stride, and its depth
 SHORT_M, SHORT_DEPTH_M = STRIDE_MIN_M, BRAKE_M  # the shortest stride, and its depth
@@ -209,3 +206,85 @@ def pattern_pilot(name: str) -> Pilot:
         return actions.join([next(drone) for drone in drones])
 
     return reply_to
+
+
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth")
+_PLACE = re.compile(rf"look at the ({'|'.join(ORDINALS)}) one from the left\b", re.IGNORECASE)
+CANDIDATES = 4  # things that look alike in every commanding episode
+_DRONE = re.compile(r"^Drone (\d+)$")
+_STALLED = re.compile(r"^Drone (\d+) has not moved\b", re.MULTILINE)
+
+
+def goal_text(command: str, place: int) -> str:
+    """Return the goal of a drone: the command, and one candidate by its place from the left, from 1."""
+    return f"{command}: look at the {ORDINALS[place - 1]} one from the left"
+
+
+def place_in_goal(command: str) -> int | None:
+    """Return the candidate's place from the left in a goal, from 1; None if it has none."""
+    match = _PLACE.search(command)
+    return ORDINALS.index(match[1].lower()) + 1 if match else None
+
+
+def divide(prompt: str, images: list[bytes]) -> str:
+    """Return the orders: a place for every drone without one, and the next free place for every stalled drone."""
+    command = actions.read_prompt(prompt).command
+    goals, waiting = read_roster(prompt)
+    stalled = {int(number) for number in _STALLED.findall(prompt)}
+    taken = {place for goal in goals.values() if (place := place_in_goal(goal)) is not None}
+    orders = []
+    for drone, goal in goals.items():
+        place = place_in_goal(goal)
+        if place is None:
+            place = (drone - 1) % CANDIDATES + 1
+        elif drone in stalled:
+            next_places = [(place + k) % CANDIDATES + 1 for k in range(CANDIDATES)]
+            place = next((p for p in next_places if p not in taken), next_places[0])
+        else:
+            continue
+        taken.add(place)
+        orders.append({"drone": drone, "goal": goal_text(command, place)})
+    return json.dumps({"orders": orders, "confirm": waiting})
+
+
+def read_roster(prompt: str) -> tuple[dict[int, str], list[int]]:
+    """Return the goal of each drone of the question by its number, and the numbers of drones with a waiting report."""
+    goals: dict[int, str] = {}
+    waiting: list[int] = []
+    drone = 0
+    for line in prompt.splitlines():
+        if heading := _DRONE.match(line):
+            drone = int(heading[1])
+        elif drone and line.startswith("- goal,"):
+            goals[drone] = line.partition(": ")[2]
+        elif drone and line.startswith("- report: says that it has arrived"):
+            waiting.append(drone)
+    return goals, waiting
+
+
+@dataclass(frozen=True, slots=True)
+class ScriptedReply:
+    """The required fields of a decision, so that a script can be written by hand."""
+
+    step: Whole
+    reply: str  # as received; of all drones of a fleet
+
+
+def replies(path: Path) -> list[str]:
+    """Return the replies of a decisions.jsonl, one per step. Raises UsageError."""
+    by_step: dict[int, str] = {}
+    for row in rows(path, ScriptedReply):
+        by_step.setdefault(row.step, row.reply)
+    if not by_step:
+        raise UsageError(f"{path} holds no decision; give the {DECISIONS} of a flight that took steps")
+    return [by_step[step] for step in sorted(by_step)]
+
+
+def player(path: Path) -> Pilot:
+    """Return the pilot that gives a file's replies in order, and then thinks."""
+    remaining = iter(replies(path))
+
+    def answer(prompt: str, images: list[bytes]) -> str:
+        return next(remaining, actions.join([actions.think()] * max(1, len(images))))
+
+    return answer

@@ -1,1 +1,0 @@
-"""Pilots that look at no picture: blind patterns, recorded replies, and a scripted commander."""
