@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.flight.processes.bus_listener import Listener
 from dronecats.flight.processes.supervisor import Supervisor
+from dronecats.flight.sitl.bus import Listener
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.stages import parts
+from dronecats.flight.stages.stage import SIMULATOR
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.frames import quat_yaw, wrap_pi
 from foundation.mavlink import Parser, dialect
@@ -141,7 +141,7 @@ def autopilot(args: argparse.Namespace) -> Iterator[tuple[str, str]]:
             speed = SHORT_SPEED if args.short else 1.0
             px4 = bool(args.px4)
             simulator = supervisor.start(
-                parts.SIMULATOR,
+                SIMULATOR,
                 SimulatorConfig(
                     episode=EPISODE, speed=speed, autopilot="px4" if px4 else "ours", px4=args.px4, log_dir=folder
                 ),

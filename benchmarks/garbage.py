@@ -28,7 +28,7 @@ import psutil
 from benchmarks.machine import Machine
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.stages import parts
+from dronecats.flight.stages.stage import SIMULATOR
 from foundation.mavlink import Packer, Parser, dialect
 
 EPISODE = "blocks-commanding-01"  # the map that is built at once
@@ -153,7 +153,7 @@ def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         supervisor = Supervisor(Path(folder))
         try:
-            simulator = supervisor.start(parts.SIMULATOR, SimulatorConfig(episode=EPISODE, count=1))
+            simulator = supervisor.start(SIMULATOR, SimulatorConfig(episode=EPISODE, count=1))
             ports = simulator.ready()
             client, sent = Client(ports["agent"][0]), multiprocessing.Array("d", 2)
             targets = (ports["agent"][0], ports["truth"])

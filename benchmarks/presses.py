@@ -23,10 +23,8 @@ from numpy.typing import NDArray
 
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.one_vehicle import one_vehicle
-from dronecats.flight.sitl.scenario import load_world, world_of
-from dronecats.flight.sitl.simulation import BootPose
-from dronecats.flight.sitl.vehicle import TICK_US, Vehicle
+from dronecats.flight.sitl.lockstep import one_vehicle
+from dronecats.flight.sitl.simulation import TICK_US, BootPose, Vehicle, load_world, world_of
 from episodes.records import catalogue
 from episodes.records.record import StartPose
 from episodes.world.obstacles import obstacles

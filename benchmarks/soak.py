@@ -35,7 +35,7 @@ import psutil
 from benchmarks.machine import Machine
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
-from dronecats.flight.stages import parts
+from dronecats.flight.stages.stage import CAMERA, SIMULATOR
 from episodes.records.catalogue import OPEN_GROUND
 from foundation.errors import DronecatsError, LinkError
 from foundation.frames import Vec3, ned_to_geodetic
@@ -268,9 +268,9 @@ def rig(vehicles: int, speed: float) -> Iterator[tuple[list[str], str, Path]]:
             config = SimulatorConfig(
                 episode=OPEN_GROUND, speed=speed, count=vehicles, least_charge=LEAST_CHARGE, state_dir=str(folder)
             )
-            ports = supervisor.start(parts.SIMULATOR, config).ready()
+            ports = supervisor.start(SIMULATOR, config).ready()
             truth = f"udpout://127.0.0.1:{ports['truth']}"
-            camera = supervisor.start(parts.CAMERA, CameraConfig(episode=OPEN_GROUND, truth=truth, count=vehicles))
+            camera = supervisor.start(CAMERA, CameraConfig(episode=OPEN_GROUND, truth=truth, count=vehicles))
             url = str(camera.ready()["url"])
             yield [f"udpout://127.0.0.1:{port}" for port in ports["agent"]], url, folder
         finally:

@@ -19,7 +19,7 @@ from hil.link.transport import Transport
 
 LATE_S = 0.1  # s that a unit out of order comes late: two ticks of the agent, so others do overtake it
 BITS_A_BYTE = 10  # 8N1: a start bit, eight, a stop bit
-LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {what}" for what in ("lost", "doubled", "out of order"))
+LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
 
 
 def _cut_words(cuts: tuple[tuple[float, float], ...]) -> str:
@@ -96,8 +96,8 @@ class Counts:
 
     def __str__(self) -> str:
         """All that happened, in one line."""
-        told = ((f.name.replace("_", " "), getattr(self, f.name)) for f in fields(self))
-        return ", ".join(f"{name} {value}" for name, value in told if value or name in ("taken", "arrived"))
+        values = ((f.name.replace("_", " "), getattr(self, f.name)) for f in fields(self))
+        return ", ".join(f"{name} {value}" for name, value in values if value or name in ("taken", "arrived"))
 
 
 class Channel:
@@ -353,7 +353,7 @@ class SteppedWire(Transport):
         self.url = url
         self._take, self._give, self._pump, self._now_s = take, give, pump, now_s
         self._up, self._down = OneWay(PERFECT, seed, "up"), OneWay(PERFECT, seed, "down")
-        self._heard = bytearray()
+        self._received = bytearray()
         self._close = close
 
     def time_s(self) -> float:
@@ -372,25 +372,25 @@ class SteppedWire(Transport):
         self._up.impair(up, seconds)
         self._down.impair(down, seconds)
 
-    def step(self, said: bytes = b"") -> None:
-        """Carry, once a tick, what has been said meanwhile; `said` by the vehicle has been taken already."""
+    def step(self, data: bytes = b"") -> None:
+        """Carry, once a tick, what has been said meanwhile; `data` by the vehicle has been taken already."""
         self.send(b"")
-        self._hear(said)
+        self._receive_frames(data)
 
     def receive(self, timeout_s: float) -> bytes:
         """Return what has arrived; b'' when nothing did within `timeout_s` of the vehicle's time."""
         due_s = self._now_s() + timeout_s
-        self._hear()
-        while not self._heard and self._now_s() < due_s:
+        self._receive_frames()
+        while not self._received and self._now_s() < due_s:
             self._pump()
-        data = bytes(self._heard)
-        self._heard.clear()
+        data = bytes(self._received)
+        self._received.clear()
         return data
 
     def send(self, data: bytes) -> None:
         for unit in self._up.carry(self._now_s(), data):
             self._give(unit)
 
-    def _hear(self, said: bytes = b"") -> None:
-        for unit in self._down.carry(self._now_s(), said + self._take()):
-            self._heard += unit
+    def _receive_frames(self, data: bytes = b"") -> None:
+        for unit in self._down.carry(self._now_s(), data + self._take()):
+            self._received += unit

@@ -32,7 +32,7 @@ COURSE_FROM = 0.3  # m/s, below which a receiver has no course over ground to te
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Sent:
     """Times (µs, vehicle clock) of the newest samples that the autopilot has been sent; 0: none yet."""
 
     imu_us: int = 0
@@ -41,17 +41,17 @@ class Told:
     gps_us: int = 0
 
 
-def sensor_message(sensors: Any, time_us: int, told: Told) -> dialect.MAVLink_hil_sensor_message:
-    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with the groups marked that are newer than `told`.
+def sensor_message(sensors: Any, time_us: int, sent: Sent) -> dialect.MAVLink_hil_sensor_message:
+    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with the groups marked that are newer than `sent`.
 
     `sensors` is a record of `foundation.sensors.SENSORS`. With nothing new it still carries PX4's clock onward.
     """
     updated = 0
-    if sensors["imu_time_us"] > told.imu_us:
+    if sensors["imu_time_us"] > sent.imu_us:
         updated |= ACCEL | GYRO
-    if sensors["mag_time_us"] > told.mag_us:
+    if sensors["mag_time_us"] > sent.mag_us:
         updated |= MAG
-    if sensors["baro_time_us"] > told.baro_us:
+    if sensors["baro_time_us"] > sent.baro_us:
         updated |= BARO
     pressure_hpa = float(sensors["pressure_hpa"])
     return dialect.MAVLink_hil_sensor_message(
@@ -90,9 +90,9 @@ def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
     )
 
 
-def told_now(sensors: Any) -> Told:
+def sent_now(sensors: Any) -> Sent:
     """Return what the autopilot has been told once everything in `sensors` was sent."""
-    return Told(
+    return Sent(
         int(sensors["imu_time_us"]),
         int(sensors["mag_time_us"]),
         int(sensors["baro_time_us"]),
@@ -249,7 +249,7 @@ class BoardLine:
         self._rest = b""  # the beginning of a frame whose end has not come yet
         self._clients = bytearray()  # what they have not yet been sent
         self._hello_due_s = self._reopen_due_s = 0.0
-        self._heard_s = -FORGET_S  # when the autopilot's last heartbeat came
+        self._alive_s = -FORGET_S  # when the autopilot's last heartbeat came
         self._hil = False
         self.actuators: dialect.MAVLink_message | None = None  # the newest HIL_ACTUATOR_CONTROLS
         self.actuators_s = 0.0  # wall time at which it came
@@ -257,7 +257,7 @@ class BoardLine:
     @property
     def present(self) -> bool:
         """Whether the autopilot's heartbeat is heard."""
-        return self._transport is not None and time.monotonic() - self._heard_s < FORGET_S
+        return self._transport is not None and time.monotonic() - self._alive_s < FORGET_S
 
     @property
     def in_hil(self) -> bool:
@@ -314,7 +314,7 @@ class BoardLine:
             if kind == ACTUATORS:
                 self.actuators, self.actuators_s = message, now_s
             elif message.get_srcComponent() == dialect.MAV_COMP_ID_AUTOPILOT1:
-                self._heard_s, self._hil = now_s, bool(message.base_mode & HIL_ENABLED)
+                self._alive_s, self._hil = now_s, bool(message.base_mode & HIL_ENABLED)
 
     def _lose(self) -> None:
         if self._transport is not None:

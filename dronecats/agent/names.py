@@ -1,4 +1,4 @@
-"""Names of the built-in agents; `dronecats.flight.run.agents` makes them. Apart, since reports need only the names."""
+"""Names of the built-in agents; `dronecats.flight.run.pilot` makes them. Apart, since reports need only the names."""
 
 PAPER = "paper"  # the paper's, and the default
 STEADY = "steady"  # tolerates a slow model: docs/steady.md

@@ -9,8 +9,8 @@ from typing import Any
 from dronecats.bench.campaign import Batch, OpenRun
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, benchmark, part_of
 from dronecats.bench.tables import EpisodeScore, score
-from dronecats.flight.run.first_question import FirstQuestions
-from dronecats.flight.run.settings import settings
+from dronecats.flight.run.accounts import FirstQuestions
+from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.pilots import roster

@@ -97,7 +97,7 @@ class WorkerSlots:
         return len(self._flights[worker])
 
 
-WORKER = ChildKind("worker", "dronecats.bench.worker", WorkerConfig, asks=True)
+WORKER = ChildKind("worker", "dronecats.bench.worker", WorkerConfig, needs_keys=True)
 ANSWER_S = 120.0  # wall s for a worker to answer whether a flight is over; it takes less than 1 s
 # wall s without a new byte in any log of a flight, after which it hangs. The longest pause of a sound flight is a
 # question that is given up: 300 s, retries included. A flight that has written nothing waits for its first turn

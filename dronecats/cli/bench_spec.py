@@ -109,7 +109,7 @@ def checked(path: Path, table: dict[str, Any], names: Sequence[str], more_names:
 
 
 def _checked(path: Path, name: str, value: Any) -> Any:
-    from dronecats.flight.spec.latency_trace import from_folder
+    from dronecats.flight.spec.flight_spec import from_folder
 
     try:
         checked = FILE_OPTIONS[name].read(value)
@@ -147,7 +147,7 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
 def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
     """Return the latency policies: those of --latency, or one for each --rate."""
     from dronecats.flight.spec.flight_spec import LATENCY as DEFAULT
-    from dronecats.flight.spec.latency_trace import latency_policy
+    from dronecats.flight.spec.flight_spec import latency_policy
 
     if args.rate and args.latency:
         raise UsageError("--rate and --latency both set the time of a reply; leave one of them out")

@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.bench.engine import cores
     from dronecats.bench.matrix import suite_of
     from dronecats.bench.tables import audit_table, blind_flights, floor, groups, pars, score_row
-    from dronecats.flight.run.settings import settings
+    from dronecats.flight.run.fly import settings
     from dronecats.flight.spec.flight import look_up
     from episodes.records.baselines import load_blind
     from foundation.run_folder.folder import fresh_run

@@ -163,8 +163,7 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _simulated(args: argparse.Namespace) -> "FlightSpec":
-    from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated
-    from dronecats.flight.spec.latency_trace import latency_policy
+    from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Simulated, latency_policy
     from episodes.camera.optics.file import load as load_optics
     from episodes.records import catalogue
 
@@ -194,9 +193,8 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
 
 def _replayed(args: argparse.Namespace) -> "FlightSpec":
     """Return a recorded flight, with the options that may change in a replay."""
-    from dronecats.flight.spec.flight_spec import Simulated
-    from dronecats.flight.spec.latency_trace import latency_policy
-    from dronecats.flight.spec.recording import recorded
+    from dronecats.flight.spec.flight_spec import Simulated, latency_policy
+    from dronecats.flight.spec.spec_file import recorded
     from episodes.camera.optics.file import load as load_optics
 
     path = args.model.removeprefix(REPLAY)
@@ -266,8 +264,7 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
 
 
 def _connected(args: argparse.Namespace) -> "FlightSpec":
-    from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec
-    from dronecats.flight.spec.latency_trace import latency_policy
+    from dronecats.flight.spec.flight_spec import Authority, Connected, FlightSpec, latency_policy
     from hil.cameras.lens import load as load_calibration
     from hil.link.envelope import Limits
 

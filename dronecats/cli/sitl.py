@@ -111,10 +111,10 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.flight.processes.supervisor import Supervisor
     from dronecats.flight.sitl.board_simulator import BoardSimulator
     from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
-    from dronecats.flight.sitl.px4.simulator import Px4Simulator
+    from dronecats.flight.sitl.px4 import Px4Simulator
     from dronecats.flight.sitl.simulator_process import Simulator
     from dronecats.flight.sitl.sockets import CAMERA_PORT
-    from dronecats.flight.stages import parts
+    from dronecats.flight.stages.stage import CAMERA
     from dronecats.view.live.config import WatchedWires
     from dronecats.view.live.opening import opened
 
@@ -138,9 +138,9 @@ def run(args: argparse.Namespace) -> int:
     )
     simulator: Simulator | Px4Simulator | BoardSimulator
     if args.hitl:
-        simulator = BoardSimulator(config, say=_say)
+        simulator = BoardSimulator(config, notify=_say)
     elif args.autopilot == "px4":
-        simulator = Px4Simulator(config, say=_say)
+        simulator = Px4Simulator(config, notify=_say)
     else:
         simulator = Simulator(config)
     with tempfile.TemporaryDirectory(prefix="dronecats-sitl-") as logs:
@@ -159,7 +159,7 @@ def run(args: argparse.Namespace) -> int:
                     or_next_free=default_camera,
                     optics=optics,
                 )
-                child = supervisor.start(parts.CAMERA, watched)
+                child = supervisor.start(CAMERA, watched)
                 camera = child.ready(lambda: None)["url"]
             _announce(args, camera)
             wires = WatchedWires(

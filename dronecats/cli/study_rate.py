@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
         print(line, file=sys.stderr, flush=True)
 
     from dronecats.flight.run.fly import fly
-    from dronecats.flight.run.outcome import undisturbed
+    from dronecats.flight.run.setup import undisturbed
     from dronecats.study.rate.chain import summarised
     from dronecats.study.rate.files import check_fresh, write_replay
     from dronecats.study.rate.instruments import RateInstruments

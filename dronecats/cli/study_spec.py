@@ -125,7 +125,7 @@ def _request(
 
 def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
     """Return a table of a file, its paths of recorded latencies taken from the file's own folder."""
-    from dronecats.flight.spec.latency_trace import from_folder
+    from dronecats.flight.spec.flight_spec import from_folder
     from dronecats.study.factors import POLICY
 
     def placed(value: Any) -> Any:

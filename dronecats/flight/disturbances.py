@@ -3,8 +3,8 @@
 A disturbance is declared once, on the field that holds it. From the declaration come its option on the command line,
 its word in a bench.toml, its factor in a study, its bounds, its words in run.json and its row in docs/disturbances.md.
 The code that applies it reads the field: of pictures `dronecats/agent/pictures.py`, of the wire
-`dronecats/flight/stages/disturbed.py`, of the vehicle `dronecats/flight/sitl/vehicle.py`. The defaults disturb nothing.
-The time that a reply takes is declared in `dronecats/agent/latency.py`.
+`dronecats/flight/stages/stage.py`, of the vehicle `dronecats/flight/sitl/simulation.py`. The defaults disturb
+nothing. The time that a reply takes is declared in `dronecats/agent/latency.py`.
 """
 
 import math
@@ -128,7 +128,7 @@ class FrameFaults:
 
 
 WAYS = {"to": ("to_vehicle",), "from": ("from_vehicle",), "": ("to_vehicle", "from_vehicle")}
-WIRE = {each.quantity.name: name for name, each in declarations(Impairment).items() if each.quantity}
+WIRE = {entry.quantity.name: name for name, entry in declarations(Impairment).items() if entry.quantity}
 WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # that are factors of a study
 
 
@@ -143,14 +143,14 @@ def _read_wire(text: str) -> FieldValues:
                 f"--link wants NAME=VALUE,… with the names {', '.join(WIRE)}, for one way to.NAME or from.NAME; got"
                 f" '{word}'"
             )
-        whole = declarations(Impairment)[WIRE[quantity]].quantity.whole
+        is_whole = declarations(Impairment)[WIRE[quantity]].quantity.whole
         try:
-            number = int(value) if whole else float(value)
+            number = int(value) if is_whole else float(value)
         except ValueError:
-            wanted = "a whole number" if whole else "a number"
+            wanted = "a whole number" if is_whole else "a number"
             raise UsageError(f"--link wants {wanted} where it says '{word}'") from None
-        for each in WAYS[way]:
-            ways[each][WIRE[quantity]] = number
+        for entry in WAYS[way]:
+            ways[entry][WIRE[quantity]] = number
     return {way: Impairment(**values) for way, values in ways.items()}
 
 
@@ -325,13 +325,13 @@ class Disturbances:
         """What is done, several things joined by commas, for run.json and reports; None where it is nothing."""
         return ", ".join([*words_of(self.frame), *self.link.words, *words_of(self.vehicle)]) or None
 
-    def with_options(self, given: Mapping[str, Any]) -> "Disturbances":
+    def with_options(self, options: Mapping[str, Any]) -> "Disturbances":
         """Return these with what options say otherwise, name → number or text. Raises UsageError."""
         values = self._values()
         for part, name, disturbance in DECLARED:
             option = disturbance.option
-            if option and option.name in given:
-                value = given[option.name]
+            if option and option.name in options:
+                value = options[option.name]
                 values[part] |= option.read(value) if option.read else {name: float(value)}
         return _made(values)
 
@@ -348,13 +348,15 @@ class Disturbances:
 
     def level(self, name: str) -> float:
         """Return the number of a study's level as it is here."""
-        part, of, level = next(each for each in LEVELS if each[2].name == name)
+        part, of, level = next(entry for entry in LEVELS if entry[2].name == name)
         value = getattr(self, part)
         return level.get(value) if level.get else float(getattr(value, of))
 
     def _values(self) -> dict[str, FieldValues]:
-        parts = {name: getattr(self, name) for name in _PARTS}
-        return {name: {each.name: getattr(part, each.name) for each in fields(part)} for name, part in parts.items()}
+        return {
+            name: {field.name: getattr(getattr(self, name), field.name) for field in fields(of)}
+            for name, of in _SECTIONS.items()
+        }
 
     def check_clock(self, *, lockstep: bool) -> None:
         """Raise UsageError for what has no effect on a clock that waits."""
@@ -363,14 +365,14 @@ class Disturbances:
 
 
 UNDISTURBED = Disturbances()
-_PARTS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults}
+_SECTIONS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults}
 DECLARED: tuple[tuple[str, str, Disturbance], ...] = tuple(  # part, field, declaration
-    (part, name, disturbance) for part, of in _PARTS.items() for name, disturbance in declarations(of).items()
+    (part, name, disturbance) for part, of in _SECTIONS.items() for name, disturbance in declarations(of).items()
 )
 OPTIONS = tuple(disturbance.option for _, _, disturbance in DECLARED if disturbance.option)
 LEVELS = tuple((part, name, level) for part, name, disturbance in DECLARED for level in disturbance.levels)
 
 
 def _made(values: Mapping[str, FieldValues]) -> Disturbances:
-    parts: FieldValues = {part: of(**values[part]) for part, of in _PARTS.items()}
-    return Disturbances(**parts)
+    sections: FieldValues = {name: of(**values[name]) for name, of in _SECTIONS.items()}
+    return Disturbances(**sections)

@@ -12,8 +12,7 @@ from dronecats.agent.latency import CAP, FIXED, JITTER, KINDS, RATE, STALL, spli
 from dronecats.agent.models.rows import model_of
 from dronecats.bench.matrix import COMMANDS, command_fields
 from dronecats.flight import disturbances
-from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.flight.spec.latency_trace import carried, latency_policy
+from dronecats.flight.spec.flight_spec import FlightSpec, carried, latency_policy
 from dronecats.pilots import roster
 from foundation.declaration import DeclaredNumber
 from foundation.errors import UsageError

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, slug
-from dronecats.flight.run.agents import agent_maker
+from dronecats.flight.run.pilot import agent_maker
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.study.design import Design, DesignPoint

@@ -49,12 +49,12 @@ class Caller:
             response = self._send(read_s, params)
         if response.status_code != 200:
             try:
-                said = " ".join(response.read()[:120].decode("utf-8", "replace").split())
+                text = " ".join(response.read()[:120].decode("utf-8", "replace").split())
             except httpx.HTTPError:
-                said = ""
+                text = ""
             finally:
                 response.close()
-            raise CameraError(f"it answered {response.status_code} {said}".rstrip())
+            raise CameraError(f"it answered {response.status_code} {text}".rstrip())
         return response
 
     def _send(self, read_s: float, params: dict[str, int] | None) -> httpx.Response:
@@ -75,13 +75,13 @@ def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
 
     Raises CameraError when it breaks off or is larger than `bytes_max`.
     """
-    parts: list[bytes] = []
+    chunks: list[bytes] = []
     began_s, size = time.monotonic(), 0
     try:
         for chunk in response.iter_bytes():
-            if not parts:
+            if not chunks:
                 began_s = time.monotonic()
-            parts.append(chunk)
+            chunks.append(chunk)
             size += len(chunk)
             if size > bytes_max:
                 raise CameraError("it sent more than a picture can have")
@@ -89,7 +89,7 @@ def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
         raise CameraError(f"it broke off: {type(error).__name__}") from None
     finally:
         response.close()
-    return began_s, b"".join(parts)
+    return began_s, b"".join(chunks)
 
 
 PICTURE_BYTES_MAX = 64 * 1024 * 1024
@@ -142,9 +142,9 @@ class HttpCamera:
         """Return a frame of a moment ago (µs, vehicle clock), which a simulated camera can give. Raises CameraError."""
         return self._frame(drone, {"drone": drone, "at": time_us})
 
-    def _frame(self, drone: int, asked: dict[str, int] | None) -> Frame:
+    def _frame(self, drone: int, params: dict[str, int] | None) -> Frame:
         try:
-            response = self._caller.get(self._timeout_s, asked)
+            response = self._caller.get(self._timeout_s, params)
             if response.headers.get("content-type", "").startswith("multipart/"):
                 response.close()
                 raise CameraError("it sends a stream where a picture was asked for")
@@ -204,16 +204,16 @@ class Multipart:
         self._buffer += data
         if data and self._began_s is None:  # a header may come alone and wait long for its picture
             self._began_s = now_s
-        parts: list[tuple[float, bytes]] = []
+        chunks: list[tuple[float, bytes]] = []
         while self._in_body or self._header(now_s):
             body = self._body()
             if body is None:
                 break
             if body:
-                parts.append((now_s if self._began_s is None else self._began_s, body))
+                chunks.append((now_s if self._began_s is None else self._began_s, body))
         if len(self._buffer) > PART_BYTES_MAX:
             raise CameraError("its stream sends a part that is too large for a picture")
-        return parts
+        return chunks
 
     def _header(self, now_s: float) -> bool:
         """Consume a boundary and the header lines after it; return whether they are complete."""

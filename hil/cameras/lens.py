@@ -56,8 +56,8 @@ def load(path: Path) -> Calibration:
 
 
 def _checked(values: dict[str, Any], path: Path) -> Calibration:
-    def fail(name: str, what: str) -> UsageError:
-        return UsageError(f"calibration file '{path}': field '{name}' {what}")
+    def fail(name: str, problem: str) -> UsageError:
+        return UsageError(f"calibration file '{path}': field '{name}' {problem}")
 
     for name in ("image_width", "image_height", "camera_matrix", "distortion_coefficients"):
         if values[name] is None:
@@ -237,13 +237,15 @@ def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
     size = (board.columns, board.rows)
     if not cv2.findChessboardCorners(grey, size, flags=cv2.CALIB_CB_FAST_CHECK | cv2.CALIB_CB_ADAPTIVE_THRESH)[0]:
         return None  # a quick look: the thorough search below takes a second where there is no board
-    found, places = cv2.findChessboardCornersSB(grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY)
-    return places.reshape(-1, 1, 2) if found else None  # OpenCV 4 and 5 differ here
+    has_board, places = cv2.findChessboardCornersSB(
+        grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
+    )
+    return places.reshape(-1, 1, 2) if has_board else None  # OpenCV 4 and 5 differ here
 
 
 def is_new(places: Corners, before: Sequence[Corners], width: int) -> bool:
     """Return whether a view differs enough from those before to say something new."""
-    return all(float(np.linalg.norm(places - other, axis=2).mean()) > MOVED_MIN * width for other in before)
+    return all(float(np.linalg.norm(places - view, axis=2).mean()) > MOVED_MIN * width for view in before)
 
 
 def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:

@@ -1,4 +1,4 @@
-"""What a camera really delivers: its rate, how regular, how old a frame is when it can be used."""
+"""Measures a camera: its rate, its jitter, and the age of a frame when it can be used."""
 
 import statistics
 import time
@@ -17,11 +17,11 @@ GAP = 1.6  # times the usual interval, from which on a picture is missing betwee
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """What came in a while. Intervals are those of the stamps; an age is from stamp to straightened picture."""
+    """The frames of a measurement. Intervals are those of the stamps; an age is from stamp to straightened picture."""
 
     model: CameraModel  # of the frames
     calibrated: bool  # whether the field of view is known, or believed
-    asked: bool  # whether each frame had to be asked for: the rate is then that of asking
+    asked: bool  # whether each frame has to be requested: the rate is then that of the requests
     frames: int
     seconds: float  # host's, from the first frame to the last
     rate_hz: float | None  # of pictures that came, looked at or not; None of fewer than two frames
@@ -42,7 +42,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
     Raises CameraError when frames cease.
     """
     frame = camera.newest()
-    model, asked = camera.model, isinstance(camera, HttpCamera)
+    model, polled = camera.model, isinstance(camera, HttpCamera)
     own_clock = isinstance(camera, HttpCamera) and camera.stamps
     began_s, numbers, stamps_us, ages_ms, repeated = time.monotonic(), [], [], [], 0
     while True:
@@ -65,12 +65,12 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
     usual = statistics.median(spans) if spans else None
     took_s = time.monotonic() - began_s
     came, span_s = numbers[-1] - numbers[0], (stamps_us[-1] - stamps_us[0]) / 1e6
-    if asked:  # a camera that is asked numbers its frames as it likes
+    if polled:  # such a camera numbers its frames as it likes
         came, span_s = len(numbers) - 1, took_s
     return Delivery(
         model=model,
         calibrated=camera.calibrated,
-        asked=asked,
+        asked=polled,
         frames=len(numbers),
         seconds=took_s,
         rate_hz=came / span_s if came > 0 and span_s > 0 else None,
@@ -81,7 +81,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
         oldest_ms=None if own_clock else max(ages_ms),
         missing=sum(round(span / usual) - 1 for span in spans if span > GAP * usual) if usual else 0,
         repeated=repeated,
-        unseen=0 if asked else came - len(numbers) + 1,
+        unseen=0 if polled else came - len(numbers) + 1,
         reopened=camera.reopened,
     ), frame
 

@@ -51,8 +51,8 @@ def open_camera(
 
 def _source(address: Address, lens: Lens) -> Source | None:
     """Return what sends pictures by itself at an address; None for one that has to be asked for each."""
-    known = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
-    if stray := set(address.options) - known:
+    allowed = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
+    if stray := set(address.options) - allowed:
         raise UsageError(f"camera option {sorted(stray)[0]!r} is unknown for a {address.kind} camera")
     match address.kind:
         case "http":
@@ -104,15 +104,15 @@ class PatientCamera:
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the newest frame that is young enough. Raises CameraError when none has come for too long."""
-        began_s, told = time.monotonic(), False
+        began_s, has_warned = time.monotonic(), False
         while True:
             try:
                 return self._camera.newest(drone)
             except CameraError as fault:
                 if time.monotonic() - began_s > self._patience_s:
                     raise
-                if not told:
-                    told = True
+                if not has_warned:
+                    has_warned = True
                     self._on_stale(str(fault))
                 time.sleep(AGAIN_S)
 

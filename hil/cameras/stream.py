@@ -153,9 +153,9 @@ class StreamCamera:
                     taken_s, data = self._source.shoot(self._stop)
                 except StreamEndedError as end:
                     self._ended = True
-                    return self._tell(str(end), over=True)
+                    return self._set_fault(str(end), over=True)
                 except CameraError as fault:
-                    self._tell(str(fault))
+                    self._set_fault(str(fault))
                     self._reopen()
                     continue
                 with self._news:
@@ -163,7 +163,7 @@ class StreamCamera:
                     self._news.notify_all()
                 number += 1
         except Exception as bug:  # a thread that dies silently would look like a camera that hangs
-            self._tell(f"reading it broke down with an unexpected {type(bug).__name__}", over=True)
+            self._set_fault(f"reading it broke down with an unexpected {type(bug).__name__}", over=True)
         finally:
             self._source.close()
 
@@ -173,12 +173,12 @@ class StreamCamera:
             try:
                 self._source.open()
             except CameraError as fault:
-                self._tell(str(fault))
+                self._set_fault(str(fault))
             else:
                 self.reopened += 1
                 return
 
-    def _tell(self, fault: str, *, over: bool = False) -> None:
+    def _set_fault(self, fault: str, *, over: bool = False) -> None:
         with self._news:
             self._fault, self._over = fault, over
             self._news.notify_all()

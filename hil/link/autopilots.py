@@ -1,4 +1,4 @@
-"""The autopilot at the other end of a link: its version, its family, and PX4's modes and habits.
+"""The autopilot at the other end of a link: its version, its family, its modes and setpoint messages.
 
 PX4 in particular: the modes are from px4_custom_mode.h. The rest was measured with PX4 1.15. Only the frames LOCAL_NED
 and BODY_NED count as setpoints. A mask that leaves vz out (0x5E7) or everything (0xDFF) is called invalid and times
@@ -7,7 +7,6 @@ divided until they fit. STATUSTEXT goes only to a wire on which a ground station
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from foundation.mavlink import dialect
 from foundation.px4 import MODES, PX4_AUTOPILOT
@@ -20,7 +19,7 @@ NAMES = {0: "a generic autopilot", 3: "ArduPilot", PX4_AUTOPILOT: "PX4", 8: "no 
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """What an autopilot says of its own firmware."""
+    """The firmware of an autopilot."""
 
     version: str  # major.minor.patch, with alpha, beta or rc where it is none that was released
     git: str  # first 8 bytes of the commit's hash, in hexadecimal; empty when not told
@@ -34,7 +33,7 @@ class Firmware:
 
 
 def firmware(message: dialect.MAVLink_message) -> Firmware:
-    """Return what an AUTOPILOT_VERSION says. PX4 writes the hash with its least significant byte first."""
+    """Return the firmware of an AUTOPILOT_VERSION. PX4 writes the hash with its least significant byte first."""
     number = message.flight_sw_version
     major, minor, patch, kind = (number >> shift & 0xFF for shift in (24, 16, 8, 0))
     suffix = KINDS.get(kind, f"type {kind}")
@@ -54,47 +53,6 @@ def kind_name(autopilot: int) -> str:
     return NAMES.get(autopilot, f"an autopilot of MAV_AUTOPILOT {autopilot}")
 
 
-class Family(Protocol):
-    """One family. Modes have PX4's names everywhere: what another family calls otherwise, its file translates."""
-
-    @property
-    def name(self) -> str:
-        """For a sentence."""
-        ...
-
-    @property
-    def autopilot(self) -> int:
-        """HEARTBEAT.autopilot, a MAV_AUTOPILOT."""
-        ...
-
-    @property
-    def homeward(self) -> tuple[str, ...]:
-        """Modes after which nothing more is ordered: they end on the ground."""
-        ...
-
-    def mode_name(self, custom_mode: int) -> str:
-        """Return the mode of a HEARTBEAT or CURRENT_MODE."""
-        ...
-
-    def mode_parameters(self, mode: str) -> tuple[float, float]:
-        """Return parameters 2 and 3 of MAV_CMD_DO_SET_MODE. Raises KeyError for a mode that there is not."""
-        ...
-
-    def goes_on_to(self, mode: str) -> tuple[str, ...]:
-        """Return the modes into which an autopilot goes on by itself from this one."""
-        ...
-
-    def ending(self, then: str) -> str:
-        """Return the mode that ends a flight as asked: land, return or hold."""
-        ...
-
-    def setpoint_message(
-        self, setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
-    ) -> dialect.MAVLink_message:
-        """Return the message that carries an offboard setpoint, in the frame and with the mask that are understood."""
-        ...
-
-
 VELOCITY_YAW_RATE = 0x5C7  # type mask: vx, vy, vz, yaw rate
 POSITION_YAW = 0x9F8  # type mask: x, y, z, yaw
 LEADS_TO = {"TAKEOFF": ("HOLD",), "RETURN": ("LAND", "HOLD")}
@@ -102,22 +60,25 @@ ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
 
 
 class Px4:
-    """The family of PX4, which our own autopilot speaks as."""
+    """The family of PX4, as which our own autopilot speaks. Another family is a subclass.
+
+    Modes have PX4's names everywhere; a subclass translates its own.
+    """
 
     name = "PX4"
-    autopilot = int(PX4_AUTOPILOT)
-    homeward = ("LAND", "RETURN")  # one that has landed goes back to the mode before
+    autopilot = int(PX4_AUTOPILOT)  # HEARTBEAT.autopilot, a MAV_AUTOPILOT
+    homeward = ("LAND", "RETURN")  # modes that end on the ground, after which nothing more is ordered
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return the mode of a HEARTBEAT or CURRENT_MODE, `main/sub` in numbers when it is none that we know."""
+        """Return the mode of a HEARTBEAT or CURRENT_MODE, `main/sub` in numbers for an unknown one."""
         return name_of(custom_mode)
 
     def mode_parameters(self, mode: str) -> tuple[float, float]:
-        """Return the main and the sub mode. Raises KeyError for a mode that there is not."""
+        """Return parameters 2 and 3 of MAV_CMD_DO_SET_MODE. Raises KeyError for an unknown mode."""
         return MODES[mode].main, MODES[mode].sub
 
     def goes_on_to(self, mode: str) -> tuple[str, ...]:
-        """Return the modes into which it goes on by itself from this one."""
+        """Return the modes into which an autopilot goes on by itself from this one."""
         return LEADS_TO.get(mode, ())
 
     def ending(self, then: str) -> str:

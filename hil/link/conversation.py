@@ -3,15 +3,15 @@
 import contextlib
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from foundation.errors import LinkError
 from foundation.mavlink import Packer, Parser, dialect, frame_of
 from foundation.signing import Signing, is_signed, timestamp
-from hil.link.autopilots import PX4, Family, Firmware, firmware, kind_name
+from hil.link.autopilots import PX4, Firmware, Px4, firmware, kind_name
 from hil.link.course import PoseHistory
 from hil.link.streams import TICK_US, Streams
-from hil.link.telemetry import TOLD, StatusTexts, VehicleClock, VehicleState, update
+from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleClock, VehicleState, update
 from hil.link.transport import Transport
 
 REPLACED_S = 3.0  # s of the transport's clock without the vehicle, after which another address may take its place
@@ -19,7 +19,9 @@ NOTICE_S = 10.0  # s between two notices of ignored messages
 
 
 class VehicleAddress:
-    """Parses what arrives, separately for the vehicle and for others, and tells which messages are the vehicle's.
+    """Parses bytes separately for the vehicle and for others, and tells which messages are the vehicle's.
+
+    A UDP port receives from everybody, and one address is the vehicle's.
 
     The address of the vehicle's first heartbeat is held. Another address that uses the vehicle's ids is ignored until
     the held one has been silent for REPLACED_S: a bridge that restarts comes back with another port.
@@ -30,31 +32,31 @@ class VehicleAddress:
         self._transport, self._notice = transport, notice
         self._held: str | None = None
         self._parser = Parser()  # of the held address
-        self._other: str | None = None  # the last address that spoke and is not held
-        self._other_parser = Parser()
-        self._heard_s = 0.0  # when the held address last spoke
+        self._stranger: str | None = None  # the last address that spoke and is not held
+        self._stranger_parser = Parser()
+        self._heard_from_s = 0.0  # when the held address last spoke
         self._noticed_s = -math.inf
 
     def messages(self, data: bytes) -> list[dialect.MAVLink_message]:
-        """Return the messages that are completed by what the transport has just received."""
+        """Return the messages that the bytes of the last `receive` complete."""
         peer = self._transport.peer
         if peer == self._held:
             return self._parser.feed(data)
-        if peer != self._other:
-            self._other, self._other_parser = peer, Parser()
-        return self._other_parser.feed(data)
+        if peer != self._stranger:
+            self._stranger, self._stranger_parser = peer, Parser()
+        return self._stranger_parser.feed(data)
 
     def hold(self) -> None:
-        """Take the address of what was just received for the vehicle's."""
-        self._held, self._heard_s = self._transport.peer, self._transport.time_s()
-        self._parser, self._other, self._other_parser = self._other_parser, None, Parser()
+        """Take the address of the last `receive` for the vehicle's."""
+        self._held, self._heard_from_s = self._transport.peer, self._transport.time_s()
+        self._parser, self._stranger, self._stranger_parser = self._stranger_parser, None, Parser()
         self._transport.follow(self._held)
 
     def admits(self) -> bool:
         """Return whether a message with the vehicle's ids that was just received may be the vehicle's."""
         peer, now_s = self._transport.peer, self._transport.time_s()
         if peer != self._held:
-            silent_s = now_s - self._heard_s
+            silent_s = now_s - self._heard_from_s
             if silent_s < REPLACED_S:
                 if now_s >= self._noticed_s + NOTICE_S:
                     self._noticed_s = now_s
@@ -62,7 +64,7 @@ class VehicleAddress:
                 return False
             self._notice(f"the vehicle now speaks from {peer}; {self._held} has been silent for {silent_s:.1f} s")
             self.hold()
-        self._heard_s = now_s
+        self._heard_from_s = now_s
         return True
 
 
@@ -71,8 +73,8 @@ SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the 
 LOST_S = 1.0  # the same of a vehicle that was silent for so long and has not spoken since
 WARNING_S = 1.0  # s of the transport's clock without telemetry that are worth a warning
 PATIENCE_S = 0.5  # s of the transport's clock of one read
-GAP_US = 500_000  # µs of vehicle time without telemetry after which nothing that was known of the mode is believed
-AWAY_S = 0.5  # s of the transport's clock between two words of ours after which what has piled up is read first
+GAP_US = 500_000  # µs of vehicle time without telemetry after which the last known mode is not believed
+AWAY_S = 0.5  # s of the transport's clock between two sends after which the backlog is read first
 ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator that has just booted tells no place for a second
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
@@ -80,11 +82,11 @@ KEY_TRIES = 5
 AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
 WORDS_S = 0.3  # s of vehicle time in which an autopilot says why it refused
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
-FAMILIES: dict[int, Family] = {PX4.autopilot: PX4}  # by HEARTBEAT.autopilot: those that we can fly
+FAMILIES: dict[int, Px4] = {PX4.autopilot: PX4}  # by HEARTBEAT.autopilot: those that we can fly
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
 STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
 STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE}  # either keeps the clock going
-HEARD = TOLD | {COMMAND_ACK, VERSION}  # most of what an autopilot streams is for others
+HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION}  # most of what an autopilot streams is for others
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
 }  # fmt: skip
@@ -115,7 +117,7 @@ class Conversation:
         self.clock = VehicleClock()
         self.track = PoseHistory()
         self.firmware: Firmware | None = None
-        self.family: Family = PX4  # until a heartbeat tells
+        self.family: Px4 = PX4  # until a heartbeat names another
         self.system = 0
         self.component = AUTOPILOT
         self.streams = Streams()
@@ -139,6 +141,15 @@ class Conversation:
         self._ack: dialect.MAVLink_message | None = None
         self._sign_with(key)
 
+    @contextlib.contextmanager
+    def listening(self, listener: Callable[[dialect.MAVLink_message], None]) -> Iterator[None]:
+        """Call a listener with every message of the wire until the context ends."""
+        self.listeners.append(listener)
+        try:
+            yield
+        finally:
+            self.listeners.remove(listener)
+
     # -- the wire ------------------------------------------------------------------------------------------------
 
     def connect(self, timeout_s: float = 30.0) -> None:
@@ -146,27 +157,27 @@ class Conversation:
 
         Raises LinkError when no autopilot is heard within `timeout_s` of the transport's clock, or one that is not PX4.
         """
-        began_s, asked_s, told_s, known = self._time_s(), -math.inf, math.inf, self.system
-        while not self._told() or (self.firmware is None and self._time_s() < told_s + 1.0):
+        began_s, requested_s, complete_s, system = self._time_s(), -math.inf, math.inf, self.system
+        while not self._has_telemetry() or (self.firmware is None and self._time_s() < complete_s + 1.0):
             now_s = self._time_s()
-            if now_s >= asked_s + ASK_AGAIN_S or known != self.system:  # not more often: it starts the interval anew
-                asked_s, known = now_s, self.system
+            if now_s >= requested_s + ASK_AGAIN_S or system != self.system:  # a request restarts the interval
+                requested_s, system = now_s, self.system
                 self._send_heartbeat()
                 if self.system:
                     self._request_streams()
             self._receive(0.5)
-            if self._told():
-                told_s = min(told_s, self._time_s())
+            if self._has_telemetry():
+                complete_s = min(complete_s, self._time_s())
             self.on_wait()
-            if self._time_s() >= began_s + timeout_s and not self._told():
-                what = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
-                raise LinkError(f"{what} on {self.transport.url} within {timeout_s:g} s{self._why_unheard()}")
+            if self._time_s() >= began_s + timeout_s and not self._has_telemetry():
+                missing = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
+                raise LinkError(f"{missing} on {self.transport.url} within {timeout_s:g} s{self._why_unheard()}")
         self._boots = self.clock.reboots
         # the first heartbeat comes before the clock is known
         self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
         self._request_streams()
 
-    def _told(self) -> bool:
+    def _has_telemetry(self) -> bool:
         return bool(self.system) and self.state.position_ned is not None and self.state.euler is not None
 
     def send(self, message: dialect.MAVLink_message) -> None:
@@ -176,7 +187,7 @@ class Conversation:
         )
 
     def close(self) -> None:
-        """Leave the wire as it was found: every stream that we have changed goes back to the autopilot's own rate."""
+        """Close the wire, with every stream that we have changed back at the autopilot's own rate."""
         with contextlib.suppress(LinkError):  # a wire that is broken takes nothing any more
             for interval in self.streams.all() if self.system else ():
                 self._request(interval.message_id, 0)
@@ -209,7 +220,7 @@ class Conversation:
         frame = frame_of(message)
         self._vehicle_signs = is_signed(frame)
         self.streams.saw(kind, len(frame))
-        if kind not in HEARD:
+        if kind not in HANDLED:
             return
         if kind == COMMAND_ACK:
             if message.target_system in (0, SYSTEM) and message.target_component in (0, COMPONENT):
@@ -227,16 +238,16 @@ class Conversation:
                 self._gap_us = self.time_us
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
-        told_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
-        self.state = update(self.state, message, self.family.mode_name, told_us, self.time_us)
+        stamp_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
+        self.state = update(self.state, message, self.family.mode_name, stamp_us, self.time_us)
         if kind in STAMPED:
-            self._track(update(VehicleState(), message, self.family.mode_name, told_us))
+            self._track(update(VehicleState(), message, self.family.mode_name, stamp_us))
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
             self.track.range(self.clock.time_us, self.state.range_m)
         self._noticed()
 
     def _track(self, state: VehicleState) -> None:
-        """Take note of where it was and how it stood, as one message tells, whether or not it was overtaken."""
+        """Record place and attitude of one message, whether or not a newer one has overtaken it."""
         if state.position_ned is not None and state.velocity_ned is not None:
             self.track.place(state.position_us, state.position_ned, state.velocity_ned)
         if state.euler is not None:
@@ -294,7 +305,7 @@ class Conversation:
             self._signing.set_up(key, timestamp(self._unix_s()), self._wire_us)
 
     def _why_unheard(self) -> str:
-        """Return what signing has to do with a wait that was in vain, as the end of a sentence."""
+        """Return the reason for silence that signing gives, as the end of a sentence; empty when there is none."""
         signing = self._signing
         if not signing.active:
             wanted = "; the vehicle signs its messages and ignores others: give its key with --sign KEYFILE"
@@ -320,10 +331,10 @@ class Conversation:
         message = dialect.MAVLink_setup_signing_message(
             self.system, self.component, list(key), timestamp(self._unix_s())
         )
-        given = self._packer.pack(message)  # unsigned, since it has no key yet
+        setup = self._packer.pack(message)  # unsigned, since it has no key yet
         self._sign_with(key)
         for _ in range(KEY_TRIES):
-            self.transport.send(given)
+            self.transport.send(setup)
             self._send_heartbeat()
             end_s = self._time_s() + 1.0
             while self._time_s() < end_s:
@@ -344,7 +355,7 @@ class Conversation:
         return self.clock.time_us + self.behind_us
 
     def listen(self) -> None:
-        """Take in what has already arrived, without waiting."""
+        """Process what has already arrived, without waiting."""
         while self._receive(0.0):
             pass
 
@@ -357,7 +368,7 @@ class Conversation:
         self._speak()
 
     def keep_up(self) -> None:
-        """Take in what has arrived and send what is due, without waiting: for a link whose turn it is not."""
+        """Process what has arrived and send what is due, without waiting: for a link whose turn it is not."""
         self.listen()
         if self._due():
             self._tick_due_us = self.time_us + self.tick_us
@@ -368,7 +379,7 @@ class Conversation:
         return self.time_us >= self._tick_due_us - self.tick_us // 2
 
     def _speak(self) -> None:
-        """Send the heartbeat and requests when they are due, and what else a subclass has to say."""
+        """Send the heartbeat and requests when they are due; a subclass sends more."""
         now_s = self._time_s()
         if now_s - self._spoke_s > AWAY_S:
             self.listen()  # after a pause of ours the state is old news: what has changed meanwhile comes first
@@ -381,13 +392,13 @@ class Conversation:
             self._request_once()  # an autopilot without a fix has neither origin nor home to send
 
     def mode_is_known(self) -> bool:
-        """Return whether the autopilot has told its mode since telemetry last had a gap."""
+        """Return whether the autopilot has sent its mode since the last gap of telemetry."""
         return self.state.mode_us >= self._gap_us
 
     def _wait_until(self, reached: Callable[[], bool]) -> None:
         moved_s, moved_us, reads = self._time_s(), self.time_us, 0
         while not reached():
-            heard = self._receive(PATIENCE_S)
+            received = self._receive(PATIENCE_S)
             if self.clock.reboots != self._boots:
                 self._boots, self._heartbeat_due_us, self._tick_due_us = self.clock.reboots, 0, 0
                 self._request_streams()
@@ -402,8 +413,8 @@ class Conversation:
                 moved_s, moved_us, reads, self._lost = self._time_s(), self.time_us, 0, False
             elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
                 self._lost = True  # whoever ends the flight now does not wait as long for every order
-                what = "sends no telemetry any more" if heard else "has been silent"
-                raise LinkError(f"the vehicle on {self.transport.url} {what} for {silent_s:.3g} s")
+                fault = "sends no telemetry any more" if received else "has been silent"
+                raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 
     def wait(self, seconds: float) -> None:
         """Let vehicle time pass, streaming on."""
@@ -411,13 +422,13 @@ class Conversation:
         while self.time_us < end_us:
             self.tick()
 
-    def wait_for(self, reached: Callable[[VehicleState], bool], seconds: float, what: str) -> None:
-        """Tick until `reached`. Raises LinkError naming `what` and the autopilot's last warning after `seconds`."""
+    def wait_for(self, reached: Callable[[VehicleState], bool], seconds: float, event: str) -> None:
+        """Tick until `reached`. Raises LinkError naming `event` and the autopilot's last warning after `seconds`."""
         end_us = self.time_us + round(seconds * 1e6)
         while not reached(self.state):
             if self.time_us >= end_us:
-                said = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
-                raise LinkError(f"{what} did not happen within {seconds:g} s of vehicle time{said}")
+                words = f"; the autopilot said: {self.state.status_text}" if self.state.status_text else ""
+                raise LinkError(f"{event} did not happen within {seconds:g} s of vehicle time{words}")
             self.tick()
 
     # -- commands ------------------------------------------------------------------------------------------------
@@ -442,20 +453,20 @@ class Conversation:
                     return int(ack.result)
         raise LinkError(f"the autopilot does not acknowledge command {command}{self._why_unheard()}")
 
-    def order(self, what: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
-        """Send a command that has to be accepted, and again for `insist_s` (vehicle time) while it is only not yet.
+    def order(self, name: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
+        """Send a command until it is accepted, for up to `insist_s` (vehicle time) while it is temporarily rejected.
 
-        Raises LinkError with the autopilot's own words when refused to the end.
+        Raises LinkError with the autopilot's own words when it stays refused.
         """
-        asked_us = self.time_us
+        since_us = self.time_us
         while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:
-            if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= asked_us + round(insist_s * 1e6):
-                raise LinkError(f"{what} was {self._refusal(result, asked_us)}")
+            if result != dialect.MAV_RESULT_TEMPORARILY_REJECTED or self.time_us >= since_us + round(insist_s * 1e6):
+                raise LinkError(f"{name} was {self._refusal(result, since_us)}")
             self.wait(AGAIN_S)
 
-    def _refusal(self, result: int, asked_us: int) -> str:
-        """Return what a refused command came to, with what the autopilot said since it was asked."""
+    def _refusal(self, result: int, since_us: int) -> str:
+        """Return the result of a refused command in words, with the autopilot's texts since then."""
         self.wait(WORDS_S)
-        words = self.texts.since(asked_us) or self.state.status_text
-        said = f": {words}" if words else ""
-        return f"{RESULTS.get(result, f'answered with result {result}')} by the autopilot{said}"
+        words = self.texts.since(since_us) or self.state.status_text
+        words = f": {words}" if words else ""
+        return f"{RESULTS.get(result, f'answered with result {result}')} by the autopilot{words}"

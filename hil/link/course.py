@@ -1,4 +1,4 @@
-"""Where a vehicle goes and has been: the course of a decision, arrival at a place, and the track behind."""
+"""The course of a vehicle: turns and lines of a decision, arrival at a place, and the recorded poses."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -114,19 +114,19 @@ class PoseHistory:
         self._ranges: deque[tuple[int, float]] = deque()  # µs, m
 
     def place(self, time_us: int, position_ned: Vec3, velocity_ned: Vec3) -> None:
-        """Take note of a place (m, local frame) and velocity (m/s)."""
+        """Record a place (m, local frame) and velocity (m/s)."""
         _keep(self._places, (time_us, position_ned, velocity_ned))
 
     def heading(self, time_us: int, yaw: float, yaw_rate: float) -> None:
-        """Take note of a heading (rad) and its rate (rad/s)."""
+        """Record a heading (rad) and its rate (rad/s)."""
         _keep(self._headings, (time_us, yaw, yaw_rate))
 
     def tilt(self, time_us: int, roll: float, pitch: float) -> None:
-        """Take note of how the body leans (rad)."""
+        """Record roll and pitch (rad)."""
         _keep(self._tilts, (time_us, roll, pitch))
 
     def range(self, time_us: int, range_m: float) -> None:
-        """Take note of what the rangefinder measures (m)."""
+        """Record a range of the rangefinder (m)."""
         _keep(self._ranges, (time_us, range_m))
 
     def at(self, time_us: int) -> Sight | None:
@@ -174,7 +174,7 @@ def _keep(reports: deque[Report], report: Report) -> None:
     if reports and report[0] < reports[-1][0] - OVERTAKEN_US:
         reports.clear()
     if reports and report[0] < reports[-1][0]:  # others have overtaken it
-        k = bisect_left(reports, report[0], key=lambda one: one[0])
+        k = bisect_left(reports, report[0], key=lambda entry: entry[0])
         if reports[k][0] == report[0]:
             reports[k] = report
         else:

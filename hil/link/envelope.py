@@ -22,7 +22,7 @@ from hil.link.telemetry import VehicleState
 
 PLACE_GAIN = 1.0  # 1/s; how fast a PX4 flies to a place, per metre: MPC_XY_P 0.95, MPC_Z_P 1
 GAIN = 0.5  # 1/s; a real PX4 follows a step of velocity to nine tenths within a second
-STANDING = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
+STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, at which a vehicle that is beyond a limit is brought back
 TOUCHING_M = 1e-3  # m
 STALE_US = 500_000  # µs without a position after which none is believed
@@ -39,7 +39,7 @@ GeodeticPolygon = Annotated[tuple[GeodeticCorner, ...], Meta(min_length=3)]
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """What the envelope holds a vehicle to. Heights and distances are from home."""
+    """The limits of the envelope. Heights and distances are from home."""
 
     ceiling_m: Positive = 30.0
     floor_m: Number = 0.7  # while flying the agent's setpoints; take-off and landing are the autopilot's
@@ -65,7 +65,7 @@ SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches 
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """What may be flown."""
+    """A setpoint that may be flown."""
 
     setpoint: OffboardSetpoint
     limited: tuple[str, ...]  # names of the limits that changed it, in order
@@ -89,18 +89,18 @@ def _from_home(position_ned: Vec3, home_ned: Vec3) -> Corner:
     return position_ned[0] - home_ned[0], position_ned[1] - home_ned[1]
 
 
-def broken_off(state: VehicleState, limits: Limits, flown_s: float) -> str | None:
-    """Return why a flight that has lasted `flown_s` has to end now, None while it may go on."""
+def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | None:
+    """Return the reason to end a flight that has lasted `elapsed_s`, None while it may go on."""
     battery = state.battery_remaining
     if limits.battery_min is not None and battery is not None and battery < limits.battery_min:
         return f"the battery is at {battery:.0%}, and the envelope keeps {limits.battery_min:.0%}"
-    if limits.flight_time_max_s is not None and flown_s > limits.flight_time_max_s:
+    if limits.flight_time_max_s is not None and elapsed_s > limits.flight_time_max_s:
         return f"the envelope's flight time of {limits.flight_time_max_s:g} s is over"
     return None
 
 
 def unwatched(state: VehicleState, limits: Limits) -> str | None:
-    """Return which limit cannot be watched, and why, None when all can be."""
+    """Return the limit that cannot be watched and the reason, None when all can be."""
     if limits.battery_min is not None and state.battery_remaining is None:
         return f"battery_min = {limits.battery_min:g} cannot be watched: the autopilot tells no battery level"
     return None
@@ -109,18 +109,18 @@ def unwatched(state: VehicleState, limits: Limits) -> str | None:
 def admit(
     setpoint: OffboardSetpoint, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int, behind_us: int = 0
 ) -> Admitted:
-    """Return the setpoint as the envelope lets it pass. `state` needs position, velocity and attitude.
+    """Return the setpoint as the envelope admits it. `state` needs position, velocity and attitude.
 
     A position is no staler for the `behind_us` by which all telemetry is known to come late.
     """
     assert state.position_ned is not None
     assert state.euler is not None
     if not _is_a_number(setpoint):
-        return Admitted(STANDING, ("not a number",))
+        return Admitted(STANDSTILL, ("not a number",))
     if time_us - behind_us - state.position_us > STALE_US:
-        return Admitted(STANDING, ("stale position",))
+        return Admitted(STANDSTILL, ("stale position",))
     if time_us - state.heartbeat_us > limits.heartbeat_s * 1e6:
-        return Admitted(STANDING, ("lost heartbeat",))
+        return Admitted(STANDSTILL, ("lost heartbeat",))
     north, east, down = (p - h for p, h in zip(state.position_ned, home_ned, strict=True))
     if isinstance(setpoint, PositionSetpoint):
         return _position(setpoint, (north, east, down), home_ned, state.euler[2], limits)
@@ -193,9 +193,9 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
         c, s = math.cos(yaw), math.sin(yaw)
         body = ((c * away[0] + s * away[1]) * share, (-s * away[0] + c * away[1]) * share, down)
         turn = max(-limits.yaw_rate, min(limits.yaw_rate, wrap_pi(setpoint.yaw - yaw)))
-        flown = _velocity(VelocitySetpoint(body, turn), at, yaw, limits)
+        admitted = _velocity(VelocitySetpoint(body, turn), at, yaw, limits)
         names = ["speed"] * fast + ["climb"] * steep
-        return Admitted(flown.setpoint, _once([*limited, *names, *flown.limited]))
+        return Admitted(admitted.setpoint, _once([*limited, *names, *admitted.limited]))
     if not limited:
         return Admitted(setpoint, ())
     return Admitted(replace(setpoint, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
@@ -207,7 +207,7 @@ def _towards(room_m: float, margin_m: float) -> float:
 
 
 def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
-    """Return what is near in the plane: name, direction towards it (unit), distance to it in m."""
+    """Return the horizontal limits: name, direction towards it (unit), distance to it in m."""
     walls: list[tuple[str, Corner, float]] = []
     distance = math.hypot(at[0], at[1])
     if distance > 1e-6:

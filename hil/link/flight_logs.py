@@ -37,12 +37,12 @@ class LogStore:
         from mavsdk.plugins.log_files import LogFilesError, LogFilesResult
 
         try:
-            found = self._files.get_entries()
+            listed = self._files.get_entries()
         except LogFilesError as refused:
             if refused.result == LogFilesResult.NO_LOGFILES:
                 return []
             raise LinkError(f"the autopilot on {self._url} lists no logs: {refused.result.name}") from None
-        logs = [FlightLog(int(e.id), str(e.date), int(e.size_bytes)) for e in found]
+        logs = [FlightLog(int(e.id), str(e.date), int(e.size_bytes)) for e in listed]
         return sorted(logs, key=lambda log: (log.date, log.number))
 
     def fetch(self, log: FlightLog, folder: Path, progress: Callable[[float], None] = lambda share: None) -> Path:
@@ -70,13 +70,15 @@ class LogStore:
     def _download(self, log: FlightLog, part: Path, progress: Callable[[float], None]) -> None:
         from mavsdk.plugins.log_files import Entry, LogFilesResult
 
-        told: queue.Queue[tuple[Any, float]] = queue.Queue()  # MAVSDK tells from a thread of its own
+        updates: queue.Queue[tuple[Any, float]] = queue.Queue()  # MAVSDK tells from a thread of its own
         entry = Entry(log.number, log.date, log.size_bytes)
-        self._files.download_log_file_async(entry, str(part), lambda result, data, _: told.put((result, data.progress)))
+        self._files.download_log_file_async(
+            entry, str(part), lambda result, data, _: updates.put((result, data.progress))
+        )
         share = -1.0
         while True:
             try:
-                result, reached = told.get(timeout=STALL_S)
+                result, reached = updates.get(timeout=STALL_S)
             except queue.Empty:
                 self._files.cancel_download_log_file()
                 raise LinkError(f"the download of log {log.number} stands still for {STALL_S:g} s") from None
@@ -102,11 +104,11 @@ def log_store(url: str, timeout_s: float = 15.0) -> Iterator[LogStore]:
     from mavsdk.mavsdk import Configuration, Mavsdk
     from mavsdk.plugins.log_files import LogFiles
 
-    shown, theirs = redacted(url), _mavsdk_url(url)
+    shown, mavsdk_url = redacted(url), _mavsdk_url(url)
     log_subscribe(lambda level, text, file, line: True)  # what goes wrong is said by our own errors
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
-        result = mavsdk.add_any_connection(theirs)
+        result = mavsdk.add_any_connection(mavsdk_url)
         if result != ConnectionResult.SUCCESS:
             raise UsageError(f"--connect {shown} cannot be opened: {result.name.lower().replace('_', ' ')}")
         system = mavsdk.first_autopilot(timeout_s)

@@ -23,12 +23,12 @@ OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come,
 ARMED_S = 10.0  # s for which arming is asked for again: a pre-arm check may flicker
 OFFERED_S = 2.0  # s for which offboard is asked for again while it is temporarily refused
 DISARMED_US = 1_500_000  # µs for which a vehicle in the air has to say that it is disarmed: more than one heartbeat
-TOLD_US = 2_000_000  # µs before a change of mode in which a failsafe is told that has brought it about
+CAUSE_US = 2_000_000  # µs before a change of mode in which the text of the failsafe that caused it may have come
 FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
 
 
 class TakeoverError(LinkError):
-    """Somebody else has taken the vehicle out of offboard: a pilot, a ground station, a failsafe. It is theirs now."""
+    """A pilot, a ground station or a failsafe has taken the vehicle out of offboard, and has it now."""
 
 
 class EnvelopeError(LinkError):
@@ -36,9 +36,9 @@ class EnvelopeError(LinkError):
 
 
 class Link(Conversation):
-    """A conversation that flies: modes, arming, and an offboard stream that lives no longer than what it obeys.
+    """A conversation that flies: modes, arming, and an offboard stream.
 
-    The stream is sent from `tick` alone, by whoever decides: a decider that hangs, crashes or is killed sends no more.
+    Setpoints are sent from `tick` alone, which the decider calls: one that hangs, crashes or is killed sends no more.
     """
 
     def __init__(
@@ -49,10 +49,10 @@ class Link(Conversation):
         key: bytes = b"",
         unix_s: Callable[[], float] = time.time,
         limits: Limits | None = None,
-        mute: bool = False,
+        dry: bool = False,
         simulated: bool = False,
     ) -> None:
-        """`limits`: the safety envelope of every setpoint. `mute`: nothing that would move the vehicle is sent.
+        """`limits`: the safety envelope of every setpoint. `dry`: nothing that would move the vehicle is sent.
 
         `key`, `unix_s`: as `Conversation` has them.
         `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
@@ -60,7 +60,7 @@ class Link(Conversation):
         """
         super().__init__(transport, silence_s=silence_s, key=key, unix_s=unix_s)
         self.limits = limits
-        self.mute = mute
+        self.dry = dry
         self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not
         self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: None  # hears what limits act, at each change
         self._stream = OffboardStream()
@@ -87,7 +87,7 @@ class Link(Conversation):
 
     def set_mode(self, name: str) -> None:
         """Switch the flight mode. Raises LinkError when refused."""
-        if self.mute:
+        if self.dry:
             return
         if name != "OFFBOARD":
             self._offboard = False
@@ -102,7 +102,7 @@ class Link(Conversation):
 
     def arm(self) -> None:
         """Arm; retried for ten seconds, since a pre-arm check may flicker. Raises LinkError when refused to the end."""
-        if self.mute:
+        if self.dry:
             return
         self._tried_to_arm = True
         self._expect(self.state.mode, "TAKEOFF", "HOLD")
@@ -110,9 +110,9 @@ class Link(Conversation):
         self.wait_for(lambda state: state.armed, 5.0, "arming")
 
     def may_fly(self) -> bool:
-        """Return whether the vehicle may be in the air by our doing, or stand there armed: ground it then.
+        """Return whether we may have armed or flown the vehicle, so that it has to be landed.
 
-        One that a person has armed and not handed over is none of ours. Heartbeats lag by up to a second, so one that
+        A vehicle that a person has armed and not handed over is not ours. Heartbeats lag by up to a second, so one that
         we have just told to arm is asked: it disarms on the ground and refuses to in the air. One that we fly and that
         has sent no heartbeat since a reboot may still be in the air.
         """
@@ -121,7 +121,7 @@ class Link(Conversation):
             return may_be_armed and (self._offboard or self._tried_to_arm)
         return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
 
-    def await_handover(self, say: Callable[[str], None] = lambda line: None) -> None:
+    def await_handover(self, notify: Callable[[str], None] = lambda line: None) -> None:
         """Wait until a person has armed, taken off and handed over by switching to Hold, or to Offboard themselves.
 
         On the ground nothing is streamed: Offboard must not be there to be armed in. In the air it is a hold of the
@@ -129,7 +129,7 @@ class Link(Conversation):
         Raises LinkError after ten minutes of vehicle time.
         """
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
-        say("armed: take off, and hand over by switching to Hold (or Offboard) …")
+        notify("armed: take off, and hand over by switching to Hold (or Offboard) …")
         end_us, given_us = self.time_us + round(FOREIGN_S * 1e6), None
         while given_us is None or self.time_us < given_us + round(GIVEN_S * 1e6):
             given_us = (given_us or self.time_us) if self._is_given(self.state) else None
@@ -143,7 +143,7 @@ class Link(Conversation):
         self._expect(self.state.mode)
 
     def _is_given(self, state: VehicleState) -> bool:
-        """Return whether the vehicle stands ready to be flown: a hold that a failsafe has ordered is no hand-over."""
+        """Return whether the vehicle is handed over: a hold that a failsafe has ordered is no hand-over."""
         calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
         return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
 
@@ -160,7 +160,7 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """From now on any mode but these, and the present one until one of them is there, is somebody else's hand."""
+        """Take any mode but these for a takeover from now on, and the present one once one of these has been seen."""
         if self._taken_by is None:
             # an order that is acknowledged may be shown only after the next one
             unshown = () if self._obeyed_us else self._expected
@@ -170,7 +170,7 @@ class Link(Conversation):
         mode, armed = self.state.mode, self.state.armed
         if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
             return  # nothing told yet, lost already, or a rehearsal on the ground
-        disarmed = self._is_said_disarmed()
+        disarmed = self._reports_disarmed()
         believed = disarmed and (self.simulated or self._is_disarmed())
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
@@ -185,7 +185,7 @@ class Link(Conversation):
         else:
             self._strayed_us = 0
 
-    def _is_said_disarmed(self) -> bool:
+    def _reports_disarmed(self) -> bool:
         """Return whether the last heartbeat says that the vehicle which we fly in offboard is disarmed."""
         self._flew_armed = self._offboard and (self._flew_armed or self.state.armed)
         if not self._flew_armed or self.state.armed:
@@ -200,7 +200,7 @@ class Link(Conversation):
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether it was, or for want of a heartbeat may have been, a failsafe that has changed the mode."""
+        """Return whether a failsafe has changed the mode, or may have, while no heartbeat has come since."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
         return self._failed or self.state.heartbeat_us <= self._strayed_us  # it may take its time on a bad wire
@@ -211,19 +211,19 @@ class Link(Conversation):
         Raises LinkError, and TakeoverError when the vehicle has left offboard by anybody else's hand.
         """
         super().tick()
-        if self._taken_by is not None and not self.mute:
+        if self._taken_by is not None and not self.dry:
             raise self._takeover()
         if self._offboard and self.limits is not None:
             self._watch(self.limits)
 
     def _takeover(self) -> TakeoverError:
         self._tried_to_arm = False
-        what = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
-        of_late = self.texts.since(self.time_us - TOLD_US)
-        said = f"; the autopilot said: {of_late}" if of_late else ""
-        failsafe = self.state.system_status >= dialect.MAV_STATE_CRITICAL or "failsafe" in of_late.lower()
-        whose = "by a failsafe of its own" if failsafe else "by another hand, which has it now"
-        return TakeoverError(f"the vehicle was {what} {whose}{said}")
+        change = "disarmed" if self._taken_by == "disarmed" else f"switched to {self._taken_by}"
+        texts = self.texts.since(self.time_us - CAUSE_US)
+        words = f"; the autopilot said: {texts}" if texts else ""
+        failsafe = self.state.system_status >= dialect.MAV_STATE_CRITICAL or "failsafe" in texts.lower()
+        cause = "by a failsafe of its own" if failsafe else "by another hand, which has it now"
+        return TakeoverError(f"the vehicle was {change} {cause}{words}")
 
     def _watch(self, limits: Limits) -> None:
         """Raise EnvelopeError, once, when the flight has to end."""
@@ -258,7 +258,7 @@ class Link(Conversation):
     def steady(self) -> bool:
         """Whether a turn has been made: the nose within 1° of its end and turning less than 5°/s, the place held."""
         state = self.state
-        if self.mute:
+        if self.dry:
             return True  # nothing will turn, so there is nothing to wait for
         if state.position_ned is None or state.euler is None:
             return False
@@ -281,7 +281,7 @@ class Link(Conversation):
         if self._taken_by is not None:
             raise self._takeover()
         self.tick()
-        if self.mute:
+        if self.dry:
             return
         self._offboard, self._offboard_us = True, self.time_us  # from the order on: whatever breaks off ends it
         if self.state.mode == "OFFBOARD":
@@ -311,24 +311,24 @@ class Link(Conversation):
 
         Nothing is ordered of a vehicle that somebody else has taken. Raises LinkError when the last order is refused.
         """
-        if self._taken_by is not None or self.mute:
+        if self._taken_by is not None or self.dry:
             self.stop_stream()
             return
         if self._offboard:
             self.fly(Hold())
             self.wait(BRAKE_S)
-        refused: LinkError | None = None
+        refusal: LinkError | None = None
         try:
             self.set_mode("HOLD")
         except LinkError as error:  # a vehicle that cannot hold may still be able to land
-            refused = error
+            refusal = error
         self.stop_stream()
         if self._taken_by is not None:
             raise self._takeover()
         if then != "hold":
             self.set_mode(self.family.ending(then))
-        elif refused:
-            raise refused
+        elif refusal:
+            raise refusal
         self._expected = ()  # it is the autopilot's now, and whoever stands by
 
     def fly_to(self, position_ned: Vec3, yaw: float, *, round_first: bool = False) -> Arrival:
@@ -347,7 +347,7 @@ class Link(Conversation):
         if setpoint is None or not self.mode_is_known() or not self._rate.due(self.time_us):
             return
         self.on_setpoint(setpoint)
-        if not self.mute:
+        if not self.dry:
             self.send(self.family.setpoint_message(setpoint, self.time_us // 1000, self.system, self.component))
 
     def _setpoint(self, state: VehicleState) -> OffboardSetpoint | None:

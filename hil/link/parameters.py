@@ -1,7 +1,7 @@
-"""Single parameters of the autopilot at the other end of a link: read, read many, set and read back.
+"""Reads and sets parameters of the autopilot at the other end of a link.
 
-PX4 puts an INT32 byte by byte into the float field (capability PARAM_ENCODE_BYTEWISE). To a name that it does not know
-it says nothing; ours and newer ones answer PARAM_ERROR. Both are None here.
+PX4 puts an INT32 byte by byte into the float field (capability PARAM_ENCODE_BYTEWISE). It does not
+answer for an unknown name; ours and newer ones answer PARAM_ERROR. Both are None here.
 """
 
 import struct
@@ -39,20 +39,17 @@ class Parameters:
 
     def read_many(self, names: Iterable[str]) -> dict[str, Value | None]:
         """Return name → value in the order of `names`, None where the autopilot knows none or does not answer."""
-        asked = list(dict.fromkeys(names))
-        for name in asked:
+        wanted = list(dict.fromkeys(names))
+        for name in wanted:
             _checked(name)
-        self._forget(asked)
-        self._link.listeners.append(self._hear)
-        try:
+        self._forget(wanted)
+        with self._link.listening(self._take):
             for _ in range(TRIES):
-                missing = [name for name in asked if not self._answered(name)]
+                missing = [name for name in wanted if not self._answered(name)]
                 if not missing:
                     break
                 self._request(missing)
-        finally:
-            self._link.listeners.remove(self._hear)
-        return {name: self._values.get(name) for name in asked}
+        return {name: self._values.get(name) for name in wanted}
 
     def set(self, name: str, value: Value) -> Value:
         """Set a parameter and return the value that the autopilot holds afterwards, read back.
@@ -65,7 +62,7 @@ class Parameters:
         message, wanted = self._setting(name, value)
         held: Value | None = None
         for _ in range(TRIES):  # a late answer to an earlier question may look like the read-back: ask again
-            self._told(name, message)
+            self._send_setting(name, message)
             if name in self._errors:
                 reason = ERRORS.get(self._errors[name], f"error {self._errors[name]}")
                 raise LinkError(f"the autopilot does not set {name} to {value:g}: {reason}")
@@ -76,15 +73,12 @@ class Parameters:
             raise LinkError(f"the autopilot does not say whether it has set {name} to {value:g}")
         raise LinkError(f"the autopilot holds {name} at {held:g} although it was told {value:g}")
 
-    def _told(self, name: str, message: dialect.MAVLink_message) -> None:
+    def _send_setting(self, name: str, message: dialect.MAVLink_message) -> None:
         """Send a PARAM_SET and wait for its answer, for RETRY_US at most."""
         self._forget([name])
-        self._link.listeners.append(self._hear)
-        try:
+        with self._link.listening(self._take):
             self._link.send(message)
             self._wait([name])
-        finally:
-            self._link.listeners.remove(self._hear)
 
     def _setting(self, name: str, value: Value) -> tuple[dialect.MAVLink_message, Value]:
         """Return the PARAM_SET and the value as the parameter's type holds it."""
@@ -116,14 +110,11 @@ class Parameters:
             link.tick()
         self._wait(names)
 
-    def _wait(self, names: list[str]) -> bool:
-        """Tick until all are answered and return True, False when RETRY_US have passed."""
+    def _wait(self, names: list[str]) -> None:
+        """Tick until all are answered, for RETRY_US at most."""
         end_us = self._link.time_us + RETRY_US
-        while not all(self._answered(name) for name in names):
-            if self._link.time_us >= end_us:
-                return False
+        while not all(self._answered(name) for name in names) and self._link.time_us < end_us:
             self._link.tick()
-        return True
 
     def _answered(self, name: str) -> bool:
         return name in self._values or name in self._errors
@@ -133,7 +124,7 @@ class Parameters:
             self._values.pop(name, None)
             self._errors.pop(name, None)
 
-    def _hear(self, message: dialect.MAVLink_message) -> None:
+    def _take(self, message: dialect.MAVLink_message) -> None:
         kind = message.get_msgId()
         if kind not in (dialect.MAVLINK_MSG_ID_PARAM_VALUE, dialect.MAVLINK_MSG_ID_PARAM_ERROR):
             return

@@ -1,4 +1,4 @@
-"""What a vehicle last said of itself, as one frozen state, and the vehicle's clock."""
+"""The newest telemetry of a vehicle as one frozen state, its status texts, and its clock."""
 
 import math
 from collections import deque
@@ -15,8 +15,8 @@ PIECE = 50  # characters that one STATUSTEXT holds
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
-    """One text."""
+class StatusText:
+    """One text of an autopilot."""
 
     time_us: int  # µs, the vehicle's clock at the newest telemetry before it
     severity: int  # MAV_SEVERITY
@@ -37,7 +37,7 @@ class StatusTexts:
     """The newest texts of one autopilot."""
 
     def __init__(self) -> None:
-        self.newest: deque[Said] = deque(maxlen=KEPT)
+        self.newest: deque[StatusText] = deque(maxlen=KEPT)
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
@@ -58,12 +58,12 @@ class StatusTexts:
             self._open = None
 
     def _keep(self, severity: int, time_us: int, text: str) -> None:
-        self.newest.append(Said(time_us, severity, " ".join(text.split())))
+        self.newest.append(StatusText(time_us, severity, " ".join(text.split())))
 
     def since(self, time_us: int) -> str:
-        """Return the warnings and worse that were said from then on, in order, joined; empty when there was none."""
+        """Return the warnings and worse since then, in order, joined; empty when there are none."""
         self._complete()
-        texts = [said.text for said in self.newest if said.time_us >= time_us and said.severity <= WARNING]
+        texts = [text.text for text in self.newest if text.time_us >= time_us and text.severity <= WARNING]
         return "; ".join(dict.fromkeys(texts))
 
 
@@ -96,8 +96,8 @@ class VehicleClock:
         self._last_ms: int | None = None
         self._doubt: _Doubt | None = None
 
-    def see(self, time_boot_ms: int, heard_s: float | None = None) -> None:
-        """Take note of a time stamp, heard at `heard_s` of another clock than the vehicle's; None: in a recording."""
+    def see(self, time_boot_ms: int, received_s: float | None = None) -> None:
+        """Record a time stamp, received at `received_s` of another clock than the vehicle's; None: in a recording."""
         if self._last_ms is None:
             self._last_ms, self.time_us = time_boot_ms, time_boot_ms * 1000
             return
@@ -108,7 +108,7 @@ class VehicleClock:
                 self._doubt = None
             return  # a late packet
         # a damaged stamp must not stop the clock for good, and a forged one must not end the flight
-        if (rebooted or ahead_ms > FAR_MS) and not self._is_confirmed(time_boot_ms, heard_s):
+        if (rebooted or ahead_ms > FAR_MS) and not self._is_confirmed(time_boot_ms, received_s):
             return
         self._doubt, self._last_ms = None, time_boot_ms
         if rebooted:
@@ -117,12 +117,12 @@ class VehicleClock:
         else:
             self.time_us += ahead_ms * 1000
 
-    def _is_confirmed(self, time_boot_ms: int, heard_s: float | None) -> bool:
+    def _is_confirmed(self, time_boot_ms: int, received_s: float | None) -> bool:
         doubt = self._doubt
         if doubt is None or abs(_between(doubt.newest_ms, time_boot_ms)) > LATE_MS:
-            doubt = _Doubt(time_boot_ms, heard_s, 0)
+            doubt = _Doubt(time_boot_ms, received_s, 0)
         self._doubt = _Doubt(time_boot_ms, doubt.since_s, doubt.seen + 1)
-        lasts = heard_s is None or doubt.since_s is None or heard_s - doubt.since_s >= CONFIRMED_S
+        lasts = received_s is None or doubt.since_s is None or received_s - doubt.since_s >= CONFIRMED_S
         return lasts and self._doubt.seen >= CONFIRMED
 
     def of(self, time_boot_ms: int) -> int:
@@ -137,7 +137,7 @@ def _between(earlier_ms: int, later_ms: int) -> int:
 
 
 class VehicleState(NamedTuple):
-    """The newest of everything; None where nothing has been heard yet."""
+    """The newest value of each quantity; None where none has come yet."""
 
     armed: bool = False
     mode: str = ""
@@ -171,7 +171,7 @@ PREARM = 0x10000000  # MAV_SYS_STATUS_PREARM_CHECK
 SENSORS = 0x1 | 0x2 | 0x4  # gyro, accelerometer, magnetometer
 
 
-TOLD = frozenset(  # the messages that tell something of the state
+STATE_MESSAGES = frozenset(  # the messages that change the state
     {
         dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
         dialect.MAVLINK_MSG_ID_ATTITUDE,
@@ -193,20 +193,19 @@ def update(
     message: dialect.MAVLink_message,
     mode_name: Callable[[int], str],
     time_us: int = 0,
-    heard_us: int | None = None,
+    received_us: int | None = None,
 ) -> VehicleState:
     """Return the state after a message of the autopilot component, of `time_us` by the vehicle's clock.
 
-    `heard_us` is when it was heard by that clock, where it is known to come late; None: at once. Where the vehicle was
-    counts from the one, how long ago it spoke from the other. A place or an attitude that a newer one has overtaken is
-    passed over: that of then is not that of now.
-    A place or an attitude that is no number has not been told: it grows stale, instead of passing every comparison.
+    `received_us`: when it came by that clock, of a wire that is known to be late; None: at once. Poses are stamped with
+    the one, mode and heartbeat with the other. A pose that a newer one has overtaken is ignored, and so is one that is
+    not a number: the last one grows stale, instead of passing every comparison.
     """
-    heard_us = time_us if heard_us is None else heard_us
+    received_us = time_us if received_us is None else received_us
     match message.get_msgId():
         case dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
-            known = _finite(message.x, message.y, message.z, message.vx, message.vy, message.vz)
-            if not known or time_us < state.position_us:
+            finite = _finite(message.x, message.y, message.z, message.vx, message.vy, message.vz)
+            if not finite or time_us < state.position_us:
                 return state
             return state._replace(
                 position_ned=(message.x, message.y, message.z),
@@ -225,12 +224,12 @@ def update(
             return state._replace(
                 armed=bool(message.base_mode & 128),
                 mode=mode_name(message.custom_mode),
-                mode_us=heard_us,
-                heartbeat_us=heard_us,
+                mode_us=received_us,
+                heartbeat_us=received_us,
                 system_status=message.system_status,
             )
         case dialect.MAVLINK_MSG_ID_CURRENT_MODE:
-            return state._replace(mode=mode_name(message.custom_mode), mode_us=heard_us)
+            return state._replace(mode=mode_name(message.custom_mode), mode_us=received_us)
         case dialect.MAVLINK_MSG_ID_SYS_STATUS:
             health = message.onboard_control_sensors_health
             return state._replace(
@@ -253,8 +252,8 @@ def update(
         case dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR:
             if message.orientation != dialect.MAV_SENSOR_ROTATION_PITCH_270:
                 return state
-            heard = message.min_distance <= message.current_distance <= message.max_distance
-            return state._replace(range_m=message.current_distance / 100 if heard else None)
+            valid = message.min_distance <= message.current_distance <= message.max_distance
+            return state._replace(range_m=message.current_distance / 100 if valid else None)
         case dialect.MAVLINK_MSG_ID_STATUSTEXT:
             return state._replace(status_text=" ".join(message.text.split())) if message.severity <= 4 else state
     return state
@@ -264,11 +263,11 @@ def _finite(*values: float) -> bool:
     return all(map(math.isfinite, values))
 
 
-def asked_velocity(message: dialect.MAVLink_message) -> Vec3:
+def setpoint_velocity(message: dialect.MAVLink_message) -> Vec3:
     """Return the velocity (m/s, NED) that a POSITION_TARGET_LOCAL_NED asks for, 0 along what it leaves open."""
-    asked = (message.vx, message.vy, message.vz)
+    velocity = (message.vx, message.vy, message.vz)
     north, east, down = (
         0.0 if message.type_mask & mask or not math.isfinite(v) else float(v)
-        for v, mask in zip(asked, NO_VELOCITY, strict=True)
+        for v, mask in zip(velocity, NO_VELOCITY, strict=True)
     )
     return (north, east, down)

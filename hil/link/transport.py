@@ -81,24 +81,24 @@ class UdpTransport(Transport):
     def receive(self, timeout_s: float) -> bytes:
         if self._waiting is None and not select.select([self._socket], [], [], timeout_s)[0]:
             return b""
-        parts: list[bytes] = []
+        datagrams: list[bytes] = []
         first: Any = None
         # an ICMP refusal of something we sent surfaces here: the peer is not up yet, which silence will tell in time
         with contextlib.suppress(OSError):
-            while len(parts) < 256:
+            while len(datagrams) < 256:
                 data, address = self._waiting or self._socket.recvfrom(65536)
                 self._waiting = None
-                if parts and address != first:
+                if datagrams and address != first:
                     self._waiting = data, address
                     break
                 first = address
-                parts.append(data)
-        if parts:
+                datagrams.append(data)
+        if datagrams:
             self.peer = _shown(first)
             with self._lock:
                 self._peers.pop(first, None)
                 self._peers[first] = time.monotonic()
-        return b"".join(parts)
+        return b"".join(datagrams)
 
     def follow(self, peer: str) -> None:
         with self._lock:
@@ -295,8 +295,8 @@ def connect(url: str) -> Transport:
             return SerialTransport(url, device, int(baud))
         raise UsageError(f"--connect {url!r} should read serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
     try:
-        parts = urlsplit(url)
-        host, port = parts.hostname or "0.0.0.0", parts.port
+        datagrams = urlsplit(url)
+        host, port = datagrams.hostname or "0.0.0.0", datagrams.port
     except ValueError:
         host, port = "", None
     if port is None or not 0 <= port <= 65535 or not host:

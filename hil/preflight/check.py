@@ -1,7 +1,7 @@
-"""The whole preflight check of one vehicle: looked at, listened to, rehearsed, and put into rows.
+"""The preflight check of one vehicle: it listens, reads parameters, rehearses offboard, and puts the results into rows.
 
-Offboard is rehearsed while disarmed. PX4 lets a disarmed vehicle switch to any mode, setpoints or not. What shows that
-they arrive is its pre-arm check: in OFFBOARD it passes only while they do (measured on 1.15; offboardCheck.cpp).
+Offboard is rehearsed while disarmed. PX4 lets a disarmed vehicle switch to any mode, with or without setpoints. Its
+pre-arm check shows that they arrive: in OFFBOARD it passes only while they do (measured on 1.15; offboardCheck.cpp).
 """
 
 import contextlib
@@ -16,7 +16,7 @@ from foundation.setpoints import Velocity
 from hil.link.link import Link
 from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
-from hil.preflight.observation import Change, Finding, Heard, Row, Watch
+from hil.preflight.observation import Change, Finding, Observation, Row, Watch
 
 # PX4's own values that no vehicle should fly with (its parameter reference); our simulator has them as PX4 does
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
@@ -25,9 +25,9 @@ NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.B
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """What was found out, and what was made of it."""
+    """The observations and parameters of a vehicle, and the rows and changes that follow from them."""
 
-    heard: Heard
+    observed: Observation
     values: dict[str, Value | None]  # parameters; None where the autopilot did not tell one
     fence_points: int | None
     rehearsal: Row
@@ -35,14 +35,14 @@ class Check:
 
     @property
     def rows(self) -> list[Row]:
-        """Every row, in the order in which one walks around a vehicle."""
+        """Every row, in the order of a walk around the vehicle."""
         return [
-            *vehicle.health_rows(self.heard),
-            *vehicle.position_rows(self.heard),
-            vehicle.battery_row(self.heard, self.values),
+            *vehicle.health_rows(self.observed),
+            *vehicle.position_rows(self.observed),
+            vehicle.battery_row(self.observed, self.values),
             *(self._shown(finding) for finding in self._findings()),
             self.rehearsal,
-            *ground_side.wire_rows(self.heard),
+            *ground_side.wire_rows(self.observed),
             *self.around,
         ]
 
@@ -56,16 +56,18 @@ class Check:
         row, change = finding.row, finding.change
         if row.passed is not False or change is None or PX4_DEFAULTS.get(change.name) != change.old:
             return row
-        if not ground_side.is_simulated(self.heard):
+        if not ground_side.is_simulated(self.observed):
             return row
         return replace(row, why=f"{row.why}; expected here: a simulated vehicle with PX4's default")
 
     def _findings(self) -> list[Finding]:
-        situation = failsafes.Situation(self.values, self.heard.sticks, vehicle.version(self.heard), self.heard.station)
+        situation = failsafes.Situation(
+            self.values, self.observed.sticks, vehicle.version(self.observed), self.observed.station
+        )
         return [
             *failsafes.failsafe_findings(situation),
             *failsafes.fence_findings(self.values, self.fence_points),
-            *ground_side.signing_findings(self.values),
+            *failsafes.signing_findings(self.values),
         ]
 
 
@@ -74,26 +76,24 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
 
     Raises LinkError when the vehicle goes away meanwhile.
     """
-    heard = Watch(link).listen(seconds)
-    names = (*NAMES, *(ground_side.SIGNING_PARAMETERS if link.has_key else ()))
+    observed = Watch(link).listen(seconds)
+    names = (*NAMES, *(failsafes.SIGNING_PARAMETERS if link.has_key else ()))
     values, points = Parameters(link).read_many(names), failsafes.plan_size(link)
     rehearsal = rehearse(link)
-    around = (
-        []
-        if camera_url is None
-        else [ground_side.camera_row(camera_url, vehicle_clock(heard, link), link.tick, seconds)]
-    )
-    return Check(heard, values, points, rehearsal, (*around, ground_side.disk_row(folder)))
+    around = [ground_side.disk_row(folder)]
+    if camera_url is not None:
+        around.insert(0, ground_side.camera_row(camera_url, vehicle_clock(observed, link), link.tick, seconds))
+    return Check(observed, values, points, rehearsal, tuple(around))
 
 
-def vehicle_clock(heard: Heard, link: Link) -> Callable[[], int]:
+def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
     """Return the vehicle's clock in µs, by this machine's and the offset that the quickest TIMESYNC has shown.
 
     Without TIMESYNC it is the clock of the newest telemetry.
     """
-    if not heard.round_trips:
+    if not observed.round_trips:
         return lambda: link.time_us
-    offset_ns = min(heard.round_trips, key=lambda trip: trip.length_s).offset_ns
+    offset_ns = min(observed.round_trips, key=lambda trip: trip.length_s).offset_ns
     return lambda: (time.monotonic_ns() + offset_ns) // 1000
 
 
@@ -113,17 +113,17 @@ def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
 REHEARSAL = "offboard rehearsal"
 STREAM_S = 2.0  # s of vehicle time
 SHOWN_S = 3.0  # s: HEARTBEAT comes once a second, CURRENT_MODE may not come at all
-STANDING = Velocity(forward=0.0, up=0.0)
+ZERO_VELOCITY = Velocity(forward=0.0, up=0.0)
 
 
 def rehearse(link: Link) -> Row:
-    """Stream a velocity of zero, switch to OFFBOARD, see it shown, go back to HOLD; return what came of it.
+    """Stream a velocity of zero, switch to OFFBOARD, see the mode shown, go back to HOLD; return the result as a row.
 
     Never arms, and does nothing with a vehicle that is armed. Raises LinkError when the vehicle is gone.
     """
     if link.state.armed:
         return Row(REHEARSAL, False, "not done: the vehicle is armed", "disarm it first")
-    link.fly(STANDING)
+    link.fly(ZERO_VELOCITY)
     try:
         link.wait(STREAM_S)
         return _switch(link)
@@ -168,23 +168,20 @@ def _would_arm(link: Link) -> bool:
     """Return whether the pre-arm check passes within SHOWN_S, by a SYS_STATUS that comes from now on."""
     checks: list[bool] = []
 
-    def hear(message: dialect.MAVLink_message) -> None:
+    def on_message(message: dialect.MAVLink_message) -> None:
         if message.get_msgId() == dialect.MAVLINK_MSG_ID_SYS_STATUS and message.get_srcSystem() == link.system:
             checks.append(bool(message.onboard_control_sensors_health & dialect.MAV_SYS_STATUS_PREARM_CHECK))
 
-    link.listeners.append(hear)
     end_us = link.time_us + SHOWN_S * 1e6
-    try:
+    with link.listening(on_message):
         while not any(checks) and link.time_us < end_us:
             link.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_SYS_STATUS)  # the stream may be slow
             link.tick()
-        return any(checks)
-    finally:
-        link.listeners.remove(hear)
+    return any(checks)
 
 
 def _until(link: Link, reached: Callable[[], bool], seconds: float) -> float | None:
-    """Tick until `reached`; return how long it took in s of vehicle time, None when it did not within `seconds`."""
+    """Tick until `reached`; return the vehicle time that it took in s, None when it did not within `seconds`."""
     began_us = link.time_us
     while not reached():
         if link.time_us - began_us >= seconds * 1e6:

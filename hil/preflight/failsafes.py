@@ -1,4 +1,4 @@
-"""The parameters that decide what the vehicle does by itself: one rule each, with the value that ought to be there.
+"""The parameters that decide what the vehicle does by itself: one rule each, with the value that it ought to have.
 
 A wrong proposal is dangerous, so a rule proposes only what holds on every vehicle; what is the owner's choice is shown
 and left alone. Sources: PX4's parameter reference; failsafe.cpp, where noted; measured, where the reference is silent.
@@ -29,12 +29,15 @@ LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 a radio that st
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the rules judge by."""
+    """The facts that the rules judge by."""
 
-    values: Mapping[str, Value | None]  # None: the autopilot did not tell it
-    sticks: bool = False  # somebody holds sticks that reach the autopilot
+    values: Mapping[str, Value | None]  # None: the autopilot did not send it
+    sticks: bool = False  # a transmitter's sticks reach the autopilot
     version: tuple[int, int] = (0, 0)  # of the firmware; (0, 0) when unknown
     station: bool = False  # a ground station is heard on this link
+
+
+Rule = Callable[[Situation, Value], Finding]
 
 
 def _offboard_loss(s: Situation, value: Value) -> Finding:
@@ -55,14 +58,14 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
-    """COM_OF_LOSS_T: how long the last velocity goes on being flown after its sender has died."""
-    flown = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
+    """COM_OF_LOSS_T: the time for which the last velocity is still flown after its sender has died."""
+    effect = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
     reason = f"a dead agent's last velocity ends after {LOSS_GOOD:g} s; the agent sends twenty setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
         too = "long" if value > LOSS_MOST else "short for a radio that stutters"
-        return _mend("COM_OF_LOSS_T", value, LOSS_GOOD, f"{flown}: too {too}", reason)
+        return _mend("COM_OF_LOSS_T", value, LOSS_GOOD, f"{effect}: too {too}", reason)
     change = None if value <= LOSS_GOOD else Change("COM_OF_LOSS_T", value, LOSS_GOOD, reason)
-    return Finding(Row(_named("COM_OF_LOSS_T", value), True, flown), change)
+    return Finding(Row(_named("COM_OF_LOSS_T", value), True, effect), change)
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
@@ -139,18 +142,15 @@ def _speed(s: Situation, value: Value) -> Finding:
                  f"{value:g} m/s if it were told to")  # fmt: skip
 
 
-def _climb(s: Situation, value: Value) -> Finding:
-    """MPC_Z_VEL_MAX_UP."""
-    if value < SPEED_MAX:
-        return _bad("MPC_Z_VEL_MAX_UP", value, f"the agent climbs at up to {SPEED_MAX:g} m/s", "raise it")
-    return _good("MPC_Z_VEL_MAX_UP", value, "as fast as the agent climbs, or faster")
+def _vertical_speed(name: str, verb: str) -> Rule:
+    """Return the rule of MPC_Z_VEL_MAX_UP or MPC_Z_VEL_MAX_DN."""
 
+    def rule(s: Situation, value: Value) -> Finding:
+        if value < SPEED_MAX:
+            return _bad(name, value, f"the agent {verb} at up to {SPEED_MAX:g} m/s", "raise it")
+        return _good(name, value, f"as fast as the agent {verb}, or faster")
 
-def _sink(s: Situation, value: Value) -> Finding:
-    """MPC_Z_VEL_MAX_DN."""
-    if value < SPEED_MAX:
-        return _bad("MPC_Z_VEL_MAX_DN", value, f"the agent sinks at up to {SPEED_MAX:g} m/s", "raise it")
-    return _good("MPC_Z_VEL_MAX_DN", value, "as fast as the agent sinks, or faster")
+    return rule
 
 
 def _hitl(s: Situation, value: Value) -> Finding:
@@ -161,7 +161,7 @@ def _hitl(s: Situation, value: Value) -> Finding:
     return _good("SYS_HITL", value, "real sensors, real motors, or a simulator of its own")
 
 
-RULES: dict[str, Callable[[Situation, Value], Finding]] = {
+RULES: dict[str, Rule] = {
     "COM_OBL_RC_ACT": _offboard_loss,
     "COM_OF_LOSS_T": _offboard_timeout,
     "COM_RCL_EXCEPT": _stick_exception,
@@ -171,8 +171,8 @@ RULES: dict[str, Callable[[Situation, Value], Finding]] = {
     "COM_RC_OVERRIDE": _stick_override,
     "COM_POS_FS_EPH": _place_lost,
     "MPC_XY_VEL_MAX": _speed,
-    "MPC_Z_VEL_MAX_UP": _climb,
-    "MPC_Z_VEL_MAX_DN": _sink,
+    "MPC_Z_VEL_MAX_UP": _vertical_speed("MPC_Z_VEL_MAX_UP", "climbs"),
+    "MPC_Z_VEL_MAX_DN": _vertical_speed("MPC_Z_VEL_MAX_DN", "sinks"),
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
@@ -180,7 +180,7 @@ VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # what happens to a vehicle whose a
 
 
 def read_failsafe(link: Link) -> str:
-    """Read what the vehicle does by itself when setpoints stop, as words for a user. Raises LinkError."""
+    """Read the action that the vehicle takes when setpoints stop, in words for a user. Raises LinkError."""
     values = Parameters(link).read_many(VITAL)
     action, after_s = (values[name] for name in VITAL)
     if action is None:
@@ -190,17 +190,17 @@ def read_failsafe(link: Link) -> str:
 
 
 def failsafe_findings(situation: Situation) -> list[Finding]:
-    """Return one finding per rule, and those on the pilot's switches where somebody holds sticks."""
-    found = [Finding(_sticks(situation))]
+    """Return one finding per rule, and those on the pilot's switches where sticks are present."""
+    findings = [Finding(_sticks(situation))]
     for name, rule in RULES.items():
         value = situation.values.get(name)
         if value is None:
-            found.append(Finding(Row(name, False if name in VITAL else None, "the autopilot does not tell it")))
+            findings.append(Finding(Row(name, False if name in VITAL else None, "the autopilot does not tell it")))
         else:
-            found.append(rule(situation, value))
+            findings.append(rule(situation, value))
     if situation.sticks:
-        found += [Finding(_mode_switch(situation)), Finding(_kill_switch(situation))]
-    return found
+        findings += [Finding(_mode_switch(situation)), Finding(_kill_switch(situation))]
+    return findings
 
 
 def _sticks(s: Situation) -> Row:
@@ -249,12 +249,12 @@ def _bad(name: str, value: float, why: str, fix: str) -> Finding:
 
 
 def _judge(name: str, value: float, why: str, fix: str) -> Finding:
-    """Return a row that only a person can judge."""
+    """Return a finding that only a person can judge."""
     return Finding(Row(_named(name, value), None, why, fix))
 
 
 def _mend(name: str, value: float, new: float, why: str, reason: str) -> Finding:
-    """Return a failed row with the change that mends it."""
+    """Return a failed finding with the change that mends it."""
     row = Row(_named(name, value), False, why, f"{new:g}: --fix proposes it")
     return Finding(row, Change(name, value, new, reason))
 
@@ -267,97 +267,105 @@ ASK_US, FENCE_TRIES = 700_000, 3  # µs of vehicle time
 
 
 def plan_size(link: Link) -> int | None:
-    """Return how many points the uploaded fence has, None when the autopilot does not tell."""
+    """Return the number of points of the uploaded fence, None when the autopilot does not tell it."""
     counts: list[int] = []
 
-    def hear(message: dialect.MAVLink_message) -> None:
+    def on_message(message: dialect.MAVLink_message) -> None:
         if message.get_msgId() != dialect.MAVLINK_MSG_ID_MISSION_COUNT or message.get_srcSystem() != link.system:
             return
         if message.mission_type == dialect.MAV_MISSION_TYPE_FENCE:
             counts.append(int(message.count))
 
-    link.listeners.append(hear)
-    try:
+    fence, vehicle = dialect.MAV_MISSION_TYPE_FENCE, (link.system, link.component)
+    with link.listening(on_message):
         for _ in range(FENCE_TRIES):
-            link.send(
-                dialect.MAVLink_mission_request_list_message(
-                    link.system, link.component, dialect.MAV_MISSION_TYPE_FENCE
-                )
-            )
+            link.send(dialect.MAVLink_mission_request_list_message(*vehicle, fence))
             end_us = link.time_us + ASK_US
             while not counts and link.time_us < end_us:
                 link.tick()
-            if counts:
-                _over(link)
+            if counts:  # the request has opened a transfer, and the points themselves are not wanted
+                cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED
+                link.send(dialect.MAVLink_mission_ack_message(*vehicle, cancelled, fence))
                 return counts[0]
-        return None
-    finally:
-        link.listeners.remove(hear)
-
-
-def _over(link: Link) -> None:
-    """End the transfer that asking for the count has opened: the points themselves are not wanted."""
-    link.send(
-        dialect.MAVLink_mission_ack_message(
-            link.system, link.component, dialect.MAV_MISSION_OPERATION_CANCELLED, dialect.MAV_MISSION_TYPE_FENCE
-        )
-    )
+    return None
 
 
 def fence_findings(values: Mapping[str, Value | None], points: int | None) -> list[Finding]:
-    """Return whether a breach is acted on, where the walls are, and whether a return stays within them."""
+    """Return the findings on the action at a breach, on the walls, and on a return that has to stay within them."""
     action, radius, height = values.get("GF_ACTION"), values.get("GF_MAX_HOR_DIST"), values.get("GF_MAX_VER_DIST")
     climb = values.get("RTL_RETURN_ALT")
     return [_action(action), _walls(radius, points), _height(height, climb), _return(climb, height)]
 
 
+def _untold(name: str) -> Finding:
+    return Finding(Row(name, None, "the autopilot does not tell it"))
+
+
 def _action(value: Value | None) -> Finding:
     if value is None:
-        return Finding(Row("GF_ACTION", None, "the autopilot does not tell it"))
+        return _untold("GF_ACTION")
     does = FENCE_ACTIONS.get(int(value), "an unknown action")
     if value in (2, 3, 5):
-        return Finding(Row(f"GF_ACTION = {value:g}", True, f"fence broken: {does}"))
+        return _good("GF_ACTION", value, f"fence broken: {does}")
     ends = ", it falls" if value == 4 else " and no more"
-    change = Change("GF_ACTION", value, 2, "a vehicle that breaks the fence stops there, and a person decides")
-    return Finding(Row(f"GF_ACTION = {value:g}", False, f"fence broken: {does}{ends}", "2: --fix proposes it"), change)
+    reason = "a vehicle that breaks the fence stops there, and a person decides"
+    return _mend("GF_ACTION", value, 2, f"fence broken: {does}{ends}", reason)
 
 
 def _walls(radius: Value | None, points: int | None) -> Finding:
     drawn = {None: "", 0: ""}.get(points, f"a drawn fence of {points} points")
     if radius is None:
         return Finding(Row("GF_MAX_HOR_DIST", None, drawn or "the autopilot does not tell it"))
-    name = f"GF_MAX_HOR_DIST = {radius:g}"
     if radius > 0:
-        return Finding(Row(name, True, f"at most {radius:g} m from home" + (f", and {drawn}" if drawn else "")))
+        return _good("GF_MAX_HOR_DIST", radius, f"at most {radius:g} m from home" + (f", and {drawn}" if drawn else ""))
     if drawn:
-        return Finding(Row(name, True, drawn))
-    row = Row(name, False, "nothing but our own program keeps it near home", f"{FENCE_RADIUS:g}: --fix proposes it")
-    change = Change("GF_MAX_HOR_DIST", radius, FENCE_RADIUS, "a wall behind our envelope's 100 m, should that fail")
-    return Finding(row, change)
+        return _good("GF_MAX_HOR_DIST", radius, drawn)
+    why, reason = (
+        "nothing but our own program keeps it near home",
+        "a wall behind our envelope's 100 m, should that fail",
+    )
+    return _mend("GF_MAX_HOR_DIST", radius, FENCE_RADIUS, why, reason)
 
 
 def _height(height: Value | None, climb: Value | None) -> Finding:
     if height is None:
-        return Finding(Row("GF_MAX_VER_DIST", None, "the autopilot does not tell it"))
-    name = f"GF_MAX_VER_DIST = {height:g}"
+        return _untold("GF_MAX_VER_DIST")
     if height > 0:
-        return Finding(Row(name, True, f"at most {height:g} m above home"))
+        return _good("GF_MAX_VER_DIST", height, f"at most {height:g} m above home")
     why = "nothing but our own program keeps it low"
     if climb is not None and climb >= FENCE_HEIGHT:  # a fence below it would hold a returning vehicle in the air
-        return Finding(Row(name, False, why, f"lower RTL_RETURN_ALT below {FENCE_HEIGHT:g}, then run this again"))
-    row = Row(name, False, why, f"{FENCE_HEIGHT:g}: --fix proposes it")
-    change = Change(
-        "GF_MAX_VER_DIST", height, FENCE_HEIGHT, "a ceiling behind our envelope's; the law's in most places"
-    )
-    return Finding(row, change)
+        fix = f"lower RTL_RETURN_ALT below {FENCE_HEIGHT:g}, then run this again"
+        return _bad("GF_MAX_VER_DIST", height, why, fix)
+    reason = "a ceiling behind our envelope's; the law's in most places"
+    return _mend("GF_MAX_VER_DIST", height, FENCE_HEIGHT, why, reason)
 
 
 def _return(altitude: Value | None, height: Value | None) -> Finding:
     if altitude is None:
-        return Finding(Row("RTL_RETURN_ALT", None, "the autopilot does not tell it"))
-    name, climbs = f"RTL_RETURN_ALT = {altitude:g}", f"Return first climbs to {altitude:g} m"
+        return _untold("RTL_RETURN_ALT")
+    climbs = f"Return first climbs to {altitude:g} m"
     if height and altitude >= height:
-        return Finding(
-            Row(name, False, f"{climbs}, which breaks the fence at {height:g} m", "lower it below the fence")
-        )
-    return Finding(Row(name, True, f"{climbs}: nothing may be above it there"))
+        why = f"{climbs}, which breaks the fence at {height:g} m"
+        return _bad("RTL_RETURN_ALT", altitude, why, "lower it below the fence")
+    return _good("RTL_RETURN_ALT", altitude, f"{climbs}: nothing may be above it there")
+
+
+SIGNING_PARAMETERS = ("MAV_SIGN_CFG",)  # of PX4 from 1.17 on
+OBEYED = {1: "unsigned messages are obeyed over USB only", 2: "no unsigned message is obeyed"}
+
+
+def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
+    """Return whether unsigned messages are ignored; empty when the autopilot does not tell it, as ours, which does.
+
+    PX4 1.17 signs with a key and still obeys everybody by default.
+    """
+    value = values.get("MAV_SIGN_CFG")
+    if value is None:
+        return []
+    if int(value) in OBEYED:
+        return [_good("MAV_SIGN_CFG", value, OBEYED[int(value)])]
+    why, reason = (
+        "it has the key, and obeys unsigned messages too",
+        "only who has the key is obeyed, but for who holds the USB cable",
+    )
+    return [_mend("MAV_SIGN_CFG", value, 1, why, reason)]

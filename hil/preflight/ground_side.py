@@ -1,25 +1,22 @@
-"""Rows about what a flight needs beside the vehicle: the wire, signed messages, the camera, and room for its files.
+"""Rows about what a flight needs beside the vehicle: the wire, the camera, and room for its files.
 
-Of the wire: the telemetry's rates, the way there and back, the two clocks. Of signed messages: whether a vehicle that
-has our key insists on it; PX4 1.17 signs with it and still obeys everybody by default. Of the camera: whether it gives
-frames, how many a second, and how old they are.
+Of the wire: the telemetry's rates, the round trip, the two clocks. Of the camera: its rate and the age of its frames.
 """
 
 import os
 import shutil
 import statistics
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 from foundation.camera import Camera, Frame
 from foundation.errors import CameraError
 from foundation.mavlink import dialect
 from foundation.sensors import CALENDAR_START_US
-from hil.link.parameters import Value
-from hil.preflight.observation import ASKED_HZ, Change, Finding, Heard, Row
+from hil.preflight.observation import STREAM_HZ, Observation, Row
 
-FLOWN_ON = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
+FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
 RATE_LEAST = 8.0  # Hz, below which the height and place loops of the link lag more than they hold
 SHARE_LEAST = 0.8  # of the rate asked for, below which it is worth a word
 ROUND_TRIP_MOST = 0.5  # s: a setpoint would be half of COM_OF_LOSS_T old at its arrival
@@ -29,54 +26,54 @@ CALENDAR_MOST = 2.0  # s
 SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator that runs for longer than a week is rare
 
 
-def wire_rows(heard: Heard) -> list[Row]:
+def wire_rows(observed: Observation) -> list[Row]:
     """Return the rows of rates, round trip and clocks."""
-    return [_rates(heard), _round_trip(heard), _clock(heard)]
+    return [_rates(observed), _round_trip(observed), _clock(observed)]
 
 
-def _rates(heard: Heard) -> Row:
-    if heard.seconds <= 0.0:
+def _rates(observed: Observation) -> Row:
+    if observed.seconds <= 0.0:
         return Row("telemetry rates", None, "not measured")
-    rates = {i: heard.counts.get(i, 0) / heard.seconds for i in ASKED_HZ}
-    names = {i: dialect.mavlink_map[i].msgname for i in ASKED_HZ}
-    said = {i: f"{names[i]} {rates[i]:.1f} of {ASKED_HZ[i]:g} Hz" for i in ASKED_HZ}
-    slow = [said[i] for i in ASKED_HZ if rates[i] < SHARE_LEAST * ASKED_HZ[i]]
-    flown = ", ".join(said[i] for i in FLOWN_ON)
-    if min(rates[i] for i in FLOWN_ON) < RATE_LEAST:
+    rates = {i: observed.counts.get(i, 0) / observed.seconds for i in STREAM_HZ}
+    names = {i: dialect.mavlink_map[i].msgname for i in STREAM_HZ}
+    rates_text = {i: f"{names[i]} {rates[i]:.1f} of {STREAM_HZ[i]:g} Hz" for i in STREAM_HZ}
+    slow = [rates_text[i] for i in STREAM_HZ if rates[i] < SHARE_LEAST * STREAM_HZ[i]]
+    flight_rates = ", ".join(rates_text[i] for i in FLIGHT_STREAMS)
+    if min(rates[i] for i in FLIGHT_STREAMS) < RATE_LEAST:
         return Row("telemetry rates", False, f"{', '.join(slow)}: too slow to hold a place",
                    "a faster wire, or a higher MAV_x_RATE")  # fmt: skip
     if slow:
-        return Row("telemetry rates", None, f"{flown}; short of what was asked: {', '.join(slow)}",
+        return Row("telemetry rates", None, f"{flight_rates}; short of what was asked: {', '.join(slow)}",
                    "a faster wire, or a higher MAV_x_RATE")  # fmt: skip
-    return Row("telemetry rates", True, f"{flown}, and all others that were asked for")
+    return Row("telemetry rates", True, f"{flight_rates}, and all others that were asked for")
 
 
-def _round_trip(heard: Heard) -> Row:
-    if not heard.sync_asked:
+def _round_trip(observed: Observation) -> Row:
+    if not observed.sync_requests:
         return Row("round trip", None, "not measured")
-    if not heard.round_trips:
-        return Row("round trip", None, f"none of {heard.sync_asked} TIMESYNC questions was answered")
-    lengths = sorted(trip.length_s for trip in heard.round_trips)
-    lost = 1.0 - len(lengths) / heard.sync_asked
+    if not observed.round_trips:
+        return Row("round trip", None, f"none of {observed.sync_requests} TIMESYNC questions was answered")
+    lengths = sorted(trip.length_s for trip in observed.round_trips)
+    lost = 1.0 - len(lengths) / observed.sync_requests
     why = f"{1e3 * statistics.median(lengths):.1f} ms, at worst {1e3 * lengths[-1]:.0f} ms"
-    why += f", {100 * lost:.0f} % of {heard.sync_asked} questions not answered" if lost > 0.0 else ""
+    why += f", {100 * lost:.0f} % of {observed.sync_requests} questions not answered" if lost > 0.0 else ""
     if statistics.median(lengths) > ROUND_TRIP_MOST or lost > LOST_MOST:
         return Row("round trip", False, f"{why}: setpoints would come too late or not at all", "a better wire")
     return Row("round trip", True, why)
 
 
-def _clock(heard: Heard) -> Row:
-    if len(heard.round_trips) < 2:
+def _clock(observed: Observation) -> Row:
+    if len(observed.round_trips) < 2:
         return Row("clocks", None, "the vehicle's was not compared with this machine's")
-    first, last = _best(heard, early=True), _best(heard, early=False)
+    first, last = _best(observed, early=True), _best(observed, early=False)
     span_ns = last[0] - first[0]
     drift = (last[1] - first[1]) / span_ns if span_ns > 0 else 0.0
     why = f"the vehicle's runs {1e6 * drift:+.0f} µs a second beside this machine's"
-    calendar = heard.message("SYSTEM_TIME")
-    if is_simulated(heard):
+    calendar = observed.message("SYSTEM_TIME")
+    if is_simulated(observed):
         why += "; its calendar is a simulated one"
     elif calendar is not None and calendar.time_unix_usec:
-        apart = heard.unix_s - calendar.time_unix_usec * 1e-6
+        apart = observed.unix_s - calendar.time_unix_usec * 1e-6
         why += f"; its calendar is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
         if abs(apart) > CALENDAR_MOST:
             return Row("clocks", None, why, "set this machine's clock (NTP); logs are matched by it")
@@ -86,36 +83,18 @@ def _clock(heard: Heard) -> Row:
     return Row("clocks", True, why)
 
 
-def is_simulated(heard: Heard) -> bool:
+def is_simulated(observed: Observation) -> bool:
     """Return whether the calendar is that of our simulated receiver, which begins on the same day in each flight."""
-    calendar = heard.message("SYSTEM_TIME")
+    calendar = observed.message("SYSTEM_TIME")
     return calendar is not None and 0 <= calendar.time_unix_usec - CALENDAR_START_US < SIMULATED_MOST_US
 
 
-def _best(heard: Heard, *, early: bool) -> tuple[int, int, int]:
+def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
     """Return (when, offset, half its uncertainty), all in ns, of the quickest round trip of one half of the watch."""
-    half = len(heard.round_trips) // 2
-    trips = heard.round_trips[:half] if early else heard.round_trips[half:]
+    half = len(observed.round_trips) // 2
+    trips = observed.round_trips[:half] if early else observed.round_trips[half:]
     trip = min(trips, key=lambda t: t.length_s)
-    return trip.asked_ns, trip.offset_ns, round(trip.length_s * 0.5e9)
-
-
-SIGNING_PARAMETERS = ("MAV_SIGN_CFG",)  # of PX4 from 1.17 on
-OBEYS = {1: "unsigned messages are obeyed over USB only", 2: "no unsigned message is obeyed"}
-NOT_USB = 1  # on every wire but USB
-
-
-def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
-    """Return whether unsigned messages are ignored; nothing when the autopilot does not tell, as ours, which does."""
-    value = values.get("MAV_SIGN_CFG")
-    if value is None:
-        return []
-    name, why = f"MAV_SIGN_CFG = {value:g}", OBEYS.get(int(value), "it has the key, and obeys unsigned messages too")
-    if int(value) in OBEYS:
-        return [Finding(Row(name, True, why))]
-    reason = "only who has the key is obeyed, but for who holds the USB cable"
-    change = Change("MAV_SIGN_CFG", value, NOT_USB, reason)
-    return [Finding(Row(name, False, why, f"{NOT_USB}: --fix proposes it"), change)]
+    return trip.sent_ns, trip.offset_ns, round(trip.length_s * 0.5e9)
 
 
 CAMERA = "camera"
@@ -136,9 +115,9 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
             camera.newest()  # the first one also opens the connection
             began_s = time.monotonic()  # wall time is the subject here
             while time.monotonic() - began_s < seconds:
-                asked_s = time.monotonic()
+                began_fetch_s = time.monotonic()
                 frame = camera.newest()
-                fetch_s.append(time.monotonic() - asked_s)
+                fetch_s.append(time.monotonic() - began_fetch_s)
                 if not frames or frame.frame_id != frames[-1].frame_id:
                     age_s.append((now_us() - frame.time_us) * 1e-6)
                     frames.append(frame)

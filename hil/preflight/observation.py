@@ -14,17 +14,17 @@ from hil.link.telemetry import StatusTexts
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One thing that was looked at."""
+    """One result of a check."""
 
     name: str
-    passed: bool | None  # None: could not be found out, or only a person can judge it
+    passed: bool | None  # None: not measured, or only a person can judge it
     why: str
     fix: str = ""  # what to do about it; empty where there is nothing to do
 
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A parameter that ought to hold another value."""
+    """A parameter that should hold another value."""
 
     name: str
     old: float
@@ -34,21 +34,21 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A row, and the change of a parameter that would mend it."""
+    """A row, and the parameter change that would mend it."""
 
     row: Row
     change: Change | None = None
 
 
 def summary(rows: Sequence[Row]) -> str:
-    """Return the last line: how many passed, failed and are not known."""
+    """Return the last line of the table: the numbers of rows that passed, failed and are open."""
     count = {mark: sum(row.passed is mark for row in rows) for mark in (True, False, None)}
     return f"{count[True]} passed, {count[False]} failed, {count[None]} for you to judge"
 
 
 Message: TypeAlias = dialect.MAVLink_message
 
-ASKED_HZ: dict[int, float] = {  # the streams that the checks read, and the two that flying stands on
+STREAM_HZ: dict[int, float] = {  # the streams that the checks read, and the two that flying stands on
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
     dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
@@ -68,23 +68,23 @@ TRIES = 3  # for a message that does not come by itself
 class RoundTrip:
     """One TIMESYNC question and its answer."""
 
-    asked_ns: int  # this machine's monotonic clock
+    sent_ns: int  # this machine's monotonic clock
     answered_ns: int
     vehicle_ns: int  # the vehicle's clock, since its boot
 
     @property
     def length_s(self) -> float:
-        return (self.answered_ns - self.asked_ns) * 1e-9
+        return (self.answered_ns - self.sent_ns) * 1e-9
 
     @property
     def offset_ns(self) -> int:
         """ns to add to this machine's monotonic clock for the vehicle's, if both ways take equally long."""
-        return self.vehicle_ns - (self.asked_ns + self.answered_ns) // 2
+        return self.vehicle_ns - (self.sent_ns + self.answered_ns) // 2
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """Everything that was heard. Message ids are keys; messages of other systems than the autopilot are not here."""
+class Observation:
+    """What a vehicle has sent. Keys are message ids; messages of other systems than the autopilot are left out."""
 
     newest: Mapping[int, Message] = field(default_factory=dict)
     seconds: float = 0.0  # of vehicle time
@@ -93,7 +93,7 @@ class Heard:
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
     station: bool = False  # some ground station's heartbeat was heard
     round_trips: tuple[RoundTrip, ...] = ()
-    sync_asked: int = 0  # TIMESYNC questions that were sent
+    sync_requests: int = 0  # TIMESYNC questions that were sent
     unix_s: float = 0.0  # this machine's calendar when SYSTEM_TIME came
 
     def message(self, name: str) -> Message | None:
@@ -102,13 +102,13 @@ class Heard:
 
     @property
     def firmware(self) -> Firmware | None:
-        """What AUTOPILOT_VERSION said, None when it did not come."""
+        """The firmware of AUTOPILOT_VERSION, None when the message did not come."""
         message = self.message("AUTOPILOT_VERSION")
         return None if message is None else firmware(message)
 
     @property
     def sticks(self) -> bool:
-        """Whether somebody's sticks reach the autopilot: the bit of a radio receiver that is present and healthy."""
+        """Whether sticks reach the autopilot: its radio receiver is present and healthy."""
         status, bit = self.message("SYS_STATUS"), dialect.MAV_SYS_STATUS_SENSOR_RC_RECEIVER
         if status is None:
             return False
@@ -116,7 +116,7 @@ class Heard:
 
 
 class Watch:
-    """Listens on a link. Attach `hear` to its listeners."""
+    """Listens on a link."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -125,64 +125,61 @@ class Watch:
         self._worst: dict[str, float] = {}
         self._texts = StatusTexts()
         self._station = False
-        self._asked: set[int] = set()
+        self._pending: set[int] = set()
         self._round_trips: list[RoundTrip] = []
         self._unix_s = 0.0
         self._began_us = 0
 
-    def listen(self, seconds: float) -> Heard:
-        """Ask for what the checks read, let `seconds` of vehicle time pass, and return what was heard.
+    def listen(self, seconds: float) -> Observation:
+        """Request the streams of the checks, let `seconds` of vehicle time pass, and return what came.
 
-        The streams that were asked for keep their rates: whoever flies next on this link asks for its own.
+        The streams keep their rates afterwards: the next user of this link requests its own.
         """
         link = self._link
-        link.listeners.append(self._hear)
-        try:
-            for message_id, rate in ASKED_HZ.items():
+        with link.listening(self._take):
+            for message_id, rate in STREAM_HZ.items():
                 link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate))
             link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # has the reasons said again
             self._counts.clear()
             self._began_us = link.time_us
             sync_us, end_us = 0, self._began_us + seconds * 1e6
             while link.time_us < end_us:
-                if link.time_us >= sync_us and (link.time_us < end_us - ANSWER_US or not self._asked):
+                if link.time_us >= sync_us and (link.time_us < end_us - ANSWER_US or not self._pending):
                     sync_us = link.time_us + SYNC_US
-                    self._ask_the_time()
+                    self._request_time()
                 link.tick()
-            told = self._heard()
-            self._ask_for_what_is_missing()
-            return replace(told, newest=dict(self._newest))
-        finally:
-            link.listeners.remove(self._hear)
+            observation = self._observation()
+            self._request_missing()
+            return replace(observation, newest=dict(self._newest))
 
-    def _ask_for_what_is_missing(self) -> None:
+    def _request_missing(self) -> None:
         """On a crowded wire some streams do not come through at all; a single message does."""
-        for message_id in (*ONCE, *ASKED_HZ):
+        for message_id in (*ONCE, *STREAM_HZ):
             for _ in range(TRIES):
                 if message_id in self._newest:
                     break
                 self._link.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id)
                 self._link.tick()
 
-    def _heard(self) -> Heard:
-        return Heard(
+    def _observation(self) -> Observation:
+        return Observation(
             newest=dict(self._newest),
             seconds=(self._link.time_us - self._began_us) * 1e-6,
             counts=dict(self._counts),
             worst_ratio=dict(self._worst),
-            texts=tuple(dict.fromkeys(said.text for said in self._texts.newest if said.severity <= 4)),
+            texts=tuple(dict.fromkeys(text.text for text in self._texts.newest if text.severity <= 4)),
             station=self._station,
             round_trips=tuple(self._round_trips),
-            sync_asked=len(self._asked) + len(self._round_trips),
+            sync_requests=len(self._pending) + len(self._round_trips),
             unix_s=self._unix_s,
         )
 
-    def _ask_the_time(self) -> None:
+    def _request_time(self) -> None:
         now_ns = time.monotonic_ns()  # wall time is the subject here
-        self._asked.add(now_ns)
+        self._pending.add(now_ns)
         self._link.send(dialect.MAVLink_timesync_message(0, now_ns))
 
-    def _hear(self, message: Message) -> None:
+    def _take(self, message: Message) -> None:
         kind = message.get_msgId()
         if (message.get_srcSystem(), message.get_srcComponent()) != (self._link.system, self._link.component):
             if kind == dialect.MAVLINK_MSG_ID_HEARTBEAT and message.type == dialect.MAV_TYPE_GCS:
@@ -192,8 +189,8 @@ class Watch:
         self._counts[kind] += 1
         if kind == dialect.MAVLINK_MSG_ID_STATUSTEXT:
             self._texts.take(message, self._link.time_us)
-        elif kind == dialect.MAVLINK_MSG_ID_TIMESYNC and message.ts1 in self._asked:
-            self._asked.remove(message.ts1)
+        elif kind == dialect.MAVLINK_MSG_ID_TIMESYNC and message.ts1 in self._pending:
+            self._pending.remove(message.ts1)
             self._round_trips.append(RoundTrip(message.ts1, time.monotonic_ns(), message.tc1))
         elif kind == dialect.MAVLINK_MSG_ID_SYSTEM_TIME:
             self._unix_s = time.time()

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from foundation.mavlink import dialect
 from foundation.px4 import mode_name
 from hil.link.parameters import Value
-from hil.preflight.observation import Heard, Message, Row
+from hil.preflight.observation import Message, Observation, Row
 
-OLDEST = (1, 14)  # from there on what was absent at arming, such as sticks, counts as optional: failsafe.cpp
+OLDEST = (1, 14)  # from there on what is absent at arming, such as sticks, counts as optional: failsafe.cpp
 SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
     dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
@@ -41,34 +41,34 @@ TROUBLES = {  # not CONST_POS_MODE: PX4 assumes a constant place whenever the ve
 RATIOS = {  # test ratios of ESTIMATOR_STATUS: above 1 the filter throws the measurement away
     "vel_ratio": "velocity", "pos_horiz_ratio": "place", "pos_vert_ratio": "height", "mag_ratio": "heading",
 }  # fmt: skip
-FLOWN = "1.14.4, 1.15.4 and 1.16.1"
+TESTED = "1.14.4, 1.15.4 and 1.16.1"
 SPREAD_MOST = 5.0  # m, COM_POS_FS_EPH's default: beyond it PX4 does not trust the place itself
 
 
-def health_rows(heard: Heard) -> list[Row]:
-    """Return the rows of the autopilot's condition."""
-    return [_firmware(heard), _armed(heard), _sensors(heard), _prearm(heard), _estimator(heard)]
+def health_rows(observed: Observation) -> list[Row]:
+    """Return the rows of firmware, arming, sensors, pre-arm check and estimator."""
+    return [_firmware(observed), _armed(observed), _sensors(observed), _prearm(observed), _estimator(observed)]
 
 
-def _firmware(heard: Heard) -> Row:
-    firmware = heard.firmware
+def _firmware(observed: Observation) -> Row:
+    firmware = observed.firmware
     if firmware is None:
         return Row("firmware", None, "it does not tell its version, so advice that depends on it is a guess")
-    if version(heard) < OLDEST:
-        return Row("firmware", False, f"{firmware}: the advice here is for PX4 {FLOWN}, which were flown with it",
-                   f"update to one of {FLOWN}")  # fmt: skip
+    if version(observed) < OLDEST:
+        return Row("firmware", False, f"{firmware}: the advice here is for PX4 {TESTED}, which were flown with it",
+                   f"update to one of {TESTED}")  # fmt: skip
     return Row("firmware", True, str(firmware))
 
 
-def version(heard: Heard) -> tuple[int, int]:
+def version(observed: Observation) -> tuple[int, int]:
     """Return (major, minor) of the firmware, (0, 0) when it was not told."""
-    message = heard.message("AUTOPILOT_VERSION")
+    message = observed.message("AUTOPILOT_VERSION")
     number = 0 if message is None else int(message.flight_sw_version)
     return number >> 24 & 0xFF, number >> 16 & 0xFF
 
 
-def _armed(heard: Heard) -> Row:
-    beat = heard.message("HEARTBEAT")
+def _armed(observed: Observation) -> Row:
+    beat = observed.message("HEARTBEAT")
     if beat is None:
         return Row("disarmed", None, "no heartbeat came meanwhile")
     if beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED:
@@ -76,8 +76,8 @@ def _armed(heard: Heard) -> Row:
     return Row("disarmed", True, "the motors are off")
 
 
-def _sensors(heard: Heard) -> Row:
-    status = heard.message("SYS_STATUS")
+def _sensors(observed: Observation) -> Row:
+    status = observed.message("SYS_STATUS")
     if status is None:
         return Row("sensors", False, "SYS_STATUS does not come: nothing is known", "look at the link's rates")
     present = int(status.onboard_control_sensors_present) | PRESENT_UNSAID
@@ -88,24 +88,28 @@ def _sensors(heard: Heard) -> Row:
     ]  # fmt: skip
     if bad or missing:
         reasons = [f"{name} unhealthy" for name in bad] + [f"no {name}" for name in missing]
-        return Row("sensors", False, ", ".join(reasons) + _said(heard), "calibrate or replace what is named")
+        return Row("sensors", False, ", ".join(reasons) + _texts(observed), "calibrate or replace what is named")
     good = [name for bit, name in SENSORS.items() if present & bit]
     return Row("sensors", True, ", ".join(good))
 
 
-def _prearm(heard: Heard) -> Row:
-    status = heard.message("SYS_STATUS")
+def _prearm(observed: Observation) -> Row:
+    status = observed.message("SYS_STATUS")
     if status is None:
         return Row("pre-arm check", False, "SYS_STATUS does not come", "look at the link's rates")
     if not _health(status) & PREARM:
-        standing = _mode(heard) == "OFFBOARD"  # as a flight that was broken off leaves it
-        fix = "switch it to Hold: in OFFBOARD it wants setpoints" if standing else "a ground station names every reason"
-        return Row("pre-arm check", False, f"it would refuse to arm in {_mode(heard)}" + _said(heard), fix)
-    return Row("pre-arm check", True, f"it would arm in {_mode(heard)}" + _said(heard))
+        in_offboard = _mode(observed) == "OFFBOARD"  # as a flight that was broken off leaves it
+        fix = (
+            "switch it to Hold: in OFFBOARD it wants setpoints"
+            if in_offboard
+            else "a ground station names every reason"
+        )
+        return Row("pre-arm check", False, f"it would refuse to arm in {_mode(observed)}" + _texts(observed), fix)
+    return Row("pre-arm check", True, f"it would arm in {_mode(observed)}" + _texts(observed))
 
 
-def _estimator(heard: Heard) -> Row:
-    status = heard.message("ESTIMATOR_STATUS")
+def _estimator(observed: Observation) -> Row:
+    status = observed.message("ESTIMATOR_STATUS")
     if status is None:
         return Row("estimator", False, "ESTIMATOR_STATUS does not come, so nothing is known of its estimate",
                    "look at the link's rates")  # fmt: skip
@@ -113,24 +117,24 @@ def _estimator(heard: Heard) -> Row:
     reasons += [text for bit, text in TROUBLES.items() if status.flags & bit]
     reasons += [
         f"the measured {RATIOS[name]} is rejected (test ratio {ratio:.1f})"
-        for name, ratio in heard.worst_ratio.items() if ratio > 1.0
+        for name, ratio in observed.worst_ratio.items() if ratio > 1.0
     ]  # fmt: skip
     if not status.pos_horiz_accuracy <= SPREAD_MOST:
         reasons.append(f"the place is only known to {status.pos_horiz_accuracy:.1f} m")
     if reasons:
         return Row("estimator", False, "; ".join(reasons), "wait; away from steel and under open sky if it stays so")
-    worst = max(heard.worst_ratio.values(), default=0.0)
+    worst = max(observed.worst_ratio.values(), default=0.0)
     return Row("estimator", True, f"attitude, velocity, place and altitude; place ±{status.pos_horiz_accuracy:.1f} m, "
                f"altitude ±{status.pos_vert_accuracy:.1f} m, largest test ratio {worst:.2f}")  # fmt: skip
 
 
-def _mode(heard: Heard) -> str:
-    beat = heard.message("HEARTBEAT")
+def _mode(observed: Observation) -> str:
+    beat = observed.message("HEARTBEAT")
     return "its present mode" if beat is None else mode_name(beat.custom_mode)
 
 
-def _said(heard: Heard) -> str:
-    return f"; it says: {'; '.join(heard.texts[-3:])}" if heard.texts else ""
+def _texts(observed: Observation) -> str:
+    return f"; it says: {'; '.join(observed.texts[-3:])}" if observed.texts else ""
 
 
 def _enabled(status: Message) -> int:
@@ -150,13 +154,13 @@ HOME_NEAR = 10.0  # m from home within which a vehicle stands on its home, a GPS
 EARTH = 6_371_000.0  # m, mean radius
 
 
-def position_rows(heard: Heard) -> list[Row]:
+def position_rows(observed: Observation) -> list[Row]:
     """Return the rows of GPS and home."""
-    return [_gps(heard), _home(heard)]
+    return [_gps(observed), _home(observed)]
 
 
-def _gps(heard: Heard) -> Row:
-    gps = heard.message("GPS_RAW_INT")
+def _gps(observed: Observation) -> Row:
+    gps = observed.message("GPS_RAW_INT")
     if gps is None or gps.fix_type == 0:
         return Row("GPS", False, "no receiver is heard", "check its cable; without a place nothing is flown")
     if gps.fix_type < FIX_3D:
@@ -164,24 +168,24 @@ def _gps(heard: Heard) -> Row:
     hdop = gps.eph / 100.0 if gps.eph != UNKNOWN else None
     spreads = [(name, value / 1000.0, most) for name, value, most in
                (("h", gps.h_acc, SPREAD_H), ("v", gps.v_acc, SPREAD_V)) if value]  # fmt: skip
-    parts = [f"fix type {gps.fix_type}", _count(gps.satellites_visible)]
-    parts += [f"HDOP {hdop:.1f}"] if hdop is not None else []
-    parts += [f"±{value:.1f} m {'across' if name == 'h' else 'in height'}" for name, value, _ in spreads]
+    details = [f"fix type {gps.fix_type}", _count(gps.satellites_visible)]
+    details += [f"HDOP {hdop:.1f}"] if hdop is not None else []
+    details += [f"±{value:.1f} m {'across' if name == 'h' else 'in height'}" for name, value, _ in spreads]
     poor = [] if gps.satellites_visible >= SATELLITES else [f"fewer than {SATELLITES} satellites"]
     poor += [f"HDOP above {HDOP_MOST:g}"] if hdop is not None and hdop > HDOP_MOST else []
     poor += [f"worse than {most:g} m {'across' if name == 'h' else 'in height'}" for name, value, most in spreads
              if value > most]  # fmt: skip
     if poor:
-        return Row("GPS", False, f"{', '.join(parts)}: {', '.join(poor)}", "wait under open sky")
-    return Row("GPS", True, ", ".join(parts))
+        return Row("GPS", False, f"{', '.join(details)}: {', '.join(poor)}", "wait under open sky")
+    return Row("GPS", True, ", ".join(details))
 
 
 def _count(satellites: int) -> str:
     return "satellites not told" if satellites == 255 else f"{satellites} satellites"
 
 
-def _home(heard: Heard) -> Row:
-    home, here = heard.message("HOME_POSITION"), heard.message("GLOBAL_POSITION_INT")
+def _home(observed: Observation) -> Row:
+    home, here = observed.message("HOME_POSITION"), observed.message("GLOBAL_POSITION_INT")
     if home is None:
         return Row("home", False, "none is set: there is nowhere to return to, and no fence to measure from",
                    "wait for a good place; PX4 sets home by itself then")  # fmt: skip
@@ -208,20 +212,20 @@ CELL_LEAST, CELL_MOST = 3.5, 4.35  # V at rest: an empty lithium cell, and a ful
 MARGIN = 0.25  # of the capacity above the autopilot's own low level; a flight of five minutes takes about that
 
 
-def battery_row(heard: Heard, values: Mapping[str, Value | None]) -> Row:
+def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Row:
     """Return the row of the battery."""
-    status = heard.message("SYS_STATUS")
+    status = observed.message("SYS_STATUS")
     if status is None or status.voltage_battery in (0, UNKNOWN):
         return Row("battery", False, "its voltage is not measured, so nobody would land before it is empty",
                    "set the battery up in the ground station")  # fmt: skip
-    volts, parts = status.voltage_battery / 1000.0, []
-    parts.append(f"{volts:.1f} V")
+    volts = status.voltage_battery / 1000.0
+    details = [f"{volts:.1f} V"]
     cells = int(values.get("BAT1_N_CELLS") or 0)
     if cells > 0:
-        parts.append(f"{volts / cells:.2f} V in each of {cells} cells")
+        details.append(f"{volts / cells:.2f} V in each of {cells} cells")
     if status.battery_remaining >= 0:
-        parts.append(f"{status.battery_remaining} % left")
-    why = ", ".join(parts)
+        details.append(f"{status.battery_remaining} % left")
+    why = ", ".join(details)
     if cells > 0 and not CELL_LEAST <= volts / cells <= CELL_MOST:
         return Row("battery", False, f"{why}: no resting cell has that", "charge it, or correct BAT1_N_CELLS")
     if status.battery_remaining < 0:

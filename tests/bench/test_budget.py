@@ -10,7 +10,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.campaign import Batch, Campaign, EndedFlight, OpenRun
 from dronecats.bench.engine import LocalEngine
 from dronecats.bench.matrix import BenchEntry
-from dronecats.flight.run.settings import settings
+from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster

@@ -5,7 +5,7 @@ import pytest
 from dronecats.agent import prompt as prompts
 from dronecats.agent.prompt import Prompt
 from dronecats.cli.main import main, parse
-from dronecats.flight.run.settings import settings
+from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 

@@ -10,7 +10,7 @@ from dronecats.cli import options
 from dronecats.cli.main import main
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl import compile_ahead, simulator_process
-from dronecats.flight.sitl.scenario import build, load_world
+from dronecats.flight.sitl.simulation import build, load_world
 from episodes.records import catalogue
 from episodes.world.obstacles import obstacles
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageColor
 
-from dronecats.flight.picture.flight_picture import FLIGHT_COLORS
+from dronecats.flight.picture import FLIGHT_COLORS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.report.kit import palette
 from dronecats.view.live.moment import Moment

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.flight.picture import flight_picture
+from dronecats.flight import picture as flight_picture
 from dronecats.judge.verdict import qualifies
 from dronecats.report.page import flights
 from dronecats.view.film import composition

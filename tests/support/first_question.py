@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from dronecats.flight.run.first_question import TEXT
+from dronecats.flight.run.accounts import TEXT
 
 Pilot = Callable[[str, list[bytes]], str]
 

@@ -12,7 +12,7 @@ def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
 
 def free_instance() -> int:
     """Return an instance of PX4 whose ports nobody holds just now."""
-    from dronecats.flight.sitl.px4.simulator import free_servers  # imports the flight core
+    from dronecats.flight.sitl.px4 import free_servers  # imports the flight core
     from hil.simulator import PORT
 
     [server] = free_servers(1)

@@ -7,7 +7,7 @@ from typing import Any
 
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
-from dronecats.flight.stages import parts
+from dronecats.flight.stages.stage import CAMERA, SIMULATOR
 
 EPISODE = "residential-approaching-01"
 
@@ -18,7 +18,7 @@ def start_vehicle(supervisor: Supervisor, speed: float = 1.0, state_dir: Path | 
     `state_dir` keeps its parameters, plans, logs and clients' files; None: nothing is kept.
     """
     config = SimulatorConfig(episode=EPISODE, speed=speed, state_dir=str(state_dir) if state_dir else None)
-    return supervisor.start(parts.SIMULATOR, config).ready()
+    return supervisor.start(SIMULATOR, config).ready()
 
 
 @contextmanager
@@ -28,7 +28,7 @@ def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]
     try:
         ports = start_vehicle(supervisor, speed)
         truth = f"udpout://127.0.0.1:{ports['truth']}"
-        camera = supervisor.start(parts.CAMERA, CameraConfig(episode=EPISODE, truth=truth))
+        camera = supervisor.start(CAMERA, CameraConfig(episode=EPISODE, truth=truth))
         yield ports["agent"][0], str(camera.ready()["url"])
     finally:
         supervisor.close()

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from pymavlink import mavutil
 
-from dronecats.flight.sitl.scenario import load_world, origin
+from dronecats.flight.sitl.simulation import load_world, origin
 from episodes.camera.renderer import Renderer, camera_pose
 from episodes.maps.assets.multirotor import X500
 from foundation.camera import CameraModel

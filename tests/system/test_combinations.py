@@ -17,7 +17,8 @@ from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.cli.main import main
-from dronecats.flight.run import accounts, first_question
+from dronecats.flight.run import accounts
+from dronecats.flight.run import accounts as first_question
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept

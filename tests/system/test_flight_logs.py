@@ -10,7 +10,7 @@ import pytest
 
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.stages import parts
+from dronecats.flight.stages.stage import SIMULATOR
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from hil.link.flight_logs import log_store
@@ -25,7 +25,7 @@ def autopilot(tmp_path_factory: pytest.TempPathFactory):
     folder = tmp_path_factory.mktemp("vehicle")
     supervisor = Supervisor(folder)
     config = SimulatorConfig(episode="residential-approaching-01", speed=4.0, state_dir=str(folder))
-    port = supervisor.start(parts.SIMULATOR, config).ready()["agent"][0]
+    port = supervisor.start(SIMULATOR, config).ready()["agent"][0]
     link = Link(connect(f"udpout://127.0.0.1:{port}"))
     link.connect()
     link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")

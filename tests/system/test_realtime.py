@@ -10,12 +10,13 @@ import time
 import psutil
 import pytest
 
-from dronecats.flight.stages import parts
+from dronecats.flight.run.pilot import PILOT
+from dronecats.flight.stages.stage import CAMERA, LOGGER, SIMULATOR
 from dronecats.pilots.server import PilotServer
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import after_first_question
 
-MODULES = {part.name: part.module for part in (parts.SIMULATOR, parts.CAMERA, parts.LOGGER, parts.PILOT)}
+MODULES = {part.name: part.module for part in (SIMULATOR, CAMERA, LOGGER, PILOT)}
 
 
 class Flight:

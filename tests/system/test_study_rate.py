@@ -12,8 +12,7 @@ from itertools import pairwise
 import pytest
 
 from dronecats.flight.run.fly import fly
-from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.flight.spec.latency_trace import latency_policy
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated, latency_policy
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import is_first_question
 from tests.support.json_lines import rows

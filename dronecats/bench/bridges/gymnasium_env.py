@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Request
 from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
-from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
-from dronecats.flight.spec.latency_trace import latency_policy
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from episodes.records import catalogue, suites
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S, POINT_SPAN

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Reply, Request
-from dronecats.flight.run.settings import settings
+from dronecats.flight.run.fly import settings
 from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec

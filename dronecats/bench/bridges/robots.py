@@ -25,8 +25,7 @@ from inspect_robots.types import Action, Observation, StepResult
 
 from dronecats.agent.models.model import Request
 from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
-from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated
-from dronecats.flight.spec.latency_trace import latency_policy
+from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue, suites
 from foundation.errors import UsageError

@@ -1,11 +1,89 @@
-"""The estimate logger as a process: takes a copy of the link's bytes on a port that the system chose."""
+"""The logger of a flight whose truth nobody knows, as a process: the autopilot's own estimate as truth.jsonl."""
 
+import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.flight.logger.config import EstimateLoggerConfig
-from dronecats.flight.logger.estimate import EstimateRecorder
+from msgspec import UNSET
+
+from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
+from foundation.mavlink import Parser, dialect
+from foundation.protocol import POSE_PERIOD_S
+from foundation.run_folder import layout
+from foundation.run_folder.rows import Begin, End, Pose
+from foundation.run_folder.writing import LineLog, TelemetryLog
+from hil.link.telemetry import VehicleClock
 from hil.link.transport import UdpTransport
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EstimateLoggerConfig:
+    """A logger that keeps what an autopilot says of itself."""
+
+    folder: str
+
+
+class EstimateRecorder:
+    """Writes the pose trace from LOCAL_POSITION_NED and ATTITUDE, and every message into flight.tlog."""
+
+    def __init__(self, folder: Path) -> None:
+        self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
+        self._parser = Parser()
+        self._clock = VehicleClock()
+        self._resets = ResetWatch()
+        self._yaw_deg: float | None = None
+        self._t0_us: int | None = None
+        self._next_pose = 0
+
+    def begin(self, t0_us: int, cap_s: float | None = None) -> None:
+        self._t0_us = t0_us
+        resets = True if self._resets.sends_counter else UNSET
+        self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, source="estimate", resets=resets))
+
+    def end(self, reason: str, error: str | None = None) -> None:
+        if self._t0_us is not None:
+            self._rows.write(End(t=self._t(), reason=reason, error=error))
+            self._t0_us = None
+
+    def close(self) -> None:
+        self._rows.close()
+        self._tlog.close()
+
+    def telemetry(self, data: bytes) -> None:
+        """Take bytes of the link."""
+        for message in self._parser.feed(data):
+            self._tlog.write(self._clock.time_us, bytes(message.get_msgbuf()))
+            if message.get_srcComponent() != dialect.MAV_COMP_ID_AUTOPILOT1:
+                continue
+            if message.get_msgId() == dialect.MAVLINK_MSG_ID_ATTITUDE:
+                self._yaw_deg = math.degrees(message.yaw)
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+                self._clock.see(message.time_boot_ms)
+                self._pose(message)
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_ODOMETRY:
+                reset = self._resets.message(message)
+                if reset is not None and self._t0_us is not None:
+                    self._rows.write(reset_row(self._t(), 0, reset))
+        self._tlog.flush()
+
+    def _pose(self, message: dialect.MAVLink_message) -> None:
+        if self._t0_us is None or self._t() < self._next_pose * POSE_PERIOD_S:
+            return
+        self._next_pose = math.floor(self._t() / POSE_PERIOD_S) + 1
+        self._rows.write(
+            Pose(
+                t=self._t(),
+                drone=0,
+                position_ned=(round(message.x, 4), round(message.y, 4), round(message.z, 4)),
+                yaw_deg=None if self._yaw_deg is None else round(self._yaw_deg, 4),
+                distance_m=None,
+                visible=None,
+            )
+        )
+
+    def _t(self) -> float:
+        return round((self._clock.time_us - (self._t0_us or 0)) / 1e6, 6)
 
 
 class EstimateLogger:

@@ -1,16 +1,59 @@
 """The logger as a process: listens on the truth bus and on a telemetry port of its own, and writes."""
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from dronecats.flight.logger.config import LoggerConfig
-from dronecats.flight.logger.recorder import Recorder
-from dronecats.flight.logger.telemetry import subscribe
-from dronecats.flight.logger.world_measure import measured_in
-from dronecats.flight.processes.bus_listener import Listener
-from dronecats.flight.sitl.scenario import load_world, origin
+from dronecats.flight.logger.recorder import LoggerConfig, Measure, Recorder
+from dronecats.flight.sitl.bus import Listener
+from dronecats.flight.sitl.simulation import load_world, origin
+from episodes.world.fleet import DronePose
+from episodes.world.world import World
 from foundation.camera import CameraModel
+from foundation.mavlink import Packer, dialect
+from foundation.measurement import TargetMeasurement
+from foundation.truth import TruthSample
+
+
+def measured_in(world: World) -> Measure:
+    """Return the measure of an episode's world, in which the other drones stand before the target, too."""
+
+    def measure(
+        t_s: float, sample: TruthSample, camera: CameraModel, fleet: Sequence[TruthSample]
+    ) -> TargetMeasurement:
+        around = [DronePose(drone.position_ned, drone.attitude) for drone in fleet]
+        return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
+
+    return measure
+
+
+SYSTEM, COMPONENT = 246, 155  # MAV_COMP_ID_LOG
+WATCHED = {
+    dialect.MAVLINK_MSG_ID_ATTITUDE: 200_000,
+    dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 200_000,
+    dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 200_000,
+    dialect.MAVLINK_MSG_ID_SYS_STATUS: 1_000_000,
+    dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 1_000_000,
+    dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: 200_000,
+    dialect.MAVLINK_MSG_ID_ESTIMATOR_STATUS: 1_000_000,
+    dialect.MAVLINK_MSG_ID_ODOMETRY: 200_000,  # its reset counter
+    dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
+    dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN: 5_000_000,
+}
+
+
+def subscribe(send: Callable[[bytes], None], system: int) -> None:
+    """Ask the autopilot of `system` for the messages worth keeping, at five a second."""
+    packer = Packer(SYSTEM, COMPONENT)
+    for message_id, interval_us in WATCHED.items():
+        send(
+            packer.pack(
+                dialect.MAVLink_command_long_message(
+                    system, 1, dialect.MAV_CMD_SET_MESSAGE_INTERVAL, 0, message_id, interval_us, 0, 0, 0, 0, 0
+                )
+            )
+        )
 
 
 class Logger:

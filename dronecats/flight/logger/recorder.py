@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -27,7 +27,18 @@ Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], Tar
 KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
 
 
-class HeardTruth:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoggerConfig:
+    """A logger that measures the truth in an episode's world."""
+
+    episode: str  # id, or a record's file
+    folder: str  # of the episode's logs
+    truth: str  # URL of the truth bus
+    telemetry: tuple[str, ...]  # URLs, one of each drone's autopilot
+    airframe: str | None = None
+
+
+class LazySample:
     """A truth sample that is read when it is wanted: one in twenty-five is."""
 
     def __init__(self, message: dialect.MAVLink_message, origin: Origin) -> None:
@@ -48,9 +59,9 @@ class Recorder:
         self._rows, self._tlog = LineLog(folder / layout.TRUTH), TelemetryLog(folder / layout.TLOG)
         self._truth_parser = Parser()
         self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # of each drone
-        self._samples: dict[int, deque[HeardTruth]] = {}
+        self._samples: dict[int, deque[LazySample]] = {}
         self._next_pose: dict[int, int] = {}
-        self._due: deque[HeardTruth] = deque()  # poses to be written once it is known where the others are
+        self._due: deque[LazySample] = deque()  # poses to be written once it is known where the others are
         self._t0_us: int | None = None
         self._time_us = 0
 
@@ -81,7 +92,7 @@ class Recorder:
         """Take bytes of the truth bus."""
         for message in self._truth_parser.feed(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                self._pose(HeardTruth(message, self._origin))
+                self._pose(LazySample(message, self._origin))
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
                 self._frame(message)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._t0_us is not None:
@@ -101,14 +112,14 @@ class Recorder:
                 self._rows.write(reset_row(self._t(self._time_us), drone, reset))
         self._tlog.flush()
 
-    def _pose(self, sample: HeardTruth) -> None:
+    def _pose(self, sample: LazySample) -> None:
         self._time_us = max(self._time_us, sample.time_us)
         self._samples.setdefault(sample.drone, deque(maxlen=KEPT)).append(sample)
         if self._t0_us is not None:
             self._keep(sample, self._t0_us)
             self._write_poses(waiting=True)
 
-    def _keep(self, sample: HeardTruth, t0_us: int) -> None:
+    def _keep(self, sample: LazySample, t0_us: int) -> None:
         """Have a pose written every POSE_PERIOD_S."""
         due = self._next_pose.setdefault(sample.drone, 0)
         t = (sample.time_us - t0_us) / 1e6
@@ -134,10 +145,10 @@ class Recorder:
         taken = frame_taken(message)
         if self._t0_us is None:
             return
-        heard = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
-        if heard is None:
+        stored = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
+        if stored is None:
             return  # a pose that never reached us: the verdict will find the frame's record missing and say so
-        sample = heard.sample
+        sample = stored.sample
         self._rows.write(
             FrameTruth(
                 frame_id=taken.frame_id,
@@ -157,8 +168,8 @@ class Recorder:
 
     def _measured(self, sample: TruthSample) -> dict[str, Any]:
         """Return the fields of what is measured at a sample, rounded for the log."""
-        others = [nearest(heard, sample.time_us).sample for k, heard in self._samples.items() if k != sample.drone]
-        measured = self._measure(self._t(sample.time_us), sample, self._camera, others)
+        fleet = [nearest(kept, sample.time_us).sample for k, kept in self._samples.items() if k != sample.drone]
+        measured = self._measure(self._t(sample.time_us), sample, self._camera, fleet)
         return {field.name: _rounded(getattr(measured, field.name), field.name) for field in fields(measured)}
 
     def _t(self, time_us: int) -> float:
@@ -180,5 +191,5 @@ def _rounded(value: Any, name: str) -> Any:
     thousandth is a pixel or more; two digits are a hundredth of one.
     """
     if isinstance(value, tuple):
-        return tuple(_rounded(each, name) for each in value)
+        return tuple(_rounded(number, name) for number in value)
     return value if value is None or isinstance(value, bool) else round(float(value), 2 if name == "target_box" else 4)

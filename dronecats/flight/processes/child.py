@@ -49,7 +49,7 @@ def main() -> int:
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
 
-    def say(value: dict[str, Any]) -> None:
+    def reply(value: dict[str, Any]) -> None:
         replies.write(json.dumps(value) + "\n")
         replies.flush()
 
@@ -57,9 +57,9 @@ def main() -> int:
     try:
         part: Part = _created(importlib.import_module(sys.argv[1]), config)
     except DronecatsError as error:
-        say({"error": str(error), "status": error.exit_status})
+        reply({"error": str(error), "status": error.exit_status})
         return error.exit_status
-    say({"ready": part.ready()})
+    reply({"ready": part.ready()})
     commands: queue.SimpleQueue[str | None] = queue.SimpleQueue()
     threading.Thread(target=_read, args=(commands, getattr(part, "orphaned", None)), daemon=True).start()
     try:
@@ -70,14 +70,14 @@ def main() -> int:
                     return 0
                 request = json.loads(line)
                 if "alive" in request:
-                    say(request)
+                    reply(request)
                     continue
-                say({"done": part.do(request.pop("do"), request)})
+                reply({"done": part.do(request.pop("do"), request)})
             part.turn()
     except BrokenPipeError:
         return 0
     except DronecatsError as error:
-        say({"error": str(error), "status": error.exit_status})
+        reply({"error": str(error), "status": error.exit_status})
         return error.exit_status
     finally:
         part.close()

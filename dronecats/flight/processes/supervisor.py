@@ -30,28 +30,28 @@ class Heartbeat:
     def __init__(self, patience_s: float) -> None:
         """`patience_s` without an answer, and the process hangs."""
         self.patience_s = patience_s
-        self._asked = False
+        self._is_pending = False
         self._answered_s: float | None = None
         self._looked_s: float | None = None
         self._waited_s = 0.0
 
     def is_due(self, now_s: float) -> bool:
         """Return whether it is time to ask: never while an answer is owed, so that no questions pile up."""
-        return not self._asked and (self._answered_s is None or now_s >= self._answered_s + EVERY_S)
+        return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + EVERY_S)
 
-    def asked(self, now_s: float) -> None:
-        self._asked, self._looked_s, self._waited_s = True, now_s, 0.0
+    def sent(self, now_s: float) -> None:
+        self._is_pending, self._looked_s, self._waited_s = True, now_s, 0.0
 
     def answered(self, now_s: float) -> None:
-        self._asked, self._answered_s = False, now_s
+        self._is_pending, self._answered_s = False, now_s
 
-    def owed_s(self, now_s: float) -> float:
+    def pending_s(self, now_s: float) -> float:
         """Look, and return for how long an answer has been owed, 0 while none is.
 
         What counts is the time in which we were there to hear it: after a machine has slept, or a Ctrl-Z of ours, the
         process had no more chance to answer than we had to ask.
         """
-        if not self._asked or self._looked_s is None:
+        if not self._is_pending or self._looked_s is None:
             return 0.0
         self._waited_s += min(now_s - self._looked_s, GLANCE_S)
         self._looked_s = now_s
@@ -59,12 +59,12 @@ class Heartbeat:
 
     def hangs(self, now_s: float) -> bool:
         """Look, and return whether the answer has been owed for longer than patience lasts."""
-        return self.owed_s(now_s) > self.patience_s
+        return self.pending_s(now_s) > self.patience_s
 
     @property
-    def owes(self) -> bool:
+    def is_pending(self) -> bool:
         """Whether an answer is owed."""
-        return self._asked
+        return self._is_pending
 
 
 READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
@@ -86,7 +86,7 @@ class ChildKind(Generic[C]):
     name: str  # in sentences, and of its log
     module: str  # with `create(config) -> Part`; by name, since only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
-    asks: bool = False  # a model, for which it needs the keys of the environment
+    needs_keys: bool = False  # a model, for which it needs the keys of the environment
 
 
 class ChildProcess:
@@ -101,14 +101,14 @@ class ChildProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,
-                env=None if kind.asks else keyless_environment(os.environ),
+                env=None if kind.needs_keys else keyless_environment(os.environ),
                 start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone
             )
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
         self._heartbeat: Heartbeat | None = None  # from when it is ready: until then it may compile for minutes
         self._silent_s = 0.0  # for which it was waited in vain; above nothing, it is not waited for again
-        self._say(msgspec.to_builtins(config))
+        self._send(msgspec.to_builtins(config))
 
     @property
     def pid(self) -> int:
@@ -129,7 +129,7 @@ class ChildProcess:
         """
         if self._silent_s:
             raise self._silence(0.0)
-        self._say({"do": command, **arguments})
+        self._send({"do": command, **arguments})
         answer = self._answer(math.inf if timeout_s is None else timeout_s, lambda: None)
         if "done" not in answer:
             raise self._fault(answer)
@@ -147,9 +147,9 @@ class ChildProcess:
         if beat is None:
             return
         if beat.is_due(now_s):
-            beat.asked(now_s)
-            self._say({"alive": True})  # one line at a time, so that the pipe is never full
-        elif self._hears(0.0):
+            beat.sent(now_s)
+            self._send({"alive": True})  # one line at a time, so that the pipe is never full
+        elif self._has_output(0.0):
             self._take()
         if self._silent_s or beat.hangs(now_s):
             raise self._silence(beat.patience_s)
@@ -161,10 +161,10 @@ class ChildProcess:
         """
         self.check()
         beat = self._heartbeat
-        while beat is not None and beat.owes:
-            if self._hears(0.1):
+        while beat is not None and beat.is_pending:
+            if self._has_output(0.1):
                 self._take()
-            elif beat.owed_s(time.monotonic()) > within_s:
+            elif beat.pending_s(time.monotonic()) > within_s:
                 raise self._silence(within_s)
 
     def kill(self) -> None:
@@ -185,7 +185,7 @@ class ChildProcess:
         if self._process.stdout:
             self._process.stdout.close()
 
-    def _say(self, value: dict[str, Any]) -> None:
+    def _send(self, value: dict[str, Any]) -> None:
         assert self._process.stdin is not None
         try:
             self._process.stdin.write(json.dumps(value).encode() + b"\n")
@@ -196,7 +196,7 @@ class ChildProcess:
     def _answer(self, timeout_s: float, waiting: Callable[[], None]) -> dict[str, Any]:
         waited_s = 0.0
         while not self._answers:
-            if self._hears(0.5):
+            if self._has_output(0.5):
                 self._take()
                 continue
             waited_s += 0.5
@@ -205,7 +205,7 @@ class ChildProcess:
                 raise self._silence(timeout_s)
         return self._answers.popleft()
 
-    def _hears(self, timeout_s: float) -> bool:
+    def _has_output(self, timeout_s: float) -> bool:
         """Return whether something has come within `timeout_s`, if only its end."""
         assert self._process.stdout is not None
         return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
@@ -230,15 +230,15 @@ class ChildProcess:
 
     def _end(self, status: int) -> InfrastructureError:
         """Return the error of a process that has ended: in its own last words, where it had some."""
-        if (said := self._last_words()) is not None:
-            return InfrastructureError(f"{self.kind}: {said}")
+        if (words := self._last_words()) is not None:
+            return InfrastructureError(f"{self.kind}: {words}")
         when = " in flight" if self._heartbeat is not None else ""
         return InfrastructureError(f"the {self.kind} process ended{when} ({_ending(status)}); see {self.log}")
 
     def _last_words(self) -> str | None:
         """Return why the process ended, if it has said so; None for one that was killed or that broke."""
         assert self._process.stdout is not None
-        while self._hears(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
+        while self._has_output(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
             self._buffer += data
         *lines, self._buffer = self._buffer.split(b"\n")
         self._answers.extend(map(json.loads, lines))

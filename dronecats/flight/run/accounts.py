@@ -1,23 +1,26 @@
-"""The model of a flight, opened with all that stands between it and the wire: ledger, limiter, budget and cache.
+"""What the models of a flight cost: first question, ledger, limiter, budget and cache between a model and the wire.
 
-In a cluster, one actor keeps the ledger (extra `cluster`): every model asked anywhere books and waits there.
-`Accounts.ledger` names it, behind ON_CLUSTER.
+In a cluster, one actor keeps the ledger (extra `cluster`), and every model books and waits there. `Accounts.ledger`
+names the actor after ON_CLUSTER.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, spent_text
-from dronecats.agent.models.model import Model
+from dronecats.agent.models.endpoint import GIVE_UP_S, RetryPolicy
+from dronecats.agent.models.ledger import Books, Budget, BudgetedModel, Ledger, Spent, spent_on, spent_text
+from dronecats.agent.models.model import Model, Request, ending_reason
+from dronecats.agent.models.probe import marked_picture
 from dronecats.agent.models.replay import CachedModel, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance
 from dronecats.agent.models.wire_formats import open_model
-from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts
-from foundation.errors import BudgetError, InfrastructureError
+from dronecats.flight.spec.flight_spec import ON_CLUSTER, Accounts, FlightSpec
+from foundation.errors import BudgetError, InfrastructureError, ModelRejectedError, UsageError
+from foundation.run_folder import folder as folders
 from foundation.run_folder.layout import LEDGER
 
 
@@ -61,22 +64,22 @@ class RemoteLedger:
 
     def spend(self, model: str, spent: Spent) -> None:
         """Add what a question has cost. Raises InfrastructureError."""
-        self._told("spend", model, spent)
+        self._call("spend", model, spent)
 
     def spent(self) -> Spent:
         """Return what all models have cost. Raises InfrastructureError."""
-        told = self._told("spent")
-        assert isinstance(told, Spent)
-        return told
+        spent = self._call("spent")
+        assert isinstance(spent, Spent)
+        return spent
 
     def limiter(self, address: str, model: str) -> "RemoteLimiter":
         """Return the limiter of an address for the whole cluster."""
-        return RemoteLimiter(self._told, address, model)
+        return RemoteLimiter(self._call, address, model)
 
     def close(self) -> None:
         """Leave it to the others."""
 
-    def _told(self, method: str, *arguments: object) -> Any:
+    def _call(self, method: str, *arguments: object) -> Any:
         import ray
 
         try:
@@ -88,20 +91,20 @@ class RemoteLedger:
 class RemoteLimiter:
     """The limiter of all that share a cluster's ledger (`dronecats.agent.models.turns.Limiter`)."""
 
-    def __init__(self, ask: Callable[..., Any], address: str, model: str) -> None:
-        self._ask, self._address, self._model = ask, address, model
+    def __init__(self, call: Callable[..., Any], address: str, model: str) -> None:
+        self._call, self._address, self._model = call, address, model
 
     def claim(self, tokens: int) -> float:
         """Count a request as sent and return 0, or return the s to wait. Raises InfrastructureError."""
-        return float(self._ask("claim", self._address, self._model, tokens))
+        return float(self._call("claim", self._address, self._model, tokens))
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
         """Take in what an answer allows. Raises InfrastructureError."""
-        self._ask("update", self._address, self._model, allowances)
+        self._call("update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
         """Let nobody ask there for so long. Raises InfrastructureError."""
-        self._ask("hold", self._address, self._model, seconds)
+        self._call("hold", self._address, self._model, seconds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,8 +167,6 @@ def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
 
 def _books(accounts: Accounts, run: Path) -> Books:
     if accounts.ledger is not None and accounts.ledger.startswith(ON_CLUSTER):
-        from dronecats.flight.run.accounts import RemoteLedger
-
         return RemoteLedger(accounts.ledger.removeprefix(ON_CLUSTER))
     return Ledger(run / LEDGER if accounts.ledger is None else Path(accounts.ledger))
 
@@ -191,3 +192,83 @@ class Spending:
         """Let go of the file."""
         if self._ledger is not None:
             self._ledger.close()
+
+
+Notify = Callable[[str], None]
+
+TEXT = 'The picture does not matter. Answer with this JSON object and nothing else: {"action": "think"}'
+
+
+@dataclass(frozen=True, slots=True)
+class _Answered:
+    """What a first question has cost, and on which accounts."""
+
+    model: str  # PROVIDER/NAME
+    spent: Spent
+    accounts: Accounts
+
+
+class FirstQuestions:
+    """The first questions of some flights, one for each model. They are no decisions, and their cost is booked."""
+
+    def __init__(self, flights: Iterable[FlightSpec], run: Path | None, notify: Notify) -> None:
+        """`run` is the folder with the ledger; None: a new one, with nothing spent."""
+        self._flights, self._run, self._notify = list(flights), run, notify
+        self._answered: list[_Answered] = []
+
+    def ask(self) -> None:
+        """Ask each model once. Raises UsageError where it rejects every question, ModelError where none answers.
+
+        Nothing is asked of a replay, of a run whose limit is spent, or where a cache holds replies already.
+        """
+        models: list[ModelSpec] = []
+        for flight in self._flights:
+            for model in () if flight.replay else filter(None, (flight.model, flight.commander)):
+                if model not in models and not is_spent(flight.accounts, self._run) and not _is_cached(flight.accounts):
+                    models.append(model)
+                    self._answered.append(self._question(model, flight))
+
+    def book(self, run: Path) -> None:
+        """Book what they have cost with the run in a folder. Raises InfrastructureError."""
+        for answered in self._answered:
+            book(answered.model, answered.spent, answered.accounts, run)
+
+    def _question(self, spec: ModelSpec, flight: FlightSpec) -> _Answered:
+        self._notify(f"{spec.title}: one small question before take-off …")
+        patience_s = GIVE_UP_S if flight.patience_s is None else min(flight.patience_s, GIVE_UP_S)
+        model, request = open_model(spec, RetryPolicy(give_up_s=patience_s)), Request(TEXT, (marked_picture(),), False)
+        try:
+            model.check()
+            reply = model.ask(request)
+        except ModelRejectedError as rejected:
+            raise UsageError(f"{rejected}; nothing was flown") from None
+        finally:
+            model.close()
+        why = ending_reason(reply.finish, reply.tokens_out)
+        self._notify(f"{spec.title}: answered in {reply.latency_s:.2f} s{f', {why}' if why else ''}")
+        return _Answered(spec.title, spent_on(spec, request, reply), flight.accounts)
+
+
+@contextmanager
+def flight_folder(
+    spec: FlightSpec, out: Path | None, episode: str, configuration: dict[str, Any], notify: Notify
+) -> Iterator[Path]:
+    """Give the folder of a flight, made once its models have answered their first question.
+
+    Arguments and errors as `folders.create` has them; raises ModelError too.
+    """
+    questions = FirstQuestions([spec], out, notify)
+    with folders.create(out, spec.pilot_name, episode, configuration, questions.ask) as folder:
+        questions.book(folder.parent)
+        yield folder
+
+
+def _is_cached(accounts: Accounts) -> bool:
+    """Return whether a cache holds replies: it may answer the whole flight, with no endpoint there."""
+    if accounts.cache is None:
+        return False
+    cache = ReplyCache(Path(accounts.cache))
+    try:
+        return not cache.is_empty
+    finally:
+        cache.close()

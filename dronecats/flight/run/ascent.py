@@ -31,9 +31,9 @@ class StartOffset:
     yaw: float | None  # rad; None: as it stands
 
 
-def start_of(record_start: Any, ground_down: float, standing_m: float = 0.0) -> StartOffset:
-    """Return the start of a record's drone, whose body's origin stands `standing_m` above the ground at its place."""
-    height_m = ground_down - standing_m - record_start.position_ned[2]
+def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) -> StartOffset:
+    """Return the start of a record's drone, whose body's origin stands `clearance_m` above the ground at its place."""
+    height_m = ground_down - clearance_m - record_start.position_ned[2]
     return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
 
 
@@ -44,7 +44,7 @@ def unchecked(links: Sequence[Link]) -> None:
 def ascend(
     links: Sequence[Link],
     starts: Sequence[StartOffset],
-    say: Callable[[str], None],
+    notify: Callable[[str], None],
     check: Callable[[Sequence[Link]], None] = unchecked,
 ) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in offboard, all at a time. Raises LinkError.
@@ -61,28 +61,28 @@ def ascend(
             link.failsafe = read_failsafe(link)
         if link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
             link.set_mode("HOLD")
-    say("waiting until the autopilot is ready to arm …")
+    notify("waiting until the autopilot is ready to arm …")
     for link in links:
         link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
     for link in links[:1]:  # the others are kept up with
         link.wait(AVERAGE_S)
     grounds = [_ground(link) for link in links]
     check(links)
-    say("arming and taking off …")
+    notify("arming and taking off …")
     for link in links:
         _on_the_ground(link)
         link.arm()
         link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
     for link in links:
         link.wait_for(lambda state: state.mode == "HOLD" and state.landed is False, 60.0, "reaching take-off height")
-    say("flying to the start pose …")
+    notify("flying to the start pose …")
     sent = [_send(link, ground, start) for link, ground, start in zip(links, grounds, starts, strict=True)]
     _await(links, sent)
     for _ in range(LEVELLINGS):
         for link in links[:1]:
             link.wait(RANGED_S)
         before = sent
-        sent = [_levelled(*one) for one in zip(links, before, grounds, starts, strict=True)]
+        sent = [_levelled(*drone) for drone in zip(links, before, grounds, starts, strict=True)]
         if sent == before:
             break
         _await(links, sent)
@@ -137,8 +137,8 @@ def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _
 
 
 def _await(links: Sequence[Link], sent: Sequence[_Sent]) -> None:
-    for link, one in zip(links, sent, strict=True):
-        link.wait_for(partial(_settled, link, one.arrival), ARRIVAL_S, "settling at the start pose")
+    for link, order in zip(links, sent, strict=True):
+        link.wait_for(partial(_settled, link, order.arrival), ARRIVAL_S, "settling at the start pose")
 
 
 def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
@@ -148,8 +148,8 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 def _on_the_ground(link: Link) -> None:
     """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is in somebody's hand."""
     if link.state.armed or link.state.landed is False:
-        what = "is armed already" if link.state.armed else "is in the air"
-        raise LinkError(f"the vehicle {what}, so it is not ours to arm; leave --arm out and hand it over in Hold")
+        condition = "is armed already" if link.state.armed else "is in the air"
+        raise LinkError(f"the vehicle {condition}, so it is not ours to arm; leave --arm out and hand it over in Hold")
     reason = broken_off(link.state, link.limits, 0.0) if link.limits else None
     if reason:
         raise LinkError(f"not armed: {reason}")

@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.agent.cockpit import AgentFactory
-from dronecats.flight.picture.intent import draw as draw_intent
+from dronecats.flight.intent import draw as draw_intent
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import Flown
-from dronecats.flight.run.outcome import Say
+from dronecats.flight.run.episode import Ending
 from dronecats.flight.run.pilot import OpenPilot, opened
-from dronecats.flight.run.setup import FlightSetup, Instruments, Ready
+from dronecats.flight.run.setup import FlightSetup, Instruments, Notify, Ready
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Connected
 from dronecats.flight.stages.connected import ConnectedStage
@@ -33,21 +32,21 @@ from hil.link.transport import Reopening, connect
 LATER = "fetch it later with dronecats flightlog fetch"
 
 
-def fetch_onboard_log(url: str, link: Link, folder: Path, say: Callable[[str], None]) -> None:
+def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str], None]) -> None:
     """Fetch the newest log of a vehicle whose link is closed; say so where it cannot be fetched."""
     if link.state.armed:
-        say(f"the autopilot's log is not kept: the vehicle is still armed and writes it; {LATER}")
+        notify(f"the autopilot's log is not kept: the vehicle is still armed and writes it; {LATER}")
         return
     try:
         with log_store(url) as store:
             logs = [log for log in store.entries() if log.size_bytes]
             if not logs:
-                say("the autopilot's log is not kept: there is none on board")
+                notify("the autopilot's log is not kept: there is none on board")
                 return
-            say(f"fetching the autopilot's log ({logs[-1].size_bytes:,} bytes) …")
+            notify(f"fetching the autopilot's log ({logs[-1].size_bytes:,} bytes) …")
             store.fetch(logs[-1], folder).rename(folder / onboard_log_name())
     except DronecatsError as fault:
-        say(f"the autopilot's log is not kept: {fault}; {LATER}")
+        notify(f"the autopilot's log is not kept: {fault}; {LATER}")
 
 
 EPISODE = "connected"
@@ -67,14 +66,14 @@ class VehicleFlight(FlightSetup):
     def facts(self) -> dict[str, Any]:
         return {**super().facts(), "firmware": str(self.link.firmware) if self.link.firmware else None}
 
-    def finish(self, folder: Path, flown: Flown, say: Say) -> None:
+    def finish(self, folder: Path, ending: Ending, notify: Notify) -> None:
         if self.flight.spec.keep_ulog:
-            fetch_onboard_log(self.vehicle.url, self.link, folder, say)
-        self.draw(folder, flown)
+            fetch_onboard_log(self.vehicle.url, self.link, folder, notify)
+        self.draw(folder, ending)
         if self.authority.dry:
-            say(f"drew {draw_intent(folder, self.camera_model)} decisions into {folder / layout.INTENT}")
+            notify(f"drew {draw_intent(folder, self.camera_model)} decisions into {folder / layout.INTENT}")
 
-    def draw(self, folder: Path, flown: Flown) -> None:
+    def draw(self, folder: Path, ending: Ending) -> None:
         """Draw flight.png, where the truth is known."""
 
     @property
@@ -104,8 +103,8 @@ class ConnectedFlight(VehicleFlight):
         write_json(folder / layout.EPISODE, {"id": EPISODE, "instruction": self.flight.instruction})
 
     @contextmanager
-    def ready(self, folder: Path, say: Say) -> Iterator[Ready]:
-        camera = PatientCamera(self._camera, FRAMES_S, lambda fault: say(f"      holding: {fault}"))
+    def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
+        camera = PatientCamera(self._camera, FRAMES_S, lambda fault: notify(f"      holding: {fault}"))
         stage = ConnectedStage(self.link, camera, folder)
         try:
             self._instruments.watch(self.link, camera, folder.parent)
@@ -127,7 +126,7 @@ def open_link(vehicle: Connected, limits: Limits | None) -> Link:
     """Return the link to somebody else's vehicle, whose cable may come and go. Raises UsageError, LinkError."""
     key = load_key(Path(vehicle.sign)) if vehicle.sign else b""
     wire = Reopening(lambda: connect(vehicle.url))
-    return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, mute=vehicle.authority.dry)
+    return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, dry=vehicle.authority.dry)
 
 
 def _camera(vehicle: Connected, link: Link) -> RealCamera:

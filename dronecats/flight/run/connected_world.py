@@ -8,16 +8,14 @@ from pathlib import Path
 
 from dronecats.flight.run.ascent import start_of
 from dronecats.flight.run.connected import VehicleFlight, open_link
-from dronecats.flight.run.episode import Flown
-from dronecats.flight.run.oracle import opened_in
-from dronecats.flight.run.outcome import Say
-from dronecats.flight.run.setup import Ready
+from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.setup import Notify, Ready
 from dronecats.flight.run.simulated import draw, write_record
-from dronecats.flight.run.true_start import TrueStart
+from dronecats.flight.run.truth import TrueStart, opened_in
 from dronecats.flight.sitl.truth_bridge import TruthSource
 from dronecats.flight.spec.flight import CAMERA, Flight
 from dronecats.flight.spec.flight_spec import Connected
-from dronecats.flight.stages.world import WorldStage
+from dronecats.flight.stages.realtime import WorldStage
 from dronecats.pilots import roster
 from episodes.world.world import World
 from foundation.errors import UsageError
@@ -59,10 +57,10 @@ class ConnectedWorldFlight(VehicleFlight):
             write_json(folder / layout.EPISODE, {"id": self._record.id, "instruction": self._record.instruction})
 
     @contextmanager
-    def ready(self, folder: Path, say: Say) -> Iterator[Ready]:
+    def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
         record, world, frame_s = self._record, self._world, (self.flight.spec.envelope or Limits()).frame_s
         stage = WorldStage(
-            self.link, self._drawn(folder), self._truth, folder, say, frame_s=frame_s, judged=self._judged
+            self.link, self._drawn(folder), self._truth, folder, notify, frame_s=frame_s, judged=self._judged
         )
         try:
             start = start_of(record.starts[0], world.ground_down(*record.starts[0].position_ned[:2]))
@@ -76,8 +74,8 @@ class ConnectedWorldFlight(VehicleFlight):
         finally:
             stage.close()
 
-    def draw(self, folder: Path, flown: Flown) -> None:
-        if flown.steps and self._judged:
+    def draw(self, folder: Path, ending: Ending) -> None:
+        if ending.steps and self._judged:
             draw(folder)
 
     def _drawn(self, folder: Path) -> Path:

@@ -10,8 +10,8 @@ from typing import Protocol
 from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit, HostPace
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset, ascend, unchecked
-from dronecats.flight.run.landing import finish, tell, tending, unexpected
-from dronecats.flight.run.safety_log import SafetyLog
+from dronecats.flight.run.landing import finish, notify_safely, tending, unexpected
+from dronecats.flight.run.progress import SafetyLog
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
 from dronecats.judge.episode import succeeded
@@ -42,7 +42,7 @@ class StartCheck(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Flown:
+class Ending:
     """How the episode ended."""
 
     reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
@@ -65,36 +65,37 @@ def fly(
     pictures: PicturePath | None = None,
     check: Callable[[], None] = lambda: None,
     on_step: Callable[[Decision], None] = lambda decision: None,
-    say: Callable[[str], None] = lambda line: None,
+    notify: Callable[[str], None] = lambda line: None,
     true_start: StartCheck | None = None,
-) -> Flown:
+) -> Ending:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
     `pictures`: what is done to those of the camera on purpose. `true_start` decides whether the episode may begin.
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
-    Never raises for what goes wrong in flight: it comes back in `Flown`, with the logs closed properly.
+    Never raises for what goes wrong in flight: it comes back in `Ending`, with the logs closed properly.
     """
     log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
     reason, error = "cap", None  # type: str, DronecatsError | None
     began_s: float | None = None
     watch = VerdictWatch(folder, full)
-    safety = SafetyLog(folder / layout.SAFETY, stage.links, say)
+    safety = SafetyLog(folder / layout.SAFETY, stage.links, notify)
     try:
         for link in stage.links:
             link.on_wait = tending(stage.links, link, stage.check)
         for drone, link in enumerate(stage.links):
-            link.on_silence = partial(_warn_of_silence, say, f"{drone_label(drone)}: " if len(stage.links) > 1 else "")
+            label = f"{drone_label(drone)}: " if len(stage.links) > 1 else ""
+            link.on_silence = partial(_warn_of_silence, notify, label)
         if authority.dry or not authority.arm:
-            take_over(stage.links, authority, say)
+            take_over(stage.links, authority, notify)
         else:
-            ascend(stage.links, starts, say, true_start.check_estimates if true_start else unchecked)
+            ascend(stage.links, starts, notify, true_start.check_estimates if true_start else unchecked)
         if true_start:
             true_start.check_starts(stage.links)
         for link in stage.links:
             link.settle_envelope()
-            if link.limits and (what := unwatched(link.state, link.limits)):
-                say(f"      envelope: {what}")
+            if link.limits and (warning := unwatched(link.state, link.limits)):
+                notify(f"      envelope: {warning}")
         agent = _begin(stage, make_agent, folder, log, prompts, on_step, check, cap_s, seed, pictures)
         began_s = time.monotonic()  # the wall time of the flight is one of its results
         agent.fly(cap_s, watch.decided)
@@ -112,31 +113,31 @@ def fly(
     except Exception as bug:
         reason, error = "error", unexpected(bug, folder)
     if error is not None:
-        tell(say, f"the flight ends: {error}")  # at once: landing and closing take seconds
-    flown_s = agent.now_s if agent else 0.0
+        notify_safely(notify, f"the flight ends: {error}")  # at once: landing and closing take seconds
+    episode_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     stage.mend()
-    error = finish(stage, reason, error, authority.then, say)
+    error = finish(stage, reason, error, authority.then, notify)
     safety.sum_up()
     log.close()
     prompts.close()
     ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
-    return Flown(ended, error, flown_s, wall_s, agent.steps if agent else 0)
+    return Ending(ended, error, episode_s, wall_s, agent.steps if agent else 0)
 
 
-def _warn_of_silence(say: Callable[[str], None], whose: str, seconds: float) -> None:
+def _warn_of_silence(notify: Callable[[str], None], label: str, seconds: float) -> None:
     """Say how much time was lost; in the record it is the `host_lag_s` of the decision under way."""
-    tell(say, f"      {whose}no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
+    notify_safely(notify, f"      {label}no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
 
 
-def take_over(links: Sequence[Link], authority: Authority, say: Callable[[str], None]) -> None:
+def take_over(links: Sequence[Link], authority: Authority, notify: Callable[[str], None]) -> None:
     """Connect to vehicles that a person has in hand, and unless nothing is to move wait until they hand over."""
     for link in links:
         link.connect()
         if not authority.dry:
             link.failsafe = read_failsafe(link)
-            say(f"{link.firmware or 'the vehicle'}: waiting for a person to arm …")
-            link.await_handover(say)
+            notify(f"{link.firmware or 'the vehicle'}: waiting for a person to arm …")
+            link.await_handover(notify)
 
 
 def _begin(

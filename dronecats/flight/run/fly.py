@@ -1,35 +1,67 @@
-"""Any flight, by its spec."""
+"""Flies any flight by its spec, and writes its run.json."""
 
 from pathlib import Path
 from typing import Any
 
-from dronecats.flight.run.episode import Flown
-from dronecats.flight.run.first_question import asked_folder
-from dronecats.flight.run.outcome import Say, served_rate_hz
-from dronecats.flight.run.settings import settings
-from dronecats.flight.run.setup import UNWATCHED, FlightSetup, Instruments
-from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.agent.commanding.command_prompt import CommandPrompt
+from dronecats.flight.run.accounts import flight_folder
+from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.identity import code_digest, protocol_numbers
+from dronecats.flight.run.pilot import agent_maker
+from dronecats.flight.run.setup import UNWATCHED, FlightSetup, Instruments, Notify, served_rate_hz
+from dronecats.flight.spec.flight import Flight, look_up, map_digest
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.flight.spec.spec_file import as_kept
 from foundation.run_folder.folder import write_run
 
 
-def fly(spec: FlightSpec, out: Path | None, say: Say, instruments: Instruments = UNWATCHED) -> dict[str, Any]:
+def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the contents of run.json but for versions, and for what only the flight tells. No key is in it.
+
+    Raises UsageError for an agent that there is not.
+    """
+    agent_maker(flight.spec.agent)
+    of_map, on_purpose = map_digest(flight.record), flight.spec.disturbances.words
+    return {
+        "flight": as_kept(flight.spec),
+        **({"disturbed": on_purpose} if on_purpose else {}),
+        "agent": flight.spec.agent,
+        **({"map_sha256": of_map} if of_map else {}),
+        "prompt_name": flight.prompt.name,
+        "prompt_sha256": flight.prompt.digest,
+        **({"commander_prompt_sha256": CommandPrompt.load().digest} if flight.spec.command == "hierarchical" else {}),
+        "clock": _clock(flight.spec.simulated),
+        "camera": camera,
+        "code_sha256": code_digest(),
+        "protocol": protocol_numbers(),
+    }
+
+
+def _clock(simulated: Simulated | None) -> str:
+    if simulated is None:
+        return "the vehicle's"
+    if simulated.speed is not None:
+        return "real time"
+    return "lockstep but for PX4's telemetry" if simulated.autopilot == "px4" else "lockstep"
+
+
+def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instruments = UNWATCHED) -> dict[str, Any]:
     """Fly, judge, and return what `fly --json` prints, with the exit `status` and the `reason` the flight ended.
 
     `out` is the run folder, None for a new one; `instruments` watch a connected vehicle. What can be refused is refused
     before the run folder is made. Raises UsageError, ModelError.
     """
     setup = setup_of(spec, instruments)
-    found = settings(setup.flight, setup.camera)
-    with asked_folder(spec, out, setup.episode, found, say) as folder:
+    configuration = settings(setup.flight, setup.camera)
+    with flight_folder(spec, out, setup.episode, configuration, notify) as folder:
         if setup.headline:
-            say(setup.headline)
+            notify(setup.headline)
 
-        def afterwards(flown: Flown) -> None:
-            write_run(folder.parent, {**found, **setup.facts(), "served_rate_hz": served_rate_hz(folder)})
-            setup.finish(folder, flown, say)
+        def afterwards(ending: Ending) -> None:
+            write_run(folder.parent, {**configuration, **setup.facts(), "served_rate_hz": served_rate_hz(folder)})
+            setup.finish(folder, ending, notify)
 
-        return setup.fly_in(folder, say, afterwards)
+        return setup.fly_in(folder, notify, afterwards)
 
 
 def setup_of(spec: FlightSpec, instruments: Instruments = UNWATCHED) -> FlightSetup:

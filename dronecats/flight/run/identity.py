@@ -36,15 +36,15 @@ def code_digest() -> str:
     is what fits the pilots. Moving a file or changing a comment changes nothing: `dronecats.flight.run.source_digest`.
     """
     paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")] + list((ROOT / JUDGE).iterdir())
-    flown = [path for path in paths if not path.is_relative_to(ROOT / FITTING)]
-    return source_digest.digest([path for path in flown if path.suffix in SOURCES])
+    sources = [path for path in paths if not path.is_relative_to(ROOT / FITTING)]
+    return source_digest.digest([path for path in sources if path.suffix in SOURCES])
 
 
 def protocol_numbers() -> dict[str, float | str]:
     """Return what `foundation.protocol` fixes, by name."""
-    told: Mapping[str, object] = vars(protocol)
+    values: Mapping[str, object] = vars(protocol)
     return {
-        name: value for name, value in sorted(told.items()) if name.isupper() and isinstance(value, float | int | str)
+        name: value for name, value in sorted(values.items()) if name.isupper() and isinstance(value, float | int | str)
     }
 
 
@@ -83,8 +83,8 @@ def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> Epi
 
 def _served(folder: Path) -> tuple[str, ...]:
     try:
-        told = [decision.served for decision in rows(folder / layout.DECISIONS, Decision)]
-        told += [exchange.served for exchange in exchanges(folder)]
+        served = [decision.served for decision in rows(folder / layout.DECISIONS, Decision)]
+        served += [exchange.served for exchange in exchanges(folder)]
     except UsageError:  # damage has its own place to be told: the verdict
         return ()
-    return tuple(dict.fromkeys(each for each in told if isinstance(each, str)))
+    return tuple(dict.fromkeys(name for name in served if isinstance(name, str)))

@@ -18,7 +18,7 @@ AFTERWARDS = "The score is not affected: the episode had ended. The vehicle may 
 
 
 def finish(
-    stage: Stage, reason: str, error: DronecatsError | None, then: str, say: Callable[[str], None]
+    stage: Stage, reason: str, error: DronecatsError | None, then: str, notify: Callable[[str], None]
 ) -> DronecatsError | None:
     """Order the landing, tell the logger, wait for the landing. Return the flight's error, None if there is none.
 
@@ -26,7 +26,7 @@ def finish(
     told to land. The error is that of a process that is gone or hangs, if there is one, else `error`, else the
     logger's.
     """
-    say_safely = partial(tell, say)
+    say_safely = partial(notify_safely, notify)
     try:
         with orders_first(say_safely) as hurried:
             flying = order_landing(stage, then, say_safely)
@@ -46,14 +46,14 @@ def finish(
     return error
 
 
-def tell(say: Callable[[str], None], line: str) -> None:
+def notify_safely(notify: Callable[[str], None], line: str) -> None:
     """Say a line to somebody who may be gone."""
     with contextlib.suppress(OSError, ValueError):
-        say(line)
+        notify(line)
 
 
 @contextlib.contextmanager
-def orders_first(say: Callable[[str], None]) -> Iterator[list[int]]:
+def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
     """Keep a Ctrl-C that comes while a landing is being ordered (seconds) in the list; a second one leaves at once."""
     numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     hurried: list[int] = []
@@ -62,7 +62,7 @@ def orders_first(say: Callable[[str], None]) -> Iterator[list[int]]:
         if hurried:
             raise KeyboardInterrupt
         hurried.append(number)
-        say("ordering the landing first; once more leaves the vehicle as it is")
+        notify("ordering the landing first; once more leaves the vehicle as it is")
 
     if threading.current_thread() is not threading.main_thread():  # no other hears signals
         yield hurried
@@ -75,30 +75,30 @@ def orders_first(say: Callable[[str], None]) -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def order_landing(stage: Stage, then: str = "land", say: Callable[[str], None] = lambda line: None) -> list[Link]:
+def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None] = lambda line: None) -> list[Link]:
     """End the flight of every armed drone: stand still, hold, and then land or return.
 
     Returns those that will come down. One that does not answer stops no other, and one that somebody else has taken
     is left to them.
     """
-    told = []
-    for whose, link in zip(_whose(stage.links), stage.links, strict=True):
+    landing = []
+    for label, link in zip(_labels(stage.links), stage.links, strict=True):
         # a dead logger or model must not keep the vehicle in the air, nor a drone that has gone keep another there
         link.on_wait = tending(stage.links, link, stage.check_vehicles, (DronecatsError, OSError))
         try:
-            if link.taken_by is not None or link.mute:
+            if link.taken_by is not None or link.dry:
                 link.stop_stream()
-                say_failsafe(link, say)
+                say_failsafe(link, notify)
             elif link.may_fly():
-                say({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
+                notify({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
                 link.give_up(then)
                 if then != "hold":
-                    told.append(link)
+                    landing.append(link)
         except Exception as fault:  # after the episode, so it changes no verdict; and the next vehicle is told too
             link.stop_stream()
-            say(f"{whose}the vehicle could not be told to {then}: {fault}. {AFTERWARDS}")
-            say_failsafe(link, say)
-    return told
+            notify(f"{label}the vehicle could not be told to {then}: {fault}. {AFTERWARDS}")
+            say_failsafe(link, notify)
+    return landing
 
 
 def tending(
@@ -108,37 +108,39 @@ def tending(
 
     A drone falls out of offboard when its setpoints stop. `ignored`: errors of the others that must not end the wait.
     """
-    others = [link for link in links if link is not waiting]
+    fleet = [link for link in links if link is not waiting]
 
     def tend() -> None:
         check()
-        for link in others:
+        for link in fleet:
             with contextlib.suppress(*ignored):
                 link.keep_up()
 
     return tend
 
 
-def say_failsafe(link: Link, say: Callable[[str], None]) -> None:
+def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
     """Say what a vehicle does that we have left in offboard without setpoints."""
     if link.is_left_to_failsafe and link.failsafe:
-        say(f"no setpoints are sent any more; a vehicle that still flies in offboard does by itself: {link.failsafe}")
+        notify(
+            f"no setpoints are sent any more; a vehicle that still flies in offboard does by itself: {link.failsafe}"
+        )
 
 
 def await_landing(
-    links: Sequence[Link], flying: Sequence[Link], say: Callable[[str], None] = lambda line: None
+    links: Sequence[Link], flying: Sequence[Link], notify: Callable[[str], None] = lambda line: None
 ) -> None:
     """Wait until every one of the drones that are `flying` has disarmed."""
-    for whose, link in zip(_whose(links), links, strict=True):
+    for label, link in zip(_labels(links), links, strict=True):
         if link not in flying:
             continue
         try:
             link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
         except DronecatsError as fault:
-            say(f"{whose}the landing was not seen to end: {fault}. {AFTERWARDS}")
+            notify(f"{label}the landing was not seen to end: {fault}. {AFTERWARDS}")
 
 
-def _whose(links: Sequence[Link]) -> list[str]:
+def _labels(links: Sequence[Link]) -> list[str]:
     """Return what stands before a line about each drone: its name in a fleet, nothing for one alone."""
     return [f"{drone_label(drone)}: " if len(links) > 1 else "" for drone in range(len(links))]
 

@@ -1,5 +1,6 @@
-"""The pilot that a flight asks for, opened: a model, a built-in pilot that is served like one, or the oracle."""
+"""The pilot of a flight: opens the model or built-in pilot that decides, and makes the agent that asks it."""
 
+import importlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -14,15 +15,19 @@ from dronecats.agent.models.model import Model
 from dronecats.agent.models.replay import ReplayModel
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
+from dronecats.agent.names import PAPER, STEADY
+from dronecats.agent.steady.agent import SteadyAgent
 from dronecats.flight.processes.supervisor import ChildKind, Supervisor
 from dronecats.flight.run.accounts import accounted
-from dronecats.flight.run.agents import agent_maker
 from dronecats.flight.spec.flight import Flight
-from dronecats.flight.stages.parts import COMMANDER, PILOT
 from dronecats.flight.stages.stage import Stage
 from dronecats.pilots import roster
 from dronecats.pilots.pilot_process import PilotConfig
 from dronecats.pilots.server import PilotServer
+from foundation.errors import UsageError
+
+COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process", PilotConfig)
+PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:
@@ -35,7 +40,7 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         flight.prompt,
         flight.instruction,
         spec.latency,
-        axis_order=asked.axis_order if (asked := spec.model or spec.outside) else "xy",
+        axis_order=accounted_model.axis_order if (accounted_model := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
         beside=served and waits and spec.command == "flat",  # several at a time would be asked in no certain order
@@ -46,6 +51,11 @@ def questions_of(flight: Flight, model: Model) -> Questions:
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
     """Return what makes the paper's agent: one decider for all drones, which asks the model; or one for each."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
+
+
+def steady_agent(flight: Flight, model: Model) -> AgentFactory:
+    """Return what makes the agent that bears a slow model: docs/steady.md."""
+    return partial(SteadyAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
 def groups_of(flight: Flight) -> list[list[int]] | None:
@@ -70,6 +80,26 @@ def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFact
             last_reply=questions.last_reply,
         ),
     )
+
+
+AgentMaker = Callable[[Flight, Model], AgentFactory]
+SHIPPED: dict[str, AgentMaker] = {PAPER: papers_agent, STEADY: steady_agent}
+
+
+def agent_maker(name: str) -> AgentMaker:
+    """Return the maker of a shipped agent, or of a MODULE:NAME. Raises UsageError when there is none."""
+    if name in SHIPPED:
+        return SHIPPED[name]
+    module, colon, function = name.partition(":")
+    try:
+        maker = getattr(importlib.import_module(module), function) if colon else None
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UsageError(f"--agent {name} cannot be loaded: {error}") from None
+    if not callable(maker):
+        shipped = ", ".join(SHIPPED)
+        raise UsageError(f"--agent wants {shipped} or MODULE:NAME of a function (docs/extending.md), got '{name}'")
+    made: AgentMaker = maker
+    return made
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +130,8 @@ class OpenPilot:
 @contextmanager
 def opened(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
     """Open a pilot that needs no truth; `folder` takes its log. Raises UsageError, InfrastructureError."""
-    with _piloted(flight, stage, folder) as pilot, commanded(flight, stage, folder, pilot) as whole:
-        yield whole
+    with _piloted(flight, stage, folder) as pilot, commanded(flight, stage, folder, pilot) as pilot_ready:
+        yield pilot_ready
 
 
 @contextmanager
@@ -112,8 +142,8 @@ def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
     elif flight.outside is not None:
         yield OpenPilot(flight.outside)
     elif spec.model:
-        with accounted(spec.model, spec.accounts, folder.parent) as asked:
-            yield OpenPilot(asked.model, spent=asked.spent)
+        with accounted(spec.model, spec.accounts, folder.parent) as accounted_model:
+            yield OpenPilot(accounted_model.model, spent=accounted_model.spent)
     else:
         assert spec.pilot is not None  # a flight has one of the two
         with _served(spec.pilot, stage, folder) as pilot:
@@ -135,7 +165,7 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
         yield replace(pilot, commander=pilot.model)
         return
 
-    with _served(scripted, stage, folder, COMMANDER) if scripted else _asked(flight, folder) as commander:
+    with _served(scripted, stage, folder, COMMANDER) if scripted else _commander(flight, folder) as commander:
 
         def check() -> None:
             pilot.check()
@@ -145,11 +175,11 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
 
 
 @contextmanager
-def _asked(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
+def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
     """Open the model that commands, on the ledger of the one that is commanded: what it has spent is of both."""
     assert flight.spec.commander is not None
-    with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as asked:
-        yield OpenPilot(asked.model, spent=asked.spent)
+    with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as accounted_model:
+        yield OpenPilot(accounted_model.model, spent=accounted_model.spent)
 
 
 @contextmanager

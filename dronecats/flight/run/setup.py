@@ -1,25 +1,133 @@
 """The sequence of every flight, from its record to its judged folder. Each kind of vehicle is a subclass."""
 
+import signal
+import statistics
+import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from dronecats.agent.cockpit import AgentFactory
 from dronecats.agent.models.model import Model
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import EVERYTHING, Flown, StartCheck, fly
-from dronecats.flight.run.outcome import Say, fly_and_judge
+from dronecats.flight.run.episode import EVERYTHING, Ending, StartCheck, fly
+from dronecats.flight.run.identity import write_identity
+from dronecats.flight.run.landing import unexpected
 from dronecats.flight.run.pilot import OpenPilot
-from dronecats.flight.run.step_lines import StepLines
+from dronecats.flight.run.progress import StepLines
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
+from dronecats.judge.episode import verdict_of, write_verdict
+from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
+from foundation.extras import missing_package
+from foundation.run_folder.layout import DECISIONS
+from foundation.run_folder.reading import rows
+from foundation.run_folder.results import Result
+from foundation.run_folder.rows import Decision
 from hil.cameras.open import PatientCamera
 from hil.link.link import Link
+
+Notify = Callable[[str], None]
+Written = TypeVar("Written")
+
+
+def fly_and_judge(
+    flight: Callable[[], Ending],
+    folder: Path,
+    episode: str,
+    pilot_name: str,
+    afterwards: Callable[[Ending], None] = lambda ending: None,
+    pace: Callable[[], Mapping[str, float] | None] = lambda: None,
+) -> dict[str, Any]:
+    """Fly, and whatever comes of it leave a judged folder; return the JSON object of `fly`.
+
+    `afterwards` writes what else belongs to the flight; like the verdict, it is not disturbed by a Ctrl-C. `pace` is
+    asked after the flight how well it held real time.
+    """
+    try:
+        ending = flight()
+    except KeyboardInterrupt:
+        ending = Ending("interrupted", None, 0.0, 0.0, 0)
+    except BudgetError as spent:
+        ending = Ending("budget", spent, 0.0, 0.0, 0)
+    except DronecatsError as error:
+        ending = Ending("error", error, 0.0, 0.0, 0)
+    except ImportError as missing:
+        sentence = missing_package(missing)
+        ending = Ending("error", UsageError(sentence) if sentence else unexpected(missing, folder), 0.0, 0.0, 0)
+    except Exception as bug:
+        ending = Ending("error", unexpected(bug, folder), 0.0, 0.0, 0)
+    with undisturbed():
+        _, unidentified = _kept(lambda: write_identity(folder, pace()), folder)  # a verdict says that all else is there
+        verdict, unkept = _kept(lambda: write_verdict(folder), folder)
+        _, unwritten = _kept(lambda: afterwards(ending), folder)
+    verdict = verdict or verdict_of(folder)
+    if fault := ending.error or unkept or unidentified or unwritten:
+        ending = replace(ending, error=fault)
+    status = {"cap": 0, "decided": 0, "interrupted": 130}.get(ending.reason, 3)
+    if ending.error:
+        status = ending.error.exit_status
+    elif status == 0 and verdict.outcome == "error":
+        status = 3
+    result = Result(
+        episode=episode,
+        pilot=pilot_name,
+        outcome=verdict.outcome,
+        success=verdict.success,
+        ne_m=verdict.ne_m,
+        steps=ending.steps,
+        declarations=verdict.declarations,
+        success_at_first=verdict.success_at_first,
+        success_within_three=verdict.success_within_three,
+        declaration_precision=verdict.declaration_precision,
+        false_declarations=verdict.false_declarations,
+        censored=verdict.censored,
+        sim_seconds=round(ending.sim_seconds, 3),
+        wall_seconds=round(ending.wall_seconds, 3),
+        real_time_factor=round(ending.sim_seconds / ending.wall_seconds, 3) if ending.wall_seconds else 0.0,
+        run_dir=str(folder),
+        error=str(ending.error) if ending.error else verdict.error if ending.reason != "interrupted" else None,
+        reason=ending.reason,
+        status=status,
+        host_stalls=verdict.host_stalls,
+    )
+    return result.as_json()
+
+
+def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
+    """Write something of a flight that is over; a disk that refuses it is told, and costs nothing else."""
+    try:
+        return write(), None
+    except InfrastructureError as fault:
+        return None, fault
+    except OSError as fault:
+        return None, unexpected(fault, folder)
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """Ignore Ctrl-C and its like for the moment of writing the verdict; they reach the main thread alone."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+def served_rate_hz(folder: Path) -> float | None:
+    """Return the decisions per second of vehicle time that the pilot was really served with, the median."""
+    rates = [d.rate_hz for d in rows(folder / DECISIONS, Decision) if d.rate_hz]
+    return statistics.median(rates) if rates else None
 
 
 class Instruments:
@@ -67,7 +175,7 @@ class FlightSetup(ABC):
         """Write episode.json. Raises InfrastructureError."""
 
     @abstractmethod
-    def ready(self, folder: Path, say: Say) -> AbstractContextManager[Ready]:
+    def ready(self, folder: Path, notify: Notify) -> AbstractContextManager[Ready]:
         """Start everything that the episode needs, and end it afterwards. Raises UsageError, InfrastructureError."""
 
     def agent(self, pilot: OpenPilot) -> AgentFactory:
@@ -79,11 +187,11 @@ class FlightSetup(ABC):
         return {} if self.pace is None else {"pace": self.pace}
 
     @abstractmethod
-    def finish(self, folder: Path, flown: Flown, say: Say) -> None:
+    def finish(self, folder: Path, ending: Ending, notify: Notify) -> None:
         """Write the pictures and logs that a judged folder has besides."""
 
     def fly_in(
-        self, folder: Path, say: Say, afterwards: Callable[[Flown], None] = lambda flown: None
+        self, folder: Path, notify: Notify, afterwards: Callable[[Ending], None] = lambda ending: None
     ) -> dict[str, Any]:
         """Fly in an episode folder that exists, judge it, and return what `fly --json` prints.
 
@@ -92,13 +200,13 @@ class FlightSetup(ABC):
         self.write_record(folder)
         spec = self.flight.spec
 
-        def flight() -> Flown:
-            with self.ready(folder, say) as ready:
+        def flight() -> Ending:
+            with self.ready(folder, notify) as ready:
                 return fly(
                     ready.stage, ready.starts, self.agent(ready.pilot), folder,
                     seed=self.flight.seed, full=spec.full, cap_s=spec.seconds, authority=self.authority,
-                    pictures=ready.pictures, check=ready.pilot.check, say=say, true_start=ready.true_start,
-                    on_step=StepLines(say, len(ready.starts), ready.pilot.spent, spec.stop_unreadable),
+                    pictures=ready.pictures, check=ready.pilot.check, notify=notify, true_start=ready.true_start,
+                    on_step=StepLines(notify, len(ready.starts), ready.pilot.spent, spec.stop_unreadable),
                 )  # fmt: skip
 
         return fly_and_judge(flight, folder, self.episode, spec.pilot_name, afterwards, pace=lambda: self.pace)

@@ -9,9 +9,8 @@ from dronecats.agent.pictures import PicturePath
 from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.run.accounts import check_budget
 from dronecats.flight.run.ascent import start_of
-from dronecats.flight.run.episode import Flown
-from dronecats.flight.run.outcome import Say
-from dronecats.flight.run.setup import FlightSetup, Ready
+from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.setup import FlightSetup, Notify, Ready
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from foundation.camera import Frame
@@ -37,10 +36,9 @@ class SimulatedFlight(FlightSetup):
         write_record(folder / layout.EPISODE, self._record.to_json())
 
     @contextmanager
-    def ready(self, folder: Path, say: Say) -> Iterator[Ready]:
-        from dronecats.flight.run.oracle import opened_in
-        from dronecats.flight.run.true_start import TrueStart
-        from dronecats.flight.sitl.scenario import world_of
+    def ready(self, folder: Path, notify: Notify) -> Iterator[Ready]:
+        from dronecats.flight.run.truth import TrueStart, opened_in
+        from dronecats.flight.sitl.simulation import world_of
         from dronecats.flight.stages.stage import TruthfulStage
         from episodes.world.world import World
 
@@ -53,7 +51,7 @@ class SimulatedFlight(FlightSetup):
         if simulated.speed is None:
             from dronecats.flight.sitl import compile_ahead
 
-            say(f"lockstep: loading the flight core and the camera{compile_ahead.duration()} …")
+            notify(f"lockstep: loading the flight core and the camera{compile_ahead.duration()} …")
             from dronecats.flight.stages.lockstep import LockstepStage
 
             world = world_of(record, simulated.airframe)
@@ -63,11 +61,11 @@ class SimulatedFlight(FlightSetup):
             from dronecats.flight.stages.realtime import RealtimeStage
 
             world = World(record)
-            stage = realtime = RealtimeStage(flight, simulated, folder, say)
+            stage = realtime = RealtimeStage(flight, simulated, folder, notify)
             pace, recall = realtime.pace, realtime.camera.at
         try:
-            standing_m = airframes.load(simulated.airframe).standing_m
-            starts = [start_of(s, world.ground_down(*s.position_ned[:2]), standing_m) for s in record.starts]
+            clearance_m = airframes.load(simulated.airframe).standing_m
+            starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
             # a PX4 only: our own autopilot is calibrated to its start
             checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
             pictures = _pictures(spec.disturbances.frame, recall)
@@ -81,12 +79,12 @@ class SimulatedFlight(FlightSetup):
             finally:
                 stage.close()
 
-    def finish(self, folder: Path, flown: Flown, say: Say) -> None:
-        if flown.steps:
+    def finish(self, folder: Path, ending: Ending, notify: Notify) -> None:
+        if ending.steps:
             draw(folder)
         for drone in range(len(self._record.starts) if self.flight.spec.keep_ulog else 0):
             if not (folder / layout.onboard_log_name(drone)).exists():
-                say(f"PX4's log of {drone_label(drone)} is not kept: it wrote none, as before its first arming")
+                notify(f"PX4's log of {drone_label(drone)} is not kept: it wrote none, as before its first arming")
 
 
 def write_record(path: Path, text: str) -> None:
@@ -104,9 +102,9 @@ def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> Pictu
 
 def draw(folder: Path) -> None:
     """Draw flight.png of an episode folder; a picture that fails must not cost the flight."""
-    from dronecats.flight.picture.flight_picture import aerial
-    from dronecats.flight.picture.flight_picture import draw as draw_flight
-    from dronecats.flight.sitl.scenario import load_world
+    from dronecats.flight.picture import aerial
+    from dronecats.flight.picture import draw as draw_flight
+    from dronecats.flight.sitl.simulation import load_world
 
     try:
         picture, extent = aerial(load_world(str(folder / layout.EPISODE)), folder)

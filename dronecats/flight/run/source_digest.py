@@ -44,21 +44,16 @@ def digest(paths: Sequence[Path]) -> str:
 def statements(suffix: str, data: bytes) -> int:
     """Return the sum of the digests of all that a file says, so that no order of statements or files matters."""
     if suffix == ".py":
-        said = [_words(node) for node in ast.parse(data).body]
-        parts = ["\0".join(words).encode() for words in said if words]
+        chunks = ["\0".join(words).encode() for node in ast.parse(data).body if (words := list(_tokens(node)))]
     elif suffix == ".toml":
-        parts = [json.dumps(tomllib.loads(data.decode()), sort_keys=True, default=str).encode()]
+        chunks = [json.dumps(tomllib.loads(data.decode()), sort_keys=True, default=str).encode()]
     else:
-        parts = [data]
-    return sum(int.from_bytes(hashlib.sha256(part).digest(), "big") for part in parts) % MODULUS
+        chunks = [data]
+    return sum(int.from_bytes(hashlib.sha256(chunk).digest(), "big") for chunk in chunks) % MODULUS
 
 
-def _words(node: ast.AST) -> list[str]:
-    """Return a statement as words; none for an import or a docstring."""
-    return list(_said(node))
-
-
-def _said(value: Any) -> Iterator[str]:
+def _tokens(value: Any) -> Iterator[str]:
+    """Yield a statement as words; none for an import or a docstring."""
     if isinstance(value, ast.Import | ast.ImportFrom) or _is_docstring(value) or _is_version(value):
         return
     if isinstance(value, ast.Constant) and isinstance(value.value, str) and OUR_MODULE.fullmatch(value.value):
@@ -70,11 +65,11 @@ def _said(value: Any) -> Iterator[str]:
         for name, part in ast.iter_fields(value):
             if part is not None and part != []:  # what newer versions of Python add is empty here
                 yield name
-                yield from _said(part)
+                yield from _tokens(part)
     elif isinstance(value, list):
         yield "["
         for part in value:
-            yield from _said(part)
+            yield from _tokens(part)
         yield "]"
     else:
         yield repr(value)
@@ -92,7 +87,7 @@ def _is_version(value: Any) -> bool:
 def _kept() -> dict[str, int]:
     """Return what has been parsed before: a file's digest and what it says."""
     with contextlib.suppress(UsageError, OSError, ValueError, TypeError, AttributeError):
-        return {name: int(said, 16) for name, said in json.loads(_cache().read_bytes()).items()}
+        return {name: int(value, 16) for name, value in json.loads(_cache().read_bytes()).items()}
     return {}
 
 
@@ -100,7 +95,7 @@ def _keep(read: dict[str, int]) -> None:
     with contextlib.suppress(UsageError, OSError):
         path = _cache()
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_text(path, json.dumps({name: f"{said:x}" for name, said in read.items()}))
+        write_text(path, json.dumps({name: f"{value:x}" for name, value in read.items()}))
 
 
 def _cache() -> Path:

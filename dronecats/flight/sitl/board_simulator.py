@@ -6,23 +6,30 @@ from typing import Any, Unpack
 
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
-from dronecats.flight.sitl.scenario import built_of, load_world
-from dronecats.flight.sitl.simulation import Simulation
+from dronecats.flight.sitl.simulation import (
+    STEP_US,
+    TICK_US,
+    BootPose,
+    Physics,
+    Simulation,
+    Vehicle,
+    built_of,
+    load_world,
+)
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, GCS_PORT, LOOPBACK, UdpPort, truth_port
-from dronecats.flight.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
 from foundation.airframe import Airframe
 from foundation.mavlink import Packer
 from foundation.truth import TRUTH_COMPONENT
 from hil.link.transport import connect
 from hil.simulator import (
     BoardLine,
-    Told,
+    Sent,
     gps_message,
     is_armed,
     rotor_commands,
     sensor_message,
     sensor_period_us,
-    told_now,
+    sent_now,
 )
 from vehicles.sensors import Suite
 from vehicles.wind import Wind
@@ -50,12 +57,12 @@ class BoardVehicle(Vehicle):
         self._idle = curve.speed_idle / curve.speed_max
         self._rotors = len(self.plant.airframe.rotors)
         self._period_us = period_us
-        self._told = Told()
+        self._sent = Sent()
         self.line = line
         self.keeper = RateKeeper(period_us / 1e6)
 
     @property
-    def flown(self) -> bool:
+    def is_flying(self) -> bool:
         """Whether the board takes the sensors and drives the rotors."""
         return self.line.in_hil and time.monotonic() - self.line.actuators_s < SILENCE_S
 
@@ -76,22 +83,22 @@ class BoardVehicle(Vehicle):
         self.line.exchange()
         if self.line.in_hil:
             sensors = self.plant.sensors
-            if int(sensors["gps_time_us"]) > self._told.gps_us:
+            if int(sensors["gps_time_us"]) > self._sent.gps_us:
                 self.line.send(gps_message(sensors))
-            self.line.send(sensor_message(sensors, self.time_us, self._told))
-            self._told = told_now(sensors)
-        actuators, said = self.plant.actuators, self.line.actuators
+            self.line.send(sensor_message(sensors, self.time_us, self._sent))
+            self._sent = sent_now(sensors)
+        actuators, command = self.plant.actuators, self.line.actuators
         actuators["armed"] = 0
-        if said is not None and self.flown:
-            actuators["armed"] = int(is_armed(said))
-            actuators["command"] = rotor_commands(said.controls, self._rotors, self._idle)
+        if command is not None and self.is_flying:
+            actuators["armed"] = int(is_armed(command))
+            actuators["command"] = rotor_commands(command.controls, self._rotors, self._idle)
             actuators["time_us"] = self.time_us
 
 
 class BoardSimulator:
     """One turn is one tick. What the board says goes to both ports, what their clients say goes to the board."""
 
-    def __init__(self, config: SimulatorConfig, say: Callable[[str], None]) -> None:
+    def __init__(self, config: SimulatorConfig, notify: Callable[[str], None]) -> None:
         """Raises UsageError, LinkError."""
         url, instance = config.hitl or "", config.instance or 0
         period_us = sensor_period_us(url)
@@ -112,7 +119,7 @@ class BoardSimulator:
             self._port("agent", AGENT_LOCAL + instance, AGENT_PORT + instance),
             self._port("ground station", GCS_LOCAL + instance, GCS_PORT),
         ]
-        self._say, self._said = say, ""
+        self._notify, self._state = notify, ""
         self.pace = PaceReport(self._vehicle.keeper)
 
     def _port(self, name: str, local: int, remote: int) -> UdpPort:
@@ -131,9 +138,9 @@ class BoardSimulator:
         self._truth.exchange()
         self.simulation.advance()
         self._truth.exchange()
-        said = self._line.take()
+        command = self._line.take()
         for unsent in self._unsent.values():
-            unsent += said
+            unsent += command
         for port in self._ports:
             port.exchange()
         self._report()
@@ -145,7 +152,7 @@ class BoardSimulator:
 
     def _report(self) -> None:
         """Say how it stands with the board when that has changed."""
-        if self._vehicle.flown:
+        if self._vehicle.is_flying:
             state = "the board takes the simulated sensors and drives the rotors"
         elif self._line.in_hil:
             state = "the board is in HIL mode and sends no motor outputs yet"
@@ -153,6 +160,6 @@ class BoardSimulator:
             state = "the board is not in HIL mode: set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart it"
         else:
             state = "no board is heard"
-        if state != self._said:
-            self._said = state
-            self._say(f"{state}, at {self._vehicle.time_us / 1e6:.1f} s")
+        if state != self._state:
+            self._state = state
+            self._notify(f"{state}, at {self._vehicle.time_us / 1e6:.1f} s")

@@ -1,7 +1,9 @@
-"""The truth bus: the simulator's truth goes to every listener, and what one listener says goes to all the others.
+"""The truth bus, within one process and over UDP."""
 
-So the camera's "frame taken" reaches the logger over the same MAVLink wire as the poses.
-"""
+from collections.abc import Callable
+
+from foundation.mavlink import Packer, dialect
+from hil.link.transport import connect
 
 
 class Tap:
@@ -39,7 +41,7 @@ class TruthBus:
         return tap
 
     @property
-    def heard(self) -> bool:
+    def has_listeners(self) -> bool:
         """Whether anybody listens."""
         return bool(self._taps)
 
@@ -49,3 +51,41 @@ class TruthBus:
         for tap in self._taps:
             if tap is not but:
                 tap.put(data)
+
+
+HELLO = dialect.MAVLink_heartbeat_message(
+    dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
+)
+SYSTEM, COMPONENT = 246, 191
+
+
+class Listener:
+    """Reads one URL."""
+
+    def __init__(self, url: str, feed: Callable[[bytes], None]) -> None:
+        self._transport = connect(url)
+        self._feed = feed
+        self._packer = Packer(SYSTEM, COMPONENT)
+        self._has_data = False
+        self._transport.send(self._packer.pack(HELLO))
+
+    def read(self, timeout_s: float) -> bool:
+        """Hand on what has come within `timeout_s`; return whether anything has."""
+        data = self._transport.receive(timeout_s)
+        if data:
+            self._has_data = True
+            self._feed(data)
+        elif not self._has_data:
+            self._transport.send(self._packer.pack(HELLO))  # the simulator was not listening yet
+        return bool(data)
+
+    def drain(self) -> None:
+        """Hand on all that has come."""
+        while self.read(0.0):
+            pass
+
+    def send(self, data: bytes) -> None:
+        self._transport.send(data)
+
+    def close(self) -> None:
+        self._transport.close()

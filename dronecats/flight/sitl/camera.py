@@ -18,9 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.flight.processes.bus_listener import Listener
+from dronecats.flight.sitl.bus import Listener
 from dronecats.flight.sitl.config import CameraConfig
-from dronecats.flight.sitl.scenario import load_world, origin
+from dronecats.flight.sitl.simulation import load_world, origin
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.camera.optics.file import optics_of
 from episodes.camera.optics.options import Optics
@@ -125,37 +125,37 @@ class WorldCamera:
         Raises CameraError while nothing is known of the drone.
         """
         with self._lock:
-            known = self._truth.at(drone, time_us)
-            if known and isinstance(self._renderer, OpticalRenderer):
-                self._before[drone] = self._truth.before(known[0]), known[0]
-            return self._taken(drone, known)
+            samples = self._truth.at(drone, time_us)
+            if samples and isinstance(self._renderer, OpticalRenderer):
+                self._before[drone] = self._truth.before(samples[0]), samples[0]
+            return self._taken(drone, samples)
 
-    def _taken(self, drone: int, known: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
+    def _taken(self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
         """Return a frame of a sample and the others' of its time, and say that it was taken."""
-        if known is None:
+        if samples is None:
             raise CameraError(f"the camera has not heard where drone {drone + 1} is")
-        sample, others = known
+        sample, fleet = samples
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
-        image = self._picture(sample, others, t_s, self._frames)
+        image = self._picture(sample, fleet, t_s, self._frames)
         taken = FrameTaken(drone, self._frames, sample.time_us)
         self._frames += 1
         self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
         return Frame(taken.frame_id, drone, taken.time_us, image)
 
     def _picture(
-        self, sample: TruthSample, others: Mapping[int, TruthSample], t_s: float, frame_id: int
+        self, sample: TruthSample, fleet: Mapping[int, TruthSample], t_s: float, frame_id: int
     ) -> NDArray[np.uint8]:
         """Return what the camera sees from `sample` with the other drones where they are and the target at `t_s`."""
         if self._renderer is None:
             return self._grey
         if isinstance(self._renderer, Renderer):
             pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
-            return self._renderer.picture(pose, self.world.moved(t_s, _after(others, 0.0)))
+            return self._renderer.picture(pose, self.world.moved(t_s, _after(fleet, 0.0)))
         rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
         motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
         return self._renderer.picture(
             motion,
-            lambda t: self.world.moved(max(0.0, t), _after(others, t - t_s)),
+            lambda t: self.world.moved(max(0.0, t), _after(fleet, t - t_s)),
             (*self._seed, sample.drone, frame_id),
         )
 
@@ -241,12 +241,12 @@ class FrameServer(ThreadingHTTPServer):
     def __init__(self, address: tuple[str, int], handler_class: type[BaseHTTPRequestHandler]) -> None:
         self._lock = threading.Lock()
         self._silent: dict[socket.socket, None] = {}  # no whole request yet, in the order in which they came
-        self._known: set[socket.socket] = set()
+        self._active: set[socket.socket] = set()
         super().__init__(address, handler_class)
 
     def process_request(self, request: Any, client_address: Any) -> None:
         with self._lock:
-            if len(self._silent) + len(self._known) >= CONNECTIONS:
+            if len(self._silent) + len(self._active) >= CONNECTIONS:
                 oldest = next(iter(self._silent), request)
                 self._silent.pop(oldest, None)
                 with contextlib.suppress(OSError):  # it has just gone
@@ -254,18 +254,18 @@ class FrameServer(ThreadingHTTPServer):
             self._silent[request] = None
         super().process_request(request, client_address)
 
-    def asked(self, request: socket.socket) -> None:
+    def keep(self, request: socket.socket) -> None:
         """Note that a connection has sent a whole request, so that it is kept."""
         request.settimeout(IDLE_S)
         with self._lock:
             if request in self._silent:
                 del self._silent[request]
-                self._known.add(request)
+                self._active.add(request)
 
     def shutdown_request(self, request: Any) -> None:
         with self._lock:
             self._silent.pop(request, None)
-            self._known.discard(request)
+            self._active.discard(request)
         super().shutdown_request(request)
 
     def handle_error(self, request: Any, client_address: Any) -> None:
@@ -299,19 +299,19 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
 
         def do_GET(self) -> None:
             if isinstance(self.server, FrameServer):
-                self.server.asked(self.connection)
-            parts = urlsplit(self.path)
-            if parts.path not in ENCODINGS:
+                self.server.keep(self.connection)
+            url = urlsplit(self.path)
+            if url.path not in ENCODINGS:
                 self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg and /frame.png\n", {})
                 return
             try:
-                asked = parse_qs(parts.query)
-                drone = int(asked.get("drone", ["0"])[0])
-                frame = camera.at(int(asked["at"][0]), drone) if "at" in asked else camera.newest(drone)
+                query = parse_qs(url.query)
+                drone = int(query.get("drone", ["0"])[0])
+                frame = camera.at(int(query["at"][0]), drone) if "at" in query else camera.newest(drone)
             except (ValueError, DronecatsError) as error:
                 self._send(503, "text/plain", f"{error}\n".encode(), {})
                 return
-            extension, kind = ENCODINGS[parts.path]
+            extension, kind = ENCODINGS[url.path]
             data = cv2.imencode(extension, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR))[1].tobytes()
             self._send(200, kind, data, stamp(frame))
 

@@ -11,7 +11,7 @@ from vehicles.encounter import DRONE, ball, girth, meet
 from vehicles.multirotor import Multirotor
 
 APART_US = 500_000  # µs without any contact after which a contact is over
-TOLD_US = 50_000  # µs
+UPDATE_US = 50_000  # µs
 AHEAD_S = 0.05  # s, over which the target's velocity is taken
 
 
@@ -33,7 +33,7 @@ class Traffic:
         time_us = int(vehicles[0].state["time_us"])
         if self._t0_us is None or time_us < self._next_us:
             return
-        self._next_us = time_us + TOLD_US
+        self._next_us = time_us + UPDATE_US
         for vehicle in vehicles:
             t_s = (time_us - self._t0_us) / 1e6
             here, yaw = self._pose(t_s)
@@ -72,7 +72,7 @@ class CollisionReport:
         self._hits, self._crashed = 0, False
         self._since_us: int | None = None  # when the present contact began
         self._last_us = 0  # when anything touched last
-        self._said: set[str] = set()  # what the present contact is known to be with
+        self._reported: set[str] = set()  # what the present contact is known to be with
 
     def message(self) -> dialect.MAVLink_message | None:
         """Return a STATUSTEXT (`foundation.contact_report`) about what is new since the last call, None for nothing.
@@ -87,16 +87,16 @@ class CollisionReport:
         if struck or touched_us > self._last_us:
             self._last_us = time_us if struck else touched_us
         if struck or newly:
-            what = self._name(int(state["hit_owner"])) if struck else "the ground"
-            if newly or what not in self._said:
+            name = self._name(int(state["hit_owner"])) if struck else "the ground"
+            if newly or name not in self._reported:
                 self._since_us = time_us if self._since_us is None and struck else self._since_us
-                self._said.add(what)
+                self._reported.add(name)
                 severity = dialect.MAV_SEVERITY_CRITICAL if newly else dialect.MAV_SEVERITY_WARNING
-                return _text(severity, hit_text(SaidHit(what, float(state["hit_speed"]) if struck else None, newly)))
+                return _text(severity, hit_text(SaidHit(name, float(state["hit_speed"]) if struck else None, newly)))
         elif self._since_us is not None and time_us - self._last_us > APART_US:
             seconds = max(self._last_us - self._since_us, 0) / 1e6
             self._since_us = None
-            self._said.clear()
+            self._reported.clear()
             return _text(dialect.MAV_SEVERITY_INFO, clear_text(seconds))
         return None
 

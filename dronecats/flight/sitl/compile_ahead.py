@@ -45,15 +45,15 @@ def compile_all(core: Kernel[..., object], core_arguments: Iterable[Any]) -> Non
     A process that fails costs its time only: what it leaves undone is compiled when it is called.
     """
     with ExitStack() as stack:
-        others = [stack.enter_context(_started(part)) for part in PARTS]
+        children = [stack.enter_context(_started(part)) for part in TASKS]
         try:
             core.compile(signature(core_arguments))
             deadline_s = time.monotonic() + OTHERS_S
-            for other in others:
-                other.wait(max(0.0, deadline_s - time.monotonic()))
+            for child in children:
+                child.wait(max(0.0, deadline_s - time.monotonic()))
         except BaseException as stopped:
-            for other in others:
-                other.kill()
+            for child in children:
+                child.kill()
             if not isinstance(stopped, subprocess.TimeoutExpired):
                 raise
 
@@ -94,7 +94,7 @@ def compile_camera() -> None:
     renderer.close()
 
 
-PARTS = {"plant": compile_plant, "camera": compile_camera}
+TASKS = {"plant": compile_plant, "camera": compile_camera}
 
 if __name__ == "__main__":
-    PARTS[sys.argv[1]]()
+    TASKS[sys.argv[1]]()

@@ -1,41 +1,13 @@
 """What the simulator's processes are told when they start: what is flown, in which air, on which host."""
 
-import random
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
+
+import numpy as np
 
 from dronecats.flight.disturbances import VehicleFaults
 from foundation.frames import Vec3
 from foundation.truth import KEPT
-
-
-class Staller:
-    """Stops whoever calls it, from `begin` on: which seconds those are is the seed's."""
-
-    def __init__(
-        self, disturbances: VehicleFaults | None, seed: int, stop: Callable[[float], None] = time.sleep
-    ) -> None:
-        """`stop` lets the wall seconds pass that it is given."""
-        self._stalls, self._stop = disturbances or VehicleFaults(), stop
-        self._fate = random.Random(f"{seed} host")
-        self._due_us: int | None = None
-        self.count = 0
-
-    def begin(self, time_us: int) -> None:
-        """From this vehicle time (µs) on there are stalls."""
-        self._due_us = time_us
-
-    def turn(self, time_us: int) -> None:
-        """Return at once, or after a stall when a second of vehicle time begins that has one."""
-        if not (self._stalls.stalled and self._stalls.stall_s) or self._due_us is None or time_us < self._due_us:
-            return
-        self._due_us += 1_000_000
-        if self._fate.random() < self._stalls.stalled:
-            self.count += 1
-            self._stop(self._stalls.stall_s)
-
 
 AIRFRAME = "x500"  # if none is named
 
@@ -86,3 +58,11 @@ class TruthBridgeConfig:
 
     episode: str
     truth: str  # URL of its true poses
+
+
+def noise_seed(episode: int, flight: int, vehicle: int) -> int:
+    """Return the seed of all that is random about a vehicle: of its episode, this flight of it, its place in the fleet.
+
+    Neighbouring numbers share nothing (numpy's SeedSequence), and it fits a signed 64-bit integer.
+    """
+    return int(np.random.SeedSequence((episode, flight, vehicle)).generate_state(1, np.uint64)[0] >> np.uint64(1))

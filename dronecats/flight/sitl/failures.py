@@ -43,12 +43,12 @@ class Failures:
 
     def inject(self, unit: int, kind: int, instance: int) -> bool:
         """Break or mend a part from now on; return whether this vehicle can do that. Instance 0 is all of a kind."""
-        parts = self._parts(unit, instance)
-        if not parts or (kind != dialect.FAILURE_TYPE_OK and kind not in KINDS):
+        targets = self._parts_of(unit, instance)
+        if not targets or (kind != dialect.FAILURE_TYPE_OK and kind not in KINDS):
             return False
         changed = dict(self._faults)
         now = int(self._plant.state["time_us"])
-        for part in parts:
+        for part in targets:
             if kind == dialect.FAILURE_TYPE_OK:
                 if part in changed:  # kept, but over: the kernel gives a rotor its health back when it sees the end
                     changed[part] = replace(changed[part], until_us=max(now, changed[part].from_us + 1))
@@ -62,7 +62,7 @@ class Failures:
         if kind == dialect.FAILURE_TYPE_OK:  # mends what the script has broken too, but not what it will break later
             self._scripted = tuple(
                 replace(fault, until_us=max(now, fault.from_us + 1))
-                if fault.part in parts and fault.from_us <= now < fault.until_us
+                if fault.part in targets and fault.from_us <= now < fault.until_us
                 else fault
                 for fault in self._scripted
             )
@@ -70,7 +70,7 @@ class Failures:
         self._write()
         return True
 
-    def _parts(self, unit: int, instance: int) -> list[str]:
+    def _parts_of(self, unit: int, instance: int) -> list[str]:
         if unit in SENSORS:
             return [SENSORS[unit]] if instance in (0, 1) else []
         if unit == dialect.FAILURE_UNIT_SYSTEM_MOTOR:

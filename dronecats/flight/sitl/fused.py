@@ -79,13 +79,13 @@ class Fused:
         Raises TypeError when a record is not the one that `fly` takes in its place.
         """
         each_alone = [*plant[:-1], *plant[-1], *core]
-        records = [each for each in each_alone if isinstance(each, np.void)]
+        records = [argument for argument in each_alone if isinstance(argument, np.void)]
         kinds = [record.dtype for record in records]
         if kinds != [PLANT, *CORE_RECORDS]:
             raise TypeError("the arguments of the plant or the inner loop have changed: bring sitl.fused.fly in line")
         self._kept_alive = records
         self._at = np.array([np.frombuffer(record, np.uint8).ctypes.data for record in records], np.int64)
-        self._arrays = tuple(each for each in each_alone if not isinstance(each, np.void))
+        self._arrays = tuple(argument for argument in each_alone if not isinstance(argument, np.void))
         if compile_ahead.cold():
             compile_ahead.compile_all(update, core)
 

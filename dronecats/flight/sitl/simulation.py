@@ -1,18 +1,130 @@
-"""Vehicles with our autopilot on one clock: plant and inner loop fused in one compiled loop, commanders around it."""
+"""Vehicles on one clock: each a plant that reports its truth, our autopilot on it, and a fleet built from a record.
 
-from collections.abc import Sequence
+Plant and inner loop are one compiled loop (`fused.py`); the commanders run around it.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar, Unpack
+from typing import Generic, Required, TypedDict, TypeVar, Unpack
+
+import numpy as np
 
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
 from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.bus import TruthBus
-from dronecats.flight.sitl.collisions import Encounters, Traffic
+from dronecats.flight.sitl.collisions import CollisionReport, Encounters, Traffic
+from dronecats.flight.sitl.config import AIRFRAME, noise_seed
 from dronecats.flight.sitl.failures import Failures
 from dronecats.flight.sitl.fused import Fused
-from dronecats.flight.sitl.vehicle import STEP_US, TICK_US, BootPose, Physics, Vehicle
+from episodes.maps.assets.multirotor import outline
+from episodes.records import catalogue
+from episodes.records.record import EpisodeRecord
+from episodes.world.obstacles import obstacles
+from episodes.world.world import World
 from foundation.airframe import Airframe
+from foundation.camera import CameraModel
+from foundation.frames import Vec3
+from foundation.mavlink import Packer
+from foundation.obstacles import OPEN, Obstacles
+from foundation.terrain import FLAT, HeightField
+from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
+from vehicles import airframe as airframes
+from vehicles.faults import Fault
+from vehicles.multirotor import Multirotor
+from vehicles.payload import laden
+from vehicles.sensors import Suite
+from vehicles.wind import CALM, Wind
+
+STEP_US = 1_000  # plant and inner loop
+TICK_US = 10_000  # commander, MAVLink and truth
+
+
+@dataclass(frozen=True, slots=True)
+class BootPose:
+    """Where a vehicle stands at boot."""
+
+    position_ned: Vec3  # m, map frame, on the ground
+    yaw: float  # rad
+
+
+class Physics(TypedDict, total=False):
+    """What else a plant is made with; what is left out is as `Multirotor` has it."""
+
+    seed: Required[int]  # of all that is random about the vehicle
+    origin: Required[Origin]
+    terrain: HeightField
+    obstacles: Obstacles
+    payload_kg: float
+    wind: Wind
+    faults: Sequence[Fault]
+    suite: Suite
+
+
+class Vehicle:
+    """A plant that tells its truth. Who flies it is added by those that inherit, in `advance`."""
+
+    def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
+        """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
+        self.index = index
+        self.airframe = airframe  # as those who fly it know it
+        self.origin = physics["origin"]
+        self._suite = physics.get("suite", Suite())
+        self.plant = Multirotor(
+            laden(airframe, physics.get("payload_kg", 0.0)),
+            seed=physics["seed"],
+            origin=physics["origin"],
+            terrain=physics.get("terrain", FLAT),
+            obstacles=physics.get("obstacles", OPEN),
+            camera_frd=CameraModel().offset_frd,
+            position_ned=pose.position_ned,
+            yaw=pose.yaw,
+            wind=physics.get("wind", CALM),
+            suite=self._suite,
+            faults=physics.get("faults", ()),
+        )
+        self._packer = Packer(index + 1, TRUTH_COMPONENT)
+        # position to acceleration of TRUTH as one array of numbers: a record's fields are slow to read one by one
+        self._numbers = np.frombuffer(self.plant.truth, np.float64)[1:17]
+        self._collisions = CollisionReport(self.plant)
+
+    def meet(self, disturbances: VehicleFaults) -> None:
+        """From now on be disturbed by wind, gusts and worse sensors. Raises UsageError for sensors that cannot be."""
+        self.plant.meet(Wind(disturbances.wind_ned, disturbances.gusts_w20))
+        self.plant.sense(
+            self._suite.worsened(
+                gps_delay_s=disturbances.gps_delay_s,
+                gps_noise=disturbances.gps_noise,
+                noise=disturbances.estimator_noise,
+            )
+        )
+
+    def advance(self) -> None:
+        """Advance by one tick."""
+        raise NotImplementedError
+
+    def close(self) -> None:
+        """Let go of what the vehicle holds."""
+
+    @property
+    def time_us(self) -> int:
+        return int(self.plant.truth["time_us"])
+
+    def truth(self) -> bytes:
+        """Return HIL_STATE_QUATERNION as bytes."""
+        n, e, d, vn, ve, vd, w, x, y, z, p, q, r, ax, ay, az = self._numbers.tolist()
+        return self._packer.pack(
+            truth_message(
+                self.time_us, (n, e, d), (vn, ve, vd), (w, x, y, z), (p, q, r), (ax, ay, az), self.origin,
+            )
+        )  # fmt: skip
+
+    def collisions(self) -> bytes:
+        """Return a STATUSTEXT about what was hit since the last call as bytes, empty when nothing was."""
+        message = self._collisions.message()
+        return self._packer.pack(message) if message else b""
 
 
 class VehiclePort:
@@ -26,8 +138,8 @@ class VehiclePort:
 
     def take(self) -> bytes:
         """Return what the vehicle has sent since the last call."""
-        said, self._last_words = self._last_words, b""
-        return said + self._port.take()
+        data, self._last_words = self._last_words, b""
+        return data + self._port.take()
 
     def receive(self, data: bytes) -> None:
         """Let the vehicle hear this."""
@@ -169,6 +281,104 @@ class Simulation(Generic[V]):
         for vehicle in self.vehicles:
             vehicle.advance()
             self.bus.publish(vehicle.collisions())
-        if self.bus.heard and self.time_us % TRUTH_US == 0:
+        if self.bus.has_listeners and self.time_us % TRUTH_US == 0:
             for vehicle in self.vehicles:
                 self.bus.publish(vehicle.truth())
+
+
+def origin(world: World) -> Origin:
+    """Return the geodetic place of the map's NED origin."""
+    return world.scene.latitude_deg, world.scene.longitude_deg, world.scene.altitude_m
+
+
+def boot_poses(world: World) -> list[BootPose]:
+    """Return where each drone of the record stands before it takes off: on the ground below its start pose."""
+    poses = []
+    for start in world.record.starts:
+        north, east, _ = start.position_ned
+        poses.append(BootPose((north, east, world.ground_down(north, east)), math.radians(start.yaw_deg)))
+    return poses
+
+
+def build(
+    world: World,
+    *,
+    airframe: str = AIRFRAME,
+    seed: int = 0,
+    count: int | None = None,
+    state_dir: Path | None = None,
+    wind: Wind = CALM,
+    disturbances: VehicleFaults | None = None,
+    faults: Sequence[Fault] = (),
+) -> Simulation[SimulatedVehicle]:
+    """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
+
+    def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
+        folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
+        return SimulatedVehicle(index, airframe, pose, state_dir=folder, **physics)
+
+    return built_of(
+        make,
+        world,
+        airframe=airframe,
+        seed=seed,
+        count=count,
+        wind=wind,
+        disturbances=disturbances,
+        faults=faults,
+    )
+
+
+def built_of(
+    make: Callable[..., V],
+    world: World,
+    *,
+    airframe: str = AIRFRAME,
+    seed: int = 0,
+    count: int | None = None,
+    wind: Wind = CALM,
+    disturbances: VehicleFaults | None = None,
+    faults: Sequence[Fault] = (),
+) -> Simulation[V]:
+    """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
+
+    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All boot in the same
+    wind, have the same disturbances once the episode has begun (a payload from boot) and the same faults. Raises
+    UsageError for an unknown airframe, a payload that it cannot carry or an impossible fault.
+    """
+    solid = obstacles(world.scene)
+    frame = airframes.load(airframe)
+    poses = boot_poses(world)
+    while count is not None and len(poses) < count:  # more than the record has: beside one another, two metres apart
+        last = poses[-1].position_ned
+        north, east = last[0], last[1] + 2.0
+        poses.append(BootPose((north, east, world.ground_down(north, east)), poses[-1].yaw))
+    return Simulation(
+        [
+            make(
+                index,
+                frame,
+                pose,
+                seed=noise_seed(world.record.seed, seed, index),
+                origin=origin(world),
+                terrain=world.scene.terrain,
+                obstacles=solid,
+                wind=wind,
+                payload_kg=disturbances.payload_kg if disturbances else 0.0,
+                faults=faults,
+            )
+            for index, pose in enumerate(poses[:count])
+        ],
+        Traffic(world.target_upright) if solid.moving else None,
+        disturbances,
+    )
+
+
+def load_world(episode: str, airframe: str | None = None, count: int | None = None) -> World:
+    """Return the world of an episode id or file, `count` vehicles of an airframe in its pictures. Raises UsageError."""
+    return world_of(catalogue.load(episode), airframe, count)
+
+
+def world_of(record: EpisodeRecord, airframe: str | None = None, count: int | None = None) -> World:
+    """Return the world of a record, as `load_world` does. Raises UsageError."""
+    return World(record, outline(airframes.load(airframe or AIRFRAME)), count)

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.flight.processes.child import Part
-from dronecats.flight.sitl.config import SimulatorConfig, Staller
-from dronecats.flight.sitl.pace import PaceReport, RateKeeper
-from dronecats.flight.sitl.scenario import build, load_world, noise_seed
-from dronecats.flight.sitl.simulation import TICK_US
+from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
+from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
+from dronecats.flight.sitl.simulation import TICK_US, build, load_world
 from dronecats.flight.sitl.sockets import Ports
 from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
@@ -83,7 +82,7 @@ class Simulator:
 def create(config: SimulatorConfig) -> Part:
     """Return the simulator of an episode's vehicles, under our autopilot or a PX4 each. Raises UsageError."""
     if config.autopilot == "px4":
-        from dronecats.flight.sitl.px4.simulator import Px4Simulator
+        from dronecats.flight.sitl.px4 import Px4Simulator
 
         return Px4Simulator(config)
     return Simulator(config)

@@ -116,7 +116,7 @@ class UdpPort:
         sender = self._senders.get(address)
         if sender is None:
             if len(self._senders) >= SENDERS:
-                del self._senders[next(known for known, each in self._senders.items() if not each.is_peer)]
+                del self._senders[next(old for old, sender in self._senders.items() if not sender.is_peer)]
             sender = self._senders[address] = Sender()
         return sender
 
@@ -128,10 +128,10 @@ class UdpPort:
         """
         while waiting := [address for address, sender in self._senders.items() if sender.waits]:
             self._peers_turn = not self._peers_turn
-            address = next((each for each in waiting if self._senders[each].is_peer is self._peers_turn), waiting[0])
+            address = next((a for a in waiting if self._senders[a].is_peer is self._peers_turn), waiting[0])
             sender = self._senders[address] = self._senders.pop(address)
             if frames := sender.take():
-                self._hear(address, sender)
+                self._accept(address, sender)
                 self._give(frames)
                 if self._shared:
                     self._send(frames, but=address)
@@ -141,7 +141,7 @@ class UdpPort:
             if self._now_s() >= until_s:
                 return
 
-    def _hear(self, address: SocketAddress, sender: Sender) -> None:
+    def _accept(self, address: SocketAddress, sender: Sender) -> None:
         """Note that a sender has sent a frame, so that it is spoken to."""
         sender.is_peer = True
         self._peers.pop(address, None)

@@ -8,10 +8,9 @@ import time
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from dronecats.flight.processes.bus_listener import Listener
-from dronecats.flight.sitl.bus import TruthBus
+from dronecats.flight.sitl.bus import Listener, TruthBus
 from dronecats.flight.sitl.config import TruthBridgeConfig
-from dronecats.flight.sitl.scenario import boot_poses, load_world, origin
+from dronecats.flight.sitl.simulation import boot_poses, load_world, origin
 from dronecats.flight.sitl.sockets import UdpPort
 from foundation.errors import UsageError
 from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
@@ -48,7 +47,7 @@ class Placement:
         return (self.place_ned[0] + north, self.place_ned[1] + east, self.place_ned[2] + down)
 
 
-def standing(message: dialect.MAVLink_message, place_ned: Vec3, yaw: float) -> Placement:
+def placement_of(message: dialect.MAVLink_message, place_ned: Vec3, yaw: float) -> Placement:
     """Return the placement that puts a vehicle which says this onto `place_ned` (m) with a heading of `yaw` (rad)."""
     home = (message.lat / 1e7, message.lon / 1e7, message.alt / 1e3)
     return Placement(home, place_ned, wrap_pi(yaw - own_yaw(message)))
@@ -72,20 +71,20 @@ class TruthClock:
     """
 
     def __init__(self) -> None:
-        self._heard_us = 0
+        self._actuator_us = 0
 
     def see(self, message: dialect.MAVLink_message) -> int | None:
         """Return the time (µs) of a truth sample; None of any other message, and as long as no time is known."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS:
-            self._heard_us = message.time_usec
+            self._actuator_us = message.time_usec
         if kind != dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
             return None
-        time_us = message.time_usec or self._heard_us
+        time_us = message.time_usec or self._actuator_us
         return time_us // 1000 * 1000 or None
 
 
-HEARD_S = 10.0  # wall seconds in which a truth stream has to speak
+SILENT_S = 10.0  # wall seconds in which a truth stream has to speak
 STILL_MPS = 0.2  # m/s, below which a vehicle stands
 G_PER_UNIT = 9.80665 / 1000.0  # m/s² of HIL_STATE_QUATERNION's thousandths of g
 
@@ -109,7 +108,7 @@ class TruthSource:
 
     def first(self) -> tuple[int, dialect.MAVLink_message]:
         """Return the first sample of a vehicle that stands. Raises UsageError when there is none in time."""
-        end_s = time.monotonic() + HEARD_S  # how long a wire is silent is a matter of the wall's clock
+        end_s = time.monotonic() + SILENT_S  # how long a wire is silent is a matter of the wall's clock
         while time.monotonic() < end_s:
             if samples := self.read(0.1):
                 time_us, message = samples[-1]
@@ -120,7 +119,7 @@ class TruthSource:
                     )
                 return time_us, message
         raise UsageError(
-            f"no truth comes on --truth {self._url} within {HEARD_S:g} s: HIL_STATE_QUATERNION is wanted there, which "
+            f"no truth comes on --truth {self._url} within {SILENT_S:g} s: HIL_STATE_QUATERNION is wanted there, which "
             "PX4's internal simulation sends to UDP port 19410 plus its instance"
         )
 
@@ -144,7 +143,7 @@ class TruthBridge:
         place = boot_poses(world)[0]
         self._source = TruthSource(config.truth)
         _, message = self._source.first()
-        self._placement: Placement = standing(message, place.position_ned, place.yaw)
+        self._placement: Placement = placement_of(message, place.position_ned, place.yaw)
         self._packer = Packer(1, TRUTH_COMPONENT)
         self._bus = TruthBus()
         tap = self._bus.tap()

@@ -95,8 +95,8 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     record = _record(spec)
     if spec.pilot and not spec.replay:
         roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])
-    for asked in () if spec.replay else filter(None, (spec.model, spec.commander)):
-        open_model(asked).close()
+    for model in () if spec.replay else filter(None, (spec.model, spec.commander)):
+        open_model(model).close()
     return Flight(
         spec=spec,
         record=record,
@@ -108,13 +108,13 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
 
 def _check_accounts(spec: FlightSpec) -> None:
     accounts = spec.accounts
-    asked = [model for model in (spec.model, spec.commander) if model]
-    if not asked or spec.replay:
-        given = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
-        if stray := next((name for field, name in given.items() if getattr(accounts, field) is not None), None):
+    models = [model for model in (spec.model, spec.commander) if model]
+    if not models or spec.replay:
+        options = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
+        if stray := next((name for field, name in options.items() if getattr(accounts, field) is not None), None):
             raise UsageError(f"--{stray} goes with --model PROVIDER/NAME: nobody else is paid; leave it out")
         return
-    for model in asked:
+    for model in models:
         Budget(accounts.cost_limit_usd).check_prices(model)
     if accounts.ledger is not None and not accounts.ledger.startswith(ON_CLUSTER):
         Ledger(Path(accounts.ledger)).close()
@@ -145,11 +145,11 @@ def _free_flight(name: str, instruction: str) -> EpisodeRecord:
     """
     scene = maps.build(name)
     spawn, yaw = scene.spawn_ned, scene.spawn_yaw
-    things = [i for i in scene.instances if i.kind != "ground" and i.solid and not i.movable]
-    if not things:
+    landmarks = [i for i in scene.instances if i.kind != "ground" and i.solid and not i.movable]
+    if not landmarks:
         raise UsageError(f"map '{name}' has nothing on it but its ground, and an empty field cannot be flown by sight")
-    thing = min(things, key=lambda i: math.dist(i.position_ned, spawn))
-    north, east, down = (a - b for a, b in zip(thing.position_ned, spawn, strict=True))
+    target = min(landmarks, key=lambda i: math.dist(i.position_ned, spawn))
+    north, east, down = (a - b for a, b in zip(target.position_ned, spawn, strict=True))
     return EpisodeRecord(
         version=VERSION,
         id=f"free-{name}",
@@ -158,7 +158,7 @@ def _free_flight(name: str, instruction: str) -> EpisodeRecord:
         cell="approaching",
         instruction=instruction,
         target=TargetRecord(
-            thing.kind, position_ned=thing.position_ned, yaw_deg=math.degrees(thing.yaw), native=thing.name
+            target.kind, position_ned=target.position_ned, yaw_deg=math.degrees(target.yaw), native=target.name
         ),
         starts=(StartPose((spawn[0], spawn[1], spawn[2] - FREE_HEIGHT_M), math.degrees(yaw)),),
         start_distance_m=math.hypot(north, east, down + FREE_HEIGHT_M),

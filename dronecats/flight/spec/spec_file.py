@@ -1,16 +1,23 @@
-"""A flight as JSON: whole, for whoever flies it, and as it may stand in a file."""
+"""A flight as JSON, in a file, and read back from the folder in which it was flown."""
 
 import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import msgspec
+from msgspec import UNSET
 
 from dronecats.agent.latency import LatencyPolicy
+from dronecats.agent.models.replay import FlightRecording, LoggedReply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec
 from foundation.errors import UsageError
 from foundation.redaction import HIDDEN, redacted_url
+from foundation.run_folder import layout
+from foundation.run_folder.reading import episode_folder, exchanges, json_object, rows, run_configuration, truth
+from foundation.run_folder.rows import Decision, End, Exchange
 from hil.cameras.address import shown
 
 BYTES_MAX = 4_000_000
@@ -19,10 +26,10 @@ BYTES_MAX = 4_000_000
 def as_json(spec: FlightSpec) -> dict[str, Any]:
     """Return the whole spec as JSON values. It may hold a key, in an address: for a pipe, never for a file."""
     latency = {"latency": str(spec.latency), "latency_trace": spec.latency.trace}
-    values = ((name, value) for name, value in msgspec.to_builtins(spec).items())
-    return {
-        key: each for name, value in values for key, each in (latency if name == "latency" else {name: value}).items()
-    }
+    fields: dict[str, Any] = {}
+    for name, value in msgspec.to_builtins(spec).items():
+        fields |= latency if name == "latency" else {name: value}
+    return fields
 
 
 def as_kept(spec: FlightSpec) -> dict[str, Any]:
@@ -55,8 +62,8 @@ def _flight(value: Any) -> FlightSpec:
     text = msgspec.convert(value.get("latency", LATENCY), str)
     trace = msgspec.convert(value.get("latency_trace"), tuple[float, ...] | None)
     policy = msgspec.to_builtins(LatencyPolicy.parse(text, trace))
-    others = {name: each for name, each in value.items() if name != "latency_trace"}
-    return msgspec.convert({**others, "latency": policy}, FlightSpec)
+    fields = {name: value for name, value in value.items() if name != "latency_trace"}
+    return msgspec.convert({**fields, "latency": policy}, FlightSpec)
 
 
 def read(path: Path) -> FlightSpec:
@@ -85,14 +92,89 @@ def hidden(spec: FlightSpec) -> list[str]:
     return [option for option, address in addresses.items() if address and HIDDEN in address]
 
 
-def _unknown(value: Any, known: Any, path: str = "") -> str | None:
-    """Return the first key of `value`, with its place, that `known` has not."""
-    if not (isinstance(value, dict) and isinstance(known, dict)):
+def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
+    """Return the first key of `value`, with its place, that `allowed` has not."""
+    if not (isinstance(value, dict) and isinstance(allowed, dict)):
         return None
     for key, inner in value.items():
         place = f"{path}.{key}" if path else str(key)
-        if key not in known:
+        if key not in allowed:
             return place
-        if found := _unknown(inner, known[key], place):
-            return found
+        if stray := _unknown(inner, allowed[key], place):
+            return stray
     return None
+
+
+def recorded(path: Path) -> FlightSpec:
+    """Return the flight in an episode folder, or in a run's only one, with its recording in the pilot's place.
+
+    Raises UsageError where that is no flight in simulation, or does not say how it was flown.
+    """
+    folder = episode_folder(path).resolve()
+    configuration = run_configuration(folder.parent)
+    if configuration is None or "flight" not in configuration:
+        raise UsageError(f"{folder.parent / layout.RUN} does not say what was flown, so it cannot be flown again")
+    spec = from_json(configuration["flight"], str(folder.parent / layout.RUN))
+    if spec.simulated is None:
+        raise UsageError(f"{folder} was flown on a vehicle of yours; --pilot recorded:FILE says its replies again")
+    record = json_object(folder / layout.EPISODE)
+    if record is None:
+        raise UsageError(f"{folder / layout.EPISODE} cannot be read; without it nobody knows what was flown")
+    return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
+
+
+def _recording(folder: Path) -> FlightRecording:
+    steps: dict[int, LoggedReply] = {}
+    questions: Counter[int] = Counter()  # by the first of the drones that are asked for together
+    served: dict[int, str] = {}  # likewise; a decision tells it when it changes
+    for decision in rows(folder / layout.DECISIONS, Decision):
+        if decision.confirmed_by is not UNSET:  # the commander's, whose reply stands with its exchange
+            continue
+        if decision.reply is UNSET:
+            raise UsageError(f"{folder / layout.DECISIONS} holds no replies; an older version flew it")
+        if decision.served is not UNSET:
+            served[decision.drone] = str(decision.served)
+        if decision.step not in steps:  # of those that were asked for together, the first
+            steps[decision.step] = LoggedReply(
+                step=questions[decision.drone],
+                drone=decision.drone,
+                reply=str(decision.reply),
+                latency_s=decision.latency_s or 0.0,
+                tokens_in=decision.tokens_in,
+                tokens_out=decision.tokens_out,
+                finish=None if decision.finish is UNSET else str(decision.finish),
+                served=served.get(decision.drone),
+                tokens_cached=None if decision.tokens_cached is UNSET else decision.tokens_cached,
+                tokens_reasoning=None if decision.tokens_reasoning is UNSET else decision.tokens_reasoning,
+                endpoint=None if decision.endpoint is UNSET else str(decision.endpoint),
+            )
+            questions[decision.drone] += 1
+    if not steps:
+        raise UsageError(f"{folder} holds no decision; name a flight that took steps")
+    ends = [row.reason for row in truth(folder) if isinstance(row, End)]
+    commanded = exchanges(folder)
+    return FlightRecording(
+        flight=folder.name,
+        steps=(*steps.values(), *_of_commander(commanded)),
+        to_the_cap="cap" in ends,
+        ended=ends[-1] if ends else None,
+        commander=commanded[0].model if commanded else None,
+    )
+
+
+def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
+    """Yield the replies of the exchanges that had one."""
+    served: str | None = None  # an exchange tells it when it changes
+    for exchange in commanded:
+        served = served if exchange.served is UNSET else str(exchange.served)
+        if exchange.reply is not None:
+            yield LoggedReply(
+                step=exchange.number,
+                drone=0,
+                reply=exchange.reply,
+                latency_s=exchange.latency_s or 0.0,
+                tokens_in=exchange.tokens_in,
+                tokens_out=exchange.tokens_out,
+                served=served,
+                role="commander",
+            )

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from dronecats.agent.model_call import DaemonExecutor
-from dronecats.flight.logger.config import EstimateLoggerConfig
+from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess, Supervisor
-from dronecats.flight.stages import parts
+from dronecats.flight.stages.stage import ESTIMATE_LOGGER
 from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
 from hil.cameras.open import PatientCamera
@@ -47,7 +47,7 @@ class ConnectedStage(VehicleStage):
         self.links = [link]
         self.camera, self.camera_model = camera, camera.model
         try:
-            self._logger = self._supervisor.start(parts.ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
+            self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=str(folder)))
             self._copy = connect(f"udpout://127.0.0.1:{self._logger.ready()['port']}")
             link.listeners.append(self._to_logger)
         except BaseException:

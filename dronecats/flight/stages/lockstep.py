@@ -6,18 +6,15 @@ from functools import partial
 from pathlib import Path
 
 from dronecats.agent.model_call import InlineExecutor
+from dronecats.flight.logger.logger_process import measured_in, subscribe
 from dronecats.flight.logger.recorder import Recorder
-from dronecats.flight.logger.telemetry import subscribe
-from dronecats.flight.logger.world_measure import measured_in
 from dronecats.flight.sitl.camera import WorldCamera
-from dronecats.flight.sitl.lockstep import Lockstep
-from dronecats.flight.sitl.px4.simulator import Px4Lockstep, Px4Simulator
-from dronecats.flight.sitl.scenario import build, origin
-from dronecats.flight.sitl.simulation import SimulatedVehicle, VehiclePort
+from dronecats.flight.sitl.lockstep import Lockstep, Px4Lockstep
+from dronecats.flight.sitl.px4 import Px4Simulator
+from dronecats.flight.sitl.simulation import SimulatedVehicle, VehiclePort, build, origin
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.flight.stages.disturbed import DisturbedLinks
-from dronecats.flight.stages.parts import simulator_config, truth_kept
+from dronecats.flight.stages.stage import DisturbedLinks, simulator_config, truth_kept
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError

@@ -1,22 +1,33 @@
-"""Every part a process of its own, the vehicle's clock paced by the wall's."""
+"""Stages whose parts are processes: our simulation in real time, and a vehicle that simulates itself in our world."""
 
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 from dronecats.agent.model_call import DaemonExecutor
-from dronecats.flight.logger.config import LoggerConfig
-from dronecats.flight.processes.bus_listener import Listener
+from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
+from dronecats.flight.logger.recorder import LoggerConfig
 from dronecats.flight.processes.supervisor import Supervisor
-from dronecats.flight.sitl.config import CameraConfig
+from dronecats.flight.sitl.bus import Listener
+from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
+from dronecats.flight.sitl.truth_bridge import Placement
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.flight.stages import parts
-from dronecats.flight.stages.disturbed import DisturbedLinks
-from dronecats.flight.stages.parts import simulator_config, truth_kept
+from dronecats.flight.stages.connected import VehicleStage
+from dronecats.flight.stages.stage import (
+    CAMERA,
+    ESTIMATE_LOGGER,
+    LOGGER,
+    SIMULATOR,
+    TRUTH_BRIDGE,
+    DisturbedLinks,
+    simulator_config,
+    truth_kept,
+)
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
 from hil.cameras.http import HttpCamera
+from hil.cameras.open import FRAMES_S, PatientCamera
 from hil.impairment import PERFECT, ImpairedWire
 from hil.link.link import Link
 from hil.link.transport import Transport, UdpTransport, connect
@@ -27,7 +38,7 @@ class RealtimeStage:
 
     lockstep = False
 
-    def __init__(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
+    def __init__(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
         """`folder` is the episode's, with its record. Raises UsageError, InfrastructureError."""
         self._supervisor = Supervisor(folder)
         self.speed = simulated.speed
@@ -36,15 +47,15 @@ class RealtimeStage:
         self.executor = DaemonExecutor()
         self.camera_model = CameraModel()
         try:
-            self._start(flight, simulated, folder, say)
+            self._start(flight, simulated, folder, notify)
         except BaseException:
             self.close()
             raise
 
-    def _start(self, flight: Flight, simulated: Simulated, folder: Path, say: Callable[[str], None]) -> None:
-        patience, px4 = Patience(say), simulated.autopilot == "px4"
+    def _start(self, flight: Flight, simulated: Simulated, folder: Path, notify: Callable[[str], None]) -> None:
+        patience, px4 = Patience(notify), simulated.autopilot == "px4"
         config = simulator_config(flight.spec, simulated, folder)
-        simulator = self._simulator = self._supervisor.start(parts.SIMULATOR, config)
+        simulator = self._simulator = self._supervisor.start(SIMULATOR, config)
         ports = simulator.ready(patience)
         self._truth = f"udpout://127.0.0.1:{ports['truth']}"
         direction = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
@@ -60,7 +71,7 @@ class RealtimeStage:
         ]
         self._disturbed.take(self.links, self._wires)
         camera = self._camera_process = self._supervisor.start(
-            parts.CAMERA,
+            CAMERA,
             CameraConfig(
                 episode=config.episode,
                 airframe=config.airframe,
@@ -71,11 +82,11 @@ class RealtimeStage:
             ),
         )
         if px4:
-            self._await_px4(ports["px4"], say)
+            self._await_px4(ports["px4"], notify)
             self._copies = [Copy(link) for link in self.links]
         log = [copy.port for copy in self._copies] or ports["log"]
         self._logger = self._supervisor.start(
-            parts.LOGGER,
+            LOGGER,
             LoggerConfig(
                 episode=config.episode,
                 airframe=config.airframe,
@@ -94,9 +105,9 @@ class RealtimeStage:
         if not self._disturbed.wired:
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
-        other = connect(f"udpout://127.0.0.1:{ends.port}")
+        far = connect(f"udpout://127.0.0.1:{ends.port}")
         # whoever speaks first on the vehicle's own port does so on ours
-        agent, near = (ends, other) if speaks_first else (other, ends)
+        agent, near = (ends, far) if speaks_first else (far, ends)
         speed = self.speed or 1.0
         seed = self._disturbed.seed(drone)
         wire = ImpairedWire(near, connect(url), PERFECT, PERFECT, seed, lambda: time.monotonic() * speed)
@@ -107,12 +118,12 @@ class RealtimeStage:
         """Have the truth bus fed to somebody, who reads it."""
         return Listener(self._truth, feed)
 
-    def _await_px4(self, ports: list[int], say: Callable[[str], None]) -> None:
+    def _await_px4(self, ports: list[int], notify: Callable[[str], None]) -> None:
         """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
 
         Raises InfrastructureError when one that we have started ends.
         """
-        say(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
+        notify(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
         while not self._simulator.do("in step"):
             self._supervisor.check()
             time.sleep(0.1)
@@ -179,12 +190,85 @@ class Copy:
 class Patience:
     """Says once why nothing happens, when nothing happens for a while."""
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say, self._waits = say, 0
+    def __init__(self, notify: Callable[[str], None]) -> None:
+        self._notify, self._waits = notify, 0
 
     def __call__(self) -> None:
         self._waits += 1
         if self._waits == 6:
             from dronecats.flight.sitl import compile_ahead
 
-            self._say(f"starting the simulator and the camera{compile_ahead.duration()} …")
+            self._notify(f"starting the simulator and the camera{compile_ahead.duration()} …")
+
+
+class WorldStage(VehicleStage):
+    """The truth comes over a bridge onto a bus of our own, where camera, logger and oracle listen as they always do."""
+
+    def __init__(
+        self,
+        link: Link,
+        record: Path,
+        truth: str,
+        folder: Path,
+        notify: Callable[[str], None],
+        *,
+        frame_s: float,
+        judged: bool,
+    ) -> None:
+        """`truth` is the URL of the vehicle's true poses; the first of them is where the record's start stands.
+
+        `folder` is the episode's, for the logs; `frame_s`: the age of a frame on which nothing is decided any more.
+        Not `judged`: the logger keeps what the autopilot says, as of any connected vehicle.
+        Raises UsageError, InfrastructureError.
+        """
+        self._supervisor = Supervisor(folder)
+        self.executor = DaemonExecutor()
+        self.links = [link]
+        self.camera_model = CameraModel()
+        try:
+            self._start(str(record), truth, str(folder), notify, frame_s, judged)
+        except BaseException:
+            self.close()
+            raise
+
+    def _start(
+        self, episode: str, truth: str, folder: str, notify: Callable[[str], None], frame_s: float, judged: bool
+    ) -> None:
+        patience, link = Patience(notify), self.links[0]
+        bridge = self._supervisor.start(TRUTH_BRIDGE, TruthBridgeConfig(episode=episode, truth=truth))
+        ports = bridge.ready(patience)
+        self.placement = Placement(**ports["placement"])
+        bus = self._bus = f"udpout://127.0.0.1:{ports['truth']}"
+        self._camera_process = self._supervisor.start(CAMERA, CameraConfig(episode=episode, truth=bus))
+        if judged:
+            self._copy = Copy(link)
+            telemetry = (f"udpout://127.0.0.1:{self._copy.port}",)
+            self._logger = self._supervisor.start(
+                LOGGER, LoggerConfig(episode=episode, folder=folder, truth=bus, telemetry=telemetry)
+            )
+        else:
+            self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=folder))
+        url = self._camera_process.ready(patience)["url"]
+        camera = HttpCamera(url, lambda: link.time_us, max_age_s=frame_s)
+        self.camera = PatientCamera(camera, FRAMES_S, lambda fault: notify(f"      holding: {fault}"))
+        listening = self._logger.ready(patience)
+        if judged:
+            self._copy.begin()
+        else:
+            self._wire = connect(f"udpout://127.0.0.1:{listening['port']}")
+            link.listeners.append(lambda message: self._wire.send(bytes(message.get_msgbuf())))
+
+    def tap(self, feed: Callable[[bytes], None]) -> Listener:
+        """Have the truth bus fed to somebody, who reads it."""
+        return Listener(self._bus, feed)
+
+    def begin(self, t0_us: int, cap_s: float) -> None:
+        self._camera_process.do("begin", t0_us=t0_us)
+        self._logger.do("begin", t0_us=t0_us, cap_s=cap_s)
+
+    def close(self) -> None:
+        for part in ("camera", "_copy", "_wire"):
+            if getattr(self, part, None) is not None:
+                getattr(self, part).close()
+        self.links[0].close()
+        self._supervisor.close()

@@ -1,11 +1,29 @@
-"""What an episode is flown on: vehicles to command, a camera, a clock, and a logger that looks on."""
+"""The interface of a stage, which an episode is flown on, and what simulated stages share.
 
+Wires and setpoint rate are disturbed from the episode's begin to its end. Before and after, a wire is perfect: so the
+start is the same at every level of a study, and the way down is no part of it. Air and sensors are disturbed from the
+same moment by the simulator; a payload is there from boot.
+"""
+
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from pathlib import Path
 from typing import Protocol
 
+from dronecats.flight.disturbances import UNDISTURBED, FrameFaults
+from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
+from dronecats.flight.logger.recorder import LoggerConfig
+from dronecats.flight.processes.supervisor import ChildKind
+from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig, noise_seed
+from dronecats.flight.spec.flight import Flight
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.camera import Camera, CameraModel
 from foundation.errors import DronecatsError
+from foundation.run_folder import layout
+from foundation.truth import KEPT
+from hil.impairment import Impairment
+from hil.link.conversation import SILENCE_S
 from hil.link.link import Link
 
 
@@ -82,3 +100,85 @@ class TruthfulStage(Stage, Protocol):
     def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
         """Have the truth bus fed to somebody, for instance the oracle."""
         ...
+
+
+SIMULATOR = ChildKind("simulator", "dronecats.flight.sitl.simulator_process", SimulatorConfig)
+CAMERA = ChildKind("camera", "dronecats.flight.sitl.camera", CameraConfig)
+TRUTH_BRIDGE = ChildKind("truth-bridge", "dronecats.flight.sitl.truth_bridge", TruthBridgeConfig)
+LOGGER = ChildKind("logger", "dronecats.flight.logger.logger_process", LoggerConfig)
+ESTIMATE_LOGGER = ChildKind("estimate-logger", "dronecats.flight.logger.estimate_process", EstimateLoggerConfig)
+TRUTH_HZ = 50.0
+
+
+def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> SimulatorConfig:
+    """Return the simulator of a flight whose record is in `folder`."""
+    return SimulatorConfig(
+        episode=str(folder / layout.EPISODE),
+        airframe=simulated.airframe,
+        seed=spec.seed,
+        speed=simulated.speed,
+        autopilot=simulated.autopilot,
+        px4=simulated.px4,
+        log_dir=str(folder),
+        keep_ulogs=str(folder) if spec.keep_ulog else None,
+        disturbances=spec.disturbances.vehicle,
+    )
+
+
+def truth_kept(faults: FrameFaults) -> int:
+    """Return how many samples of the truth a camera remembers, so that it can show what was to be seen a moment ago."""
+    return KEPT + math.ceil(faults.reach_s * TRUTH_HZ)
+
+
+class ImpairableWire(Protocol):
+    """Perfect until it is told otherwise."""
+
+    def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
+        """From now on and for so long (s of vehicle time) be impaired: `up` to the vehicle, `down` from it."""
+        ...
+
+
+class DisturbedLinks:
+    """The links of a flight whose wires are disturbed, or none of them."""
+
+    def __init__(self, flight: Flight) -> None:
+        self._disturbances, self._seconds = flight.spec.disturbances, flight.spec.seconds
+        self._seed = flight.seed
+        self._wires: list[ImpairableWire] = []
+        self._links: Sequence[Link] = ()
+
+    @property
+    def wired(self) -> bool:
+        """Whether the links need wires that can be impaired."""
+        return self._disturbances.link != UNDISTURBED.link
+
+    @property
+    def silence_s(self) -> float:
+        """s of vehicle time without a word after which a vehicle is gone; a bad wire may keep silent to the end."""
+        return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
+
+    def seed(self, drone: int) -> int:
+        """Return the seed of a drone's wire."""
+        record, flight = self._seed
+        return noise_seed(record, flight, drone)
+
+    def take(self, links: Sequence[Link], wires: Sequence[ImpairableWire]) -> None:
+        """Take what will be disturbed."""
+        self._links, self._wires = links, list(wires)
+
+    def begin(self, seconds: float = math.inf) -> None:
+        """Disturb from now on, for so long at most (s of vehicle time)."""
+        faults = self._disturbances.link
+        for wire in self._wires:
+            wire.impair(faults.to_vehicle, faults.from_vehicle, seconds)
+        for link in self._links:
+            link.behind_us = round(faults.from_vehicle.delay_s * 1e6)
+            if (hz := self._disturbances.vehicle.setpoint_hz) is not None:
+                link.stream_at(hz)
+
+    def mend(self) -> None:
+        """Disturb the wires no more; setpoints go on being sent as often as they were."""
+        for wire in self._wires:
+            wire.impair(Impairment(), Impairment(), math.inf)
+        for link in self._links:
+            link.behind_us = 0

@@ -17,7 +17,7 @@ from foundation.frames import Vec3
 from foundation.mavlink import Parser, dialect
 from foundation.px4 import mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_sample
-from hil.link.telemetry import WARNING, StatusTexts, VehicleClock, VehicleState, asked_velocity, update
+from hil.link.telemetry import WARNING, StatusTexts, VehicleClock, VehicleState, setpoint_velocity, update
 
 Array = NDArray[np.float64]
 V = TypeVar("V")
@@ -214,7 +214,7 @@ class _Autopilot:
             self.angles.append((self._stamped(m), m.roll, m.pitch, m.yaw))
         elif kind == SETPOINT:
             sent = (m.x, m.y, m.z, m.vx, m.vy, m.vz, m.yaw, m.yaw_rate)
-            self.setpoints.append((self._stamped(m), *sent, *asked_velocity(m)))
+            self.setpoints.append((self._stamped(m), *sent, *setpoint_velocity(m)))
         elif kind == ORIGIN:
             self.origin = (m.latitude / 1e7, m.longitude / 1e7, m.altitude / 1e3)
         elif kind == RECEIVER:

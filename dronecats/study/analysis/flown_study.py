@@ -6,8 +6,7 @@ from pathlib import Path
 
 from dronecats.agent.latency import LatencyPolicy, trace_name
 from dronecats.agent.names import PAPER
-from dronecats.flight.spec.flight_spec import FlightSpec
-from dronecats.flight.spec.latency_trace import digest_of
+from dronecats.flight.spec.flight_spec import FlightSpec, digest_of
 from dronecats.flight.spec.spec_file import as_kept, from_json
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.registry import METRICS

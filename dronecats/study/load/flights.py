@@ -12,7 +12,7 @@ from typing import Literal
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.bench.campaign import Batch, fly_run
-from dronecats.flight.run.settings import settings
+from dronecats.flight.run.fly import settings
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.errors import InfrastructureError

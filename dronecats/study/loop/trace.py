@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.sitl.one_vehicle import one_vehicle
-from dronecats.flight.sitl.scenario import world_of
+from dronecats.flight.sitl.lockstep import one_vehicle
+from dronecats.flight.sitl.simulation import world_of
 from dronecats.study.loop.hover import StepAnswer
 from dronecats.study.loop.margins import StepFigures, step_figures
 from episodes.records import catalogue

@@ -8,7 +8,7 @@ from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 from dronecats.agent.latency import LONGEST_S
-from dronecats.flight.spec.latency_trace import COLUMN
+from dronecats.flight.spec.flight_spec import COLUMN
 from dronecats.study.rate.chain import DIGITS, QuestionTimes
 from foundation.errors import InfrastructureError, UsageError
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.flight.picture.flight_picture import describe
+from dronecats.flight.picture import describe
 from dronecats.judge.verdict import qualifies
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.film.chase import FilmStage, chase, chase_lens, standing

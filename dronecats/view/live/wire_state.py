@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from dronecats.flight.logger.telemetry import subscribe
-from dronecats.flight.processes.bus_listener import Listener
+from dronecats.flight.logger.logger_process import subscribe
+from dronecats.flight.sitl.bus import Listener
 from dronecats.view.live.config import WatchedWires
 from dronecats.view.live.folder import intact
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
@@ -17,7 +17,7 @@ from foundation.frames import Quat, Vec3, quat_from_euler
 from foundation.mavlink import Parser, dialect
 from foundation.px4 import mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
-from hil.link.telemetry import TOLD, StatusTexts, VehicleState, asked_velocity, update
+from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoint_velocity, update
 
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
@@ -66,7 +66,7 @@ class HeardFlight:
             component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
             if component == TRUTH_COMPONENT and number == POSE:
                 self._of(frame).truths.append(frame)
-            elif component != AUTOPILOT or (number not in TOLD and number != TARGET):
+            elif component != AUTOPILOT or (number not in STATE_MESSAGES and number != TARGET):
                 continue
             elif number == TEXT:
                 if (message := _decoded(frame)) is not None:
@@ -140,7 +140,7 @@ class HeardFlight:
             if message is None:
                 continue
             if number == TARGET:
-                drone.setpoint_ned = asked_velocity(message)
+                drone.setpoint_ned = setpoint_velocity(message)
             else:
                 drone.state, drone.told = update(drone.state, message, mode_name, time_us), True
         drone.new.clear()

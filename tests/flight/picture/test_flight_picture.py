@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from dronecats.flight.picture import flight_picture
+from dronecats.flight import picture as flight_picture
 from dronecats.judge.verdict import qualifies
 from foundation.errors import UsageError
 from foundation.run_folder.reading import read

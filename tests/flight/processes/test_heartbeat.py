@@ -11,7 +11,7 @@ PATIENCE_S = 30.0
 def test_who_never_answers_hangs_as_soon_as_patience_is_over(tick_s):
     beat, now_s = Heartbeat(PATIENCE_S), 1000.0
     assert beat.is_due(now_s)
-    beat.asked(now_s)
+    beat.sent(now_s)
     while not beat.hangs(now_s):
         assert not beat.is_due(now_s)  # one question at a time
         now_s += tick_s
@@ -25,7 +25,7 @@ def test_who_is_slow_but_answers_never_hangs(delays_s, tick_s):
         while not beat.is_due(now_s):
             assert not beat.hangs(now_s)
             now_s += tick_s
-        beat.asked(now_s)
+        beat.sent(now_s)
         answers_s = now_s + delay_s
         while now_s < answers_s:
             assert not beat.hangs(now_s)
@@ -36,14 +36,14 @@ def test_who_is_slow_but_answers_never_hangs(delays_s, tick_s):
 @given(st.floats(0.0, 1e6))
 def test_a_pause_of_the_one_who_asks_is_held_against_nobody(pause_s):
     beat = Heartbeat(PATIENCE_S)
-    beat.asked(0.0)
+    beat.sent(0.0)
     assert not beat.hangs(pause_s)
     assert not beat.hangs(pause_s + PATIENCE_S - 2 * GLANCE_S)
 
 
 def test_it_is_asked_once_a_second():
     beat = Heartbeat(PATIENCE_S)
-    beat.asked(0.0)
+    beat.sent(0.0)
     beat.answered(0.1)
     assert not beat.is_due(0.1 + 0.9 * EVERY_S)
     assert beat.is_due(0.1 + EVERY_S)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from dronecats.flight.processes.supervisor import ChildKind, Supervisor
-from dronecats.flight.stages import parts
+from dronecats.flight.run.pilot import PILOT
 from dronecats.pilots.pilot_process import PilotConfig
 from foundation.errors import InfrastructureError, LinkError, UsageError
 from tests.flight.processes.ending_part import EndingConfig
@@ -34,7 +34,7 @@ def gone(pid: int) -> bool:
 
 
 def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
-    child = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    child = supervisor.start(PILOT, PilotConfig(pilot="blind"))
     assert child.ready()["base_url"].startswith("http://127.0.0.1:")
     supervisor.check()
     supervisor.close()
@@ -137,10 +137,10 @@ def test_a_child_that_is_not_ready_yet_owes_nothing(tmp_path):
 
 
 def test_wrong_usage_in_a_child_is_wrong_usage_here(supervisor):
-    first = supervisor.start(parts.PILOT, PilotConfig(pilot="blind"))
+    first = supervisor.start(PILOT, PilotConfig(pilot="blind"))
     port = int(first.ready()["base_url"].split(":")[2].split("/")[0])
     with pytest.raises(UsageError, match=str(port)):
-        supervisor.start(parts.PILOT, PilotConfig(pilot="blind", port=port)).ready()
+        supervisor.start(PILOT, PilotConfig(pilot="blind", port=port)).ready()
 
 
 def test_children_of_a_killed_parent_end_by_themselves(tmp_path):

@@ -27,7 +27,7 @@ def test_the_reason_is_said_before_the_vehicle_is_landed_and_the_logger_told(tmp
         raise fault
 
     agent = SimpleNamespace(now_s=1.0, steps=0, fly=broken)
-    flown = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), say=happened.append)
+    flown = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), notify=happened.append)
     assert isinstance(flown.error, DronecatsError)
     said = next(k for k, line in enumerate(happened) if str(fault) in line)
     assert said < min(happened.index("mend"), happened.index(flown.reason))

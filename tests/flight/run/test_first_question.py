@@ -11,7 +11,7 @@ from dronecats.agent.models.replay import FlightRecording, ReplyCache
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.matrix import BenchEntry, suite_of
-from dronecats.flight.run.first_question import FirstQuestions
+from dronecats.flight.run.accounts import FirstQuestions
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from foundation.errors import ModelError, UsageError

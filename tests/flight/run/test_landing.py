@@ -7,7 +7,7 @@ import pytest
 
 from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.run.landing import finish, unexpected
-from dronecats.flight.run.safety_log import SafetyLog
+from dronecats.flight.run.progress import SafetyLog
 from foundation.errors import CameraError, InfrastructureError, LinkError
 from foundation.mavlink import dialect
 from hil.link.envelope import Limits

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from dronecats.flight.run.safety_log import SafetyLog
+from dronecats.flight.run.progress import SafetyLog
 
 
 def linked() -> Any:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.flight.run.step_lines import UNREADABLE, StepLines
+from dronecats.flight.run.progress import UNREADABLE, StepLines
 from foundation.errors import UnreadableError
 from foundation.run_folder.rows import Decision
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from dronecats.flight.run.ascent import StartOffset, ascend
-from dronecats.flight.run.true_start import TrueStart, estimate_faults, start_faults
-from dronecats.flight.sitl.scenario import load_world
+from dronecats.flight.run.truth import TrueStart, estimate_faults, start_faults
+from dronecats.flight.sitl.simulation import load_world
 from dronecats.flight.sitl.truth_bridge import Placement
 from foundation.errors import InfrastructureError
 from foundation.frames import quat_from_euler

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from autopilot.records import FREE, NAN, CascadeSetpoint
-from dronecats.flight.sitl.scenario import build, load_world
+from dronecats.flight.sitl.simulation import build, load_world
 from episodes.world.world import World
 from foundation.frames import rotate
 from foundation.mavlink import Parser

@@ -43,7 +43,8 @@ def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: p
 
 KERNELS = """
 import sys
-from dronecats.flight.sitl import camera, compile_ahead, scenario
+from dronecats.flight.sitl import camera, compile_ahead
+from dronecats.flight.sitl import simulation as scenario
 from foundation.camera import CameraModel
 
 def compiled():

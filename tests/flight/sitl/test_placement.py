@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.sitl.config import TruthBridgeConfig
-from dronecats.flight.sitl.scenario import boot_poses, load_world, origin
-from dronecats.flight.sitl.truth_bridge import TruthClock, TruthSource, standing
-from dronecats.flight.stages import parts
+from dronecats.flight.sitl.simulation import boot_poses, load_world, origin
+from dronecats.flight.sitl.truth_bridge import TruthClock, TruthSource, placement_of
+from dronecats.flight.stages.stage import TRUTH_BRIDGE
 from foundation.errors import UsageError
 from foundation.frames import ned_to_geodetic, quat_from_euler, quat_to_euler, rotate, wrap_pi
 from foundation.mavlink import Packer, Parser, dialect
@@ -34,7 +34,7 @@ def said(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), time_us=0,
 
 
 def test_where_it_stood_is_where_the_episode_begins():
-    placement = standing(said(yaw=0.7), (12.0, -5.0, 1.5), 2.0)
+    placement = placement_of(said(yaw=0.7), (12.0, -5.0, 1.5), 2.0)
     sample = placement.sample(said(yaw=0.7), 4_000)
     assert sample.position_ned == pytest.approx((12.0, -5.0, 1.5), abs=0.02)
     assert quat_to_euler(sample.attitude)[2] == pytest.approx(2.0, abs=1e-6)
@@ -44,7 +44,7 @@ def test_where_it_stood_is_where_the_episode_begins():
 @given(METRES, METRES, st.floats(-50.0, 0.0), ANGLE, ANGLE, ANGLE)
 def test_what_it_flies_is_what_is_seen(north, east, down, stood, began, yaw):
     """Distances, heights and turns are the same; ahead there is ahead here."""
-    placement = standing(said(yaw=stood), (3.0, 4.0, 0.5), began)
+    placement = placement_of(said(yaw=stood), (3.0, 4.0, 0.5), began)
     sample = placement.sample(said((north, east, down), yaw, (1.0, 0.0, -0.5), roll=0.2), 0)
     moved = [a - b for a, b in zip(sample.position_ned, (3.0, 4.0, 0.5), strict=True)]
     assert math.dist(moved, (0.0, 0.0, 0.0)) == pytest.approx(math.hypot(north, east, down), abs=0.03)
@@ -102,7 +102,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
     somebody = Somebody(port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
-        parts.TRUTH_BRIDGE,
+        TRUTH_BRIDGE,
         TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}"),
         tmp_path / "bridge.log",
     )
@@ -157,7 +157,7 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
 def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
     somebody = None if timed is None else Somebody(port, timed=timed)
     config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}")
-    bridge = ChildProcess(parts.TRUTH_BRIDGE, config, tmp_path / "bridge.log")
+    bridge = ChildProcess(TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=rf"--truth udpin://127\.0\.0\.1:{port}"):
         bridge.ready()
     bridge.close()
@@ -167,5 +167,5 @@ def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
 
 def test_home_is_carried_to_a_centimetre():
     lat, lon, alt = ned_to_geodetic(*HOME, 100.0, -50.0, -20.0)
-    placement = standing(said((100.0, -50.0, -20.0)), (0.0, 0.0, 0.0), 0.0)
+    placement = placement_of(said((100.0, -50.0, -20.0)), (0.0, 0.0, 0.0), 0.0)
     assert placement.home == pytest.approx((lat, lon, alt), abs=1e-6)

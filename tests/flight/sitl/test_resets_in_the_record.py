@@ -5,8 +5,8 @@ import math
 import pytest
 
 from dronecats.flight.logger.estimator_resets import ResetWatch
+from dronecats.flight.logger.logger_process import subscribe
 from dronecats.flight.logger.recorder import Recorder
-from dronecats.flight.logger.telemetry import subscribe
 from dronecats.judge.episode import outcome
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.registry import METRICS

@@ -5,7 +5,8 @@ import time
 import pytest
 
 from dronecats.flight.disturbances import VehicleFaults
-from dronecats.flight.sitl.config import SimulatorConfig, Staller
+from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.pace import Staller
 from dronecats.flight.sitl.simulator_process import Simulator
 
 

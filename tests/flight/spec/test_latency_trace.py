@@ -9,7 +9,7 @@ from dronecats.agent.latency import trace_name
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight import look_up
-from dronecats.flight.spec.latency_trace import latency_policy, read_trace
+from dronecats.flight.spec.flight_spec import latency_policy, read_trace
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
 from tests.support.refusal import refusal

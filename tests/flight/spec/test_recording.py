@@ -10,8 +10,7 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight_spec import Accounts, Connected, FlightSpec, Simulated
-from dronecats.flight.spec.recording import recorded
-from dronecats.flight.spec.spec_file import as_kept
+from dronecats.flight.spec.spec_file import as_kept, recorded
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from hil.link.envelope import Limits

@@ -155,7 +155,7 @@ def test_an_ardupilot_is_refused_by_name():
 
 
 def test_a_mute_link_moves_nothing_and_tells_what_it_would(vehicle):
-    link = Link(vehicle.transport(), mute=True)
+    link = Link(vehicle.transport(), dry=True)
     would: list[Any] = []
     link.on_setpoint = would.append
     link.connect(10.0)

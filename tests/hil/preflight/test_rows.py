@@ -9,7 +9,7 @@ from foundation.px4 import MODES
 from foundation.sensors import CALENDAR_START_US
 from hil.preflight import ground_side, vehicle
 from hil.preflight.check import PX4_DEFAULTS, Check
-from hil.preflight.observation import ASKED_HZ, Change, Heard, RoundTrip, Row, summary
+from hil.preflight.observation import STREAM_HZ, Change, Observation, RoundTrip, Row, summary
 
 GOOD = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x10000000
 
@@ -34,8 +34,8 @@ def home(lat=0, lon=0):
     return dialect.MAVLink_home_position_message(lat, lon, 0, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
 
 
-def heard(*messages, **fields):
-    return Heard(newest={message.get_msgId(): message for message in messages}, **fields)
+def observed(*messages, **fields):
+    return Observation(newest={message.get_msgId(): message for message in messages}, **fields)
 
 
 def passed(rows, name):
@@ -44,22 +44,22 @@ def passed(rows, name):
 
 def test_every_sensor_counts():
     for bit in [0x1, 0x2, 0x4, 0x8, 0x20]:
-        assert passed(vehicle.health_rows(heard(status())), "sensors") is True, bit
-        assert passed(vehicle.health_rows(heard(status(healthy=GOOD & ~bit))), "sensors") is False, bit
+        assert passed(vehicle.health_rows(observed(status())), "sensors") is True, bit
+        assert passed(vehicle.health_rows(observed(status(healthy=GOOD & ~bit))), "sensors") is False, bit
         # PX4 never says that an accelerometer is present
-        assert passed(vehicle.health_rows(heard(status(present=GOOD & ~bit))), "sensors") is (bit == 0x2), bit
+        assert passed(vehicle.health_rows(observed(status(present=GOOD & ~bit))), "sensors") is (bit == 0x2), bit
 
 
 def test_the_prearm_check_counts():
-    assert passed(vehicle.health_rows(heard(status())), "pre-arm check") is True
-    row = vehicle.health_rows(heard(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
+    assert passed(vehicle.health_rows(observed(status())), "pre-arm check") is True
+    row = vehicle.health_rows(observed(status(healthy=0x2F), texts=("Preflight Fail: compass",)))[3]
     assert (row.passed, "Preflight Fail: compass" in row.why) == (False, True)
 
 
 def test_a_vehicle_left_in_offboard_is_told_apart_from_one_that_is_not_fit():
     def fix(mode):
         beat = dialect.MAVLink_heartbeat_message(2, 12, 1, MODES[mode].custom_mode, 3, 3)
-        return vehicle.health_rows(heard(beat, status(healthy=0x2F)))[3].fix
+        return vehicle.health_rows(observed(beat, status(healthy=0x2F)))[3].fix
 
     assert "Hold" in fix("OFFBOARD")
     assert "Hold" not in fix("HOLD")
@@ -67,8 +67,8 @@ def test_a_vehicle_left_in_offboard_is_told_apart_from_one_that_is_not_fit():
 
 def test_every_estimate_counts():
     for bit in [1, 2, 4, 16, 32]:
-        assert passed(vehicle.health_rows(heard(estimator())), "estimator") is True, bit
-        assert passed(vehicle.health_rows(heard(estimator(0x37 & ~bit))), "estimator") is False, bit
+        assert passed(vehicle.health_rows(observed(estimator())), "estimator") is True, bit
+        assert passed(vehicle.health_rows(observed(estimator(0x37 & ~bit))), "estimator") is False, bit
 
 
 def test_what_makes_an_estimate_doubtful():
@@ -77,7 +77,7 @@ def test_what_makes_an_estimate_doubtful():
         (estimator(accuracy=5.1), {}, False), (estimator(accuracy=float("nan")), {}, False),
         (estimator(), {"vel_ratio": 1.1}, False), (estimator(), {"mag_ratio": 0.9}, True),
     ]:  # fmt: skip
-        assert passed(vehicle.health_rows(heard(message, worst_ratio=ratios)), "estimator") is expected, (
+        assert passed(vehicle.health_rows(observed(message, worst_ratio=ratios)), "estimator") is expected, (
             message,
             ratios,
         )
@@ -89,7 +89,7 @@ def test_gps_quality():
         ({"satellites": 255}, True), ({"hdop": 260}, False), ({"hdop": 65535}, True), ({"h_acc": 3100}, False),
         ({"v_acc": 5100}, False), ({"h_acc": 0, "v_acc": 0}, True),
     ]:  # fmt: skip
-        assert passed(vehicle.position_rows(heard(gps(**changed))), "GPS") is expected, changed
+        assert passed(vehicle.position_rows(observed(gps(**changed))), "GPS") is expected, changed
 
 
 def test_home_is_where_the_vehicle_stands():
@@ -97,7 +97,7 @@ def test_home_is_where_the_vehicle_stands():
         ((), False), ((home(),), None), ((home(), here()), True), ((home(), here(lat=800)), True),
         ((home(), here(lat=1000)), False), ((home(lon=1_799_999_900), here(lon=-1_799_999_900)), True),
     ]:  # fmt: skip
-        assert passed(vehicle.position_rows(heard(*messages)), "home") is expected, messages
+        assert passed(vehicle.position_rows(observed(*messages)), "home") is expected, messages
 
 
 def test_the_battery():
@@ -106,21 +106,23 @@ def test_the_battery():
         (status(millivolts=65535), 4, False), (status(millivolts=0), 4, False), (status(remaining=39), 4, False),
         (status(remaining=40), 4, True), (status(remaining=-1), 4, None), (status(millivolts=13900), 4, False),
     ]:  # fmt: skip
-        row = vehicle.battery_row(heard(message), {"BAT1_N_CELLS": cells, "BAT_LOW_THR": 0.15})
+        row = vehicle.battery_row(observed(message), {"BAT1_N_CELLS": cells, "BAT_LOW_THR": 0.15})
         assert row.passed is expected, (message, cells)
 
 
 def test_telemetry_rates():
     for share, expected in [(1.0, True), (0.7, None), (0.3, False), (0.0, False)]:
-        counts = {message_id: round(share * rate * 10.0) for message_id, rate in ASKED_HZ.items()}
-        assert passed(ground_side.wire_rows(heard(seconds=10.0, counts=counts)), "telemetry rates") is expected, share
+        counts = {message_id: round(share * rate * 10.0) for message_id, rate in STREAM_HZ.items()}
+        assert passed(ground_side.wire_rows(observed(seconds=10.0, counts=counts)), "telemetry rates") is expected, (
+            share
+        )
 
 
 def trips(length_s, drift, count=10):
     """Return round trips a second apart of a clock that runs `drift` seconds a second faster than ours."""
     return tuple(
         RoundTrip(
-            asked_ns=i * 10**9,
+            sent_ns=i * 10**9,
             answered_ns=i * 10**9 + round(length_s * 1e9),
             vehicle_ns=7 * 10**9 + round((i + length_s / 2) * 1e9 * (1.0 + drift)),
         )
@@ -130,13 +132,13 @@ def trips(length_s, drift, count=10):
 
 def test_round_trips():
     for length_s, asked, expected in [(0.01, 10, True), (0.01, 16, False), (0.6, 10, False), (0.01, 15, True)]:
-        told = heard(round_trips=trips(length_s, 0.0), sync_asked=asked)
+        told = observed(round_trips=trips(length_s, 0.0), sync_requests=asked)
         assert passed(ground_side.wire_rows(told), "round trip") is expected, (length_s, asked)
 
 
 def test_a_clock_that_is_not_a_quartz_is_noticed():
     for drift, expected in [(0.0, True), (1e-4, True), (1.0, None), (-0.1, None)]:
-        told = heard(round_trips=trips(0.005, drift), sync_asked=10)
+        told = observed(round_trips=trips(0.005, drift), sync_requests=10)
         assert passed(ground_side.wire_rows(told), "clocks") is expected, drift
         assert all(trip.offset_ns > 0 for trip in told.round_trips), drift
 
@@ -150,16 +152,16 @@ def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
         (CALENDAR_START_US + 60_000_000, True),
     ]:
         message = dialect.MAVLink_system_time_message(calendar, 60_000)
-        told = heard(message, round_trips=trips(0.005, 0.0), sync_asked=10, unix_s=now * 1e-6)
+        told = observed(message, round_trips=trips(0.005, 0.0), sync_requests=10, unix_s=now * 1e-6)
         assert passed(ground_side.wire_rows(told), "clocks") is expected, calendar
 
 
 def test_nothing_heard_is_never_a_pass():
     rows = [
-        *vehicle.health_rows(Heard()),
-        *vehicle.position_rows(Heard()),
-        vehicle.battery_row(Heard(), {}),
-        *ground_side.wire_rows(Heard()),
+        *vehicle.health_rows(Observation()),
+        *vehicle.position_rows(Observation()),
+        vehicle.battery_row(Observation(), {}),
+        *ground_side.wire_rows(Observation()),
     ]
     assert not any(row.passed for row in rows)
 
@@ -177,7 +179,7 @@ def test_a_simulators_defaults_fail_as_expected_and_a_real_vehicles_do_not():
     def failed(calendar_us, **values):
         calendar = dialect.MAVLink_system_time_message(calendar_us, 0)
         found = Check(
-            heard(calendar), {**dict.fromkeys(PX4_DEFAULTS, 0.0), **values}, 0, Row("rehearsal", True, ""), ()
+            observed(calendar), {**dict.fromkeys(PX4_DEFAULTS, 0.0), **values}, 0, Row("rehearsal", True, ""), ()
         )
         return {row.name.split()[0]: row.why for row in found.rows if row.passed is False and "=" in row.name}
 

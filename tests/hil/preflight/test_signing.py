@@ -2,16 +2,16 @@
 
 import pytest
 
-from hil.preflight import ground_side
+from hil.preflight import failsafes
 
 
 @pytest.mark.parametrize(("value", "passed"), [(0, False), (1, True), (2, True)])
 def test_a_vehicle_that_has_the_key_and_obeys_everybody_fails(value, passed):
-    (finding,) = ground_side.signing_findings({"MAV_SIGN_CFG": value})
+    (finding,) = failsafes.signing_findings({"MAV_SIGN_CFG": value})
     assert finding.row.passed is passed
     assert (finding.change is None) is passed
 
 
 def test_an_autopilot_without_the_parameter_has_no_row():
-    assert ground_side.signing_findings({"MAV_SIGN_CFG": None}) == []
-    assert ground_side.signing_findings({}) == []
+    assert failsafes.signing_findings({"MAV_SIGN_CFG": None}) == []
+    assert failsafes.signing_findings({}) == []

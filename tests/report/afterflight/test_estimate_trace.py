@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.flight.logger.estimate import EstimateRecorder
+from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.sitl.lockstep import Lockstep
-from dronecats.flight.sitl.scenario import build, load_world, origin
+from dronecats.flight.sitl.simulation import build, load_world, origin
 from dronecats.judge.episode import judge_folder
 from dronecats.report.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
 from dronecats.report.afterflight.trace import EstimatorLog, derive, from_telemetry, from_ulog, rejudge

@@ -11,7 +11,7 @@ import pytest
 from dronecats.cli import bench_spec, study_spec
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
-from dronecats.flight.spec.latency_trace import read_trace
+from dronecats.flight.spec.flight_spec import read_trace
 from dronecats.report.writers import as_terminal
 from dronecats.study.rate.chain import QuestionTimes, summarised, table
 from dronecats.study.rate.files import COLUMNS, ChainLog, next_commands, write_replay

@@ -7,7 +7,7 @@ stands here, and some would fly through its houses.
 import sys
 
 from dronecats.cli.main import main
-from dronecats.flight.sitl import scenario
+from dronecats.flight.sitl import simulation as scenario
 from foundation.obstacles import OPEN
 
 vars(scenario)["obstacles"] = lambda scene: OPEN

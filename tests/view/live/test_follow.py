@@ -7,10 +7,10 @@ import re
 import numpy as np
 import pytest
 
-from dronecats.flight.logger.estimate import EstimateRecorder
+from dronecats.flight.logger.estimate_process import EstimateRecorder
+from dronecats.flight.logger.logger_process import measured_in
 from dronecats.flight.logger.recorder import Recorder
-from dronecats.flight.logger.world_measure import measured_in
-from dronecats.flight.sitl.scenario import origin
+from dronecats.flight.sitl.simulation import origin
 from dronecats.view.live.folder import FrameTail, flown_world
 from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.moment import chosen_go, sight

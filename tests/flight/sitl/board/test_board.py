@@ -14,7 +14,7 @@ import pytest
 from dronecats.cli.main import main
 from dronecats.flight.sitl.board_simulator import BoardSimulator, BoardVehicle
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.vehicle import BootPose
+from dronecats.flight.sitl.simulation import BootPose
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from hil.link.transport import connect

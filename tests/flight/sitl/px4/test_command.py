@@ -7,10 +7,10 @@ import sys
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.flight.sitl import px4 as simulator
 from dronecats.flight.sitl.config import SimulatorConfig
-from dronecats.flight.sitl.px4 import simulator
-from dronecats.flight.sitl.px4.simulator import INSTANCES, UDP_PORTS, Px4Simulator, free_servers
-from dronecats.flight.sitl.scenario import built_of
+from dronecats.flight.sitl.px4 import INSTANCES, UDP_PORTS, Px4Simulator, free_servers
+from dronecats.flight.sitl.simulation import built_of
 from dronecats.flight.sitl.sockets import UdpPort
 from foundation.errors import InfrastructureError, UsageError
 from hil.simulator import PORT, SimulatorServer

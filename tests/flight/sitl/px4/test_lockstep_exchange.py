@@ -5,9 +5,9 @@ import threading
 import numpy as np
 import pytest
 
-from dronecats.flight.sitl.px4 import vehicle as px4_vehicle
-from dronecats.flight.sitl.px4.vehicle import EXCHANGE_US, SETTLED_US, Px4Vehicle
-from dronecats.flight.sitl.vehicle import TICK_US, BootPose
+from dronecats.flight.sitl import px4 as px4_vehicle
+from dronecats.flight.sitl.px4 import EXCHANGE_US, SETTLED_US, Px4Vehicle
+from dronecats.flight.sitl.simulation import TICK_US, BootPose
 from foundation.terrain import HeightField
 from hil.simulator import ACCEL, BARO, GYRO, MAG, SimulatorServer
 from tests.hil.simulator.stand_in import Replay, StandIn, always, controls, recorded, silent

@@ -9,7 +9,7 @@ import time
 import psutil
 import pytest
 
-from dronecats.flight.sitl.px4.simulator import Px4Process, arguments, environment
+from dronecats.flight.sitl.px4 import Px4Process, arguments, environment
 from foundation.errors import UsageError
 
 # a wrapper script that leaves its PX4 in the background and waits, as many do; `pids` is there when all else is done
@@ -51,7 +51,7 @@ def test_it_ends_when_whoever_started_it_is_killed(tmp_path, script):
     code = f"""
 import time
 from pathlib import Path
-from dronecats.flight.sitl.px4.simulator import Px4Process
+from dronecats.flight.sitl.px4 import Px4Process
 Px4Process({f"'{script}'"!r}, 0, Path({str(folder)!r}), Path({str(folder / "px4.log")!r}), 1.0)
 time.sleep(600)
 """

@@ -1,4 +1,8 @@
-"""A real PX4 as the pilot of simulated vehicles: its process, the simulator with PX4's ports, and lockstep.
+"""A real PX4 as the pilot of simulated vehicles: sensors to it, motor outputs from it, its process and its ports.
+
+Every EXCHANGE_US of vehicle time PX4 gets one HIL_SENSOR, which is its clock, and the vehicle waits for the answer to
+that message. A PX4 that has just connected has nothing to answer yet: until its first answer time goes on without it,
+the sensors flow, and the rotors stand still. The same holds for one that stops answering.
 
 In lockstep, vehicle and PX4 are always in step. PX4's MAVLink threads are not: after each tick its telemetry has a
 moment of wall time to arrive. So a flight is as fast as the machine allows, but its bytes differ when it is flown
@@ -18,26 +22,130 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Unpack
 
-from dronecats.flight.sitl.config import SimulatorConfig, Staller
-from dronecats.flight.sitl.lockstep import TurnOrder
-from dronecats.flight.sitl.pace import PaceReport, RateKeeper
-from dronecats.flight.sitl.px4.vehicle import Px4Vehicle
-from dronecats.flight.sitl.scenario import built_of, load_world, noise_seed
-from dronecats.flight.sitl.simulation import TICK_US, Simulation
+from dronecats.flight.sitl.config import SimulatorConfig, noise_seed
+from dronecats.flight.sitl.pace import PaceReport, RateKeeper, Staller
+from dronecats.flight.sitl.simulation import (
+    STEP_US,
+    TICK_US,
+    BootPose,
+    Physics,
+    Simulation,
+    Vehicle,
+    built_of,
+    load_world,
+)
 from dronecats.flight.sitl.sockets import AGENT_LOCAL, AGENT_PORT, GCS_LOCAL, TRUTH_LOCAL, truth_port
-from dronecats.flight.sitl.vehicle import BootPose, Physics
 from episodes.world.world import World
 from foundation.airframe import Airframe
 from foundation.compiled import ROOT
 from foundation.errors import InfrastructureError, UsageError
+from foundation.mavlink import Packer, dialect
 from foundation.redaction import keyless_environment
 from foundation.run_folder.layout import onboard_log_name
-from hil.impairment import SteppedWire
-from hil.link.transport import Transport, connect
-from hil.simulator import PORT, SimulatorServer
+from foundation.truth import TRUTH_COMPONENT
+from hil.simulator import PORT, Sent, SimulatorServer, gps_message, is_armed, rotor_commands, sensor_message, sent_now
 from vehicles import airframe as airframes
 from vehicles import fault_script
+from vehicles.sensors import Suite
 from vehicles.wind import Wind
+
+EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
+TRUTH_US = 8_000  # what PX4 writes into its own log beside its estimate; it asks for 5 ms
+# Wall seconds after which time goes on without an answer. A PX4 that has terminated its flight never gives one again;
+# one that hangs is for the agent's link to notice.
+ANSWER_S = 3.0
+PATIENCE_S = 0.2  # wall seconds between two looks at whether waiting still makes sense
+# PX4's start script sets EKF2_GPS_DELAY to 10 ms for this interface. One inertial sample per exchange, over its time.
+SUITE = Suite(imu_period_us=EXCHANGE_US, gps_latency_us=10_000)
+ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
+# µs; until then PX4 gets no sensors. At boot the legs drop onto the ground, and the specific force is up to 3 m/s² off
+# for 0.2 s. PX4's EKF2 takes its first tilt from the first samples: a tilt that begins 16° wrong becomes a wrong gyro
+# bias, PX4 does not find itself at rest, and its heading may be wrong when it arms.
+SETTLED_US = 500_000
+
+
+class Px4Vehicle(Vehicle):
+    """One vehicle and the PX4 that flies it."""
+
+    def __init__(
+        self, index: int, airframe: Airframe, pose: BootPose, *, server: SimulatorServer, **physics: Unpack[Physics]
+    ) -> None:
+        """`server` is where PX4 connects; it is closed with the vehicle."""
+        physics.setdefault("suite", SUITE)
+        super().__init__(index, airframe, pose, **physics)
+        curve = self.plant.airframe.curve
+        self._idle = curve.speed_idle / curve.speed_max
+        self._rotors = len(self.plant.airframe.rotors)
+        self.server = server
+        self.released = False  # set by another thread to end a wait for good
+        self.in_step = False  # whether PX4 answers each sensor message, and is waited for
+        self.answers = 0
+        self._sent = Sent()
+        self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
+
+    def advance(self) -> None:
+        """Advance by one tick, for as long as PX4 takes to answer."""
+        end_us = self.time_us + TICK_US
+        while (now_us := self.time_us) < end_us:
+            exchange_us = now_us - now_us % EXCHANGE_US + EXCHANGE_US
+            self.plant.advance((min(exchange_us, end_us) - now_us) // STEP_US)
+            if self.time_us == exchange_us:
+                self._exchange()
+
+    def close(self) -> None:
+        self.server.close()
+
+    def _exchange(self) -> None:
+        if self.time_us <= SETTLED_US:
+            return
+        if self.server.accept():
+            self.in_step = False
+        if not self.server.connected:
+            self._stop()
+            return
+        self.server.send(self._sensors())
+        if not self.in_step:
+            for message in self.server.receive(0.0):
+                self._take(message)
+            return
+        sent_us, sent_s = self.time_us, time.monotonic()
+        while self.server.connected and not self.released and int(self.plant.actuators["time_us"]) < sent_us:
+            for message in self.server.receive(PATIENCE_S):
+                self._take(message)
+            if self.server.accept():
+                self.in_step = False
+                return
+            if time.monotonic() - sent_s > ANSWER_S:
+                self._stop()
+                return
+
+    def _sensors(self) -> bytes:
+        """Return what is new for PX4 as bytes. HIL_SENSOR last: it starts PX4's next cycle."""
+        sensors, time_us = self.plant.sensors, self.time_us
+        data = b""
+        if int(sensors["gps_time_us"]) > self._sent.gps_us:
+            data = self._to_px4.pack(gps_message(sensors))
+        if time_us % TRUTH_US == 0:
+            data += self.truth()
+        data += self._to_px4.pack(sensor_message(sensors, time_us, self._sent))
+        self._sent = sent_now(sensors)
+        return data
+
+    def _take(self, message: dialect.MAVLink_message) -> None:
+        if message.get_msgId() != ACTUATORS:
+            return
+        actuators = self.plant.actuators
+        actuators["armed"] = int(is_armed(message))
+        actuators["command"] = rotor_commands(message.controls, self._rotors, self._idle)
+        actuators["time_us"] = message.time_usec
+        self.in_step = True
+        self.answers += 1
+
+    def _stop(self) -> None:
+        """Go on without PX4: the motor controllers hear nothing, and stop."""
+        self.in_step = False
+        self.plant.actuators["armed"] = 0
+
 
 MODEL = "none_iris"  # PX4's airframe for a simulator that is somebody else's; rotors in the order of our quadrotors
 CLOSE_S = 5.0
@@ -168,28 +276,31 @@ def _state_name(index: int) -> str:
     return f"vehicle-{index + 1}"
 
 
-def _say(line: str) -> None:
+def _print_line(line: str) -> None:
     sys.stderr.write(f"{line}\n")
 
 
 class Px4Simulator:
     """Part of a real-time flight: one turn is one tick of the simulation, once every PX4 has come."""
 
-    def __init__(self, config: SimulatorConfig, say: Callable[[str], None] = _say, world: World | None = None) -> None:
-        """An instance of None is a free one when the command says where it goes, and otherwise 0; without a folder for
-        its state PX4 has a temporary one. `say` gets a line for whoever looks on; `world` saves loading the episode's.
-        Raises UsageError.
+    def __init__(
+        self, config: SimulatorConfig, notify: Callable[[str], None] = _print_line, world: World | None = None
+    ) -> None:
+        """`notify` receives progress lines; `world` saves loading the episode's. Raises UsageError.
+
+        An instance of None is a free one when the command has a place for it, and otherwise 0. Without a folder for its
+        state PX4 has a temporary one.
         """
         world = world or load_world(config.episode)
         script, command = config.faults, config.px4
         rotors = len(airframes.quadrotor(airframes.load(config.airframe)).rotors)
-        self._say, self._restarts = say, config.restart
+        self._notify, self._restarts = notify, config.restart
         self.speed: float | None = config.speed
-        with ExitStack() as parts:
-            self._passing = parts.enter_context(TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True))
+        with ExitStack() as stack:
+            self._passing = stack.enter_context(TemporaryDirectory(prefix="dronecats-px4-", ignore_cleanup_errors=True))
             self._servers = _servers(config, config.count or len(world.record.starts))
             for server in self._servers:
-                parts.callback(server.close)
+                stack.callback(server.close)
             self.instance = self._servers[0].port - PORT
             self.simulation: Simulation[Px4Vehicle] = built_of(
                 self._vehicle,
@@ -205,22 +316,22 @@ class Px4Simulator:
             for vehicle in self.vehicles:
                 vehicle.plant.advance(0)  # compiles, on the first run of an installation
             self._truth = truth_port(self.simulation, config.instance)
-            parts.callback(self._truth.close)
+            stack.callback(self._truth.close)
             self._in_step = [False] * len(self.vehicles)
             self._started_at = [0] * len(self.vehicles)
             self._processes: list[Px4Process] = []
             self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
             if config.keep_ulogs:
-                parts.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
+                stack.callback(self._keep_ulogs, Path(config.keep_ulogs), Path(config.state_dir or self._passing))
             if command is not None:
                 for vehicle in self.vehicles:
                     self._processes.append(self._px4(command, vehicle.index, config))
-                    parts.callback(self._processes[-1].close)
-            self._parts = parts.pop_all()
+                    stack.callback(self._processes[-1].close)
+            self._stack = stack.pop_all()
         self._reset_pace()
         if command is None:
             ports = ", ".join(str(server.port) for server in self._servers)
-            say(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
+            notify(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
 
     def _vehicle(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> Px4Vehicle:
         return Px4Vehicle(index, airframe, pose, server=self._servers[index], **physics)
@@ -236,7 +347,7 @@ class Px4Simulator:
         for vehicle in self.vehicles:
             logs = sorted((states / _state_name(vehicle.index)).glob(ULOGS), key=lambda log: log.stat().st_mtime)
             if not logs:
-                self._say(f"vehicle {vehicle.index + 1}: PX4 wrote no log")
+                self._notify(f"vehicle {vehicle.index + 1}: PX4 wrote no log")
                 continue
             shutil.copyfile(logs[-1], kept / onboard_log_name(vehicle.index))
 
@@ -292,7 +403,7 @@ class Px4Simulator:
             vehicle.released = True
 
     def close(self) -> None:
-        self._parts.close()
+        self._stack.close()
 
     def _look_after(self) -> None:
         """Say what has changed between us and the PX4s; start one that has ended anew, or raise InfrastructureError."""
@@ -301,76 +412,15 @@ class Px4Simulator:
                 self._in_step[k] = vehicle.in_step
                 lost = "does not answer" if vehicle.server.connected else "has gone"
                 change = "is in step" if vehicle.in_step else f"{lost} and the rotors stand"
-                self._say(f"vehicle {k + 1}: PX4 {change}, at {vehicle.time_us / 1e6:.1f} s")
+                self._notify(f"vehicle {k + 1}: PX4 {change}, at {vehicle.time_us / 1e6:.1f} s")
         for k, process in enumerate(self._processes):
             status = process.poll()
             if status is None:
                 continue
             if not self._restarts or self.vehicles[k].answers == self._started_at[k]:
-                what = f"PX4 ended with exit status {status}; what it said is in {process.log}"
-                self._say(what)
-                raise InfrastructureError(what)
-            self._say(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
+                reason = f"PX4 ended with exit status {status}; what it said is in {process.log}"
+                self._notify(reason)
+                raise InfrastructureError(reason)
+            self._notify(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
             self._started_at[k] = self.vehicles[k].answers
             process.restart()
-
-
-MOMENT_S = 0.002  # wall seconds; PX4's ATTITUDE comes on every tick, mostly within a third of a millisecond
-
-
-class Px4Lockstep(TurnOrder[Px4Vehicle]):
-    """The turn order of vehicles with PX4 in our autopilot's place."""
-
-    def __init__(self, simulator: Px4Simulator) -> None:
-        """Wait until every vehicle has a PX4 that answers. Raises InfrastructureError when one that we started ends."""
-        super().__init__(simulator.simulation)
-        self._simulator = simulator
-        while not simulator.do("in step", {}):
-            simulator.turn()
-
-    def pump(self) -> None:
-        """One tick of vehicle time, or a short wait for a PX4 that has not come yet."""
-        self._simulator.turn()
-        for follower in self.followers:
-            follower()
-
-    def transport(self, vehicle: int) -> "PumpedTransport":
-        """Return PX4's offboard link of one vehicle. Raises UsageError when its port is taken."""
-        return PumpedTransport(self._socket(vehicle), self)
-
-    def wire(self, vehicle: int, seed: int) -> SteppedWire:
-        socket = self._socket(vehicle)
-        wire = SteppedWire(
-            socket.url, lambda: socket.receive(0.0), socket.send, self.pump, lambda: self.time_s, seed, socket.close
-        )
-        self.followers.append(lambda: wire.step(socket.receive(MOMENT_S)))
-        return wire
-
-    def _socket(self, vehicle: int) -> Transport:
-        return connect(f"udpin://127.0.0.1:{AGENT_PORT + self._simulator.instance + vehicle}")
-
-
-class PumpedTransport(Transport):
-    """A socket that lets vehicle time pass when it runs dry."""
-
-    def __init__(self, socket: Transport, clock: Px4Lockstep) -> None:
-        self.url = socket.url
-        self._socket, self._clock = socket, clock
-
-    def receive(self, timeout_s: float) -> bytes:
-        data = self._socket.receive(0.0)
-        due_s = time.monotonic() + timeout_s  # whoever waits for a PX4 that has gone must get to know it
-        while not data and time.monotonic() < due_s:
-            self._clock.pump()
-            data = self._socket.receive(MOMENT_S)
-        self.peer = self._socket.peer
-        return data
-
-    def follow(self, peer: str) -> None:
-        self._socket.follow(peer)
-
-    def send(self, data: bytes) -> None:
-        self._socket.send(data)
-
-    def close(self) -> None:
-        self._socket.close()

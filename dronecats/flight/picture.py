@@ -189,20 +189,20 @@ def _scale_bar(axes: Axes) -> None:
 def _title(axes: Axes, flight: JudgedFlight) -> None:
     verdict = json_object(flight.folder / layout.VERDICT) or {}
     outcome = str(verdict.get("outcome", "not judged"))
-    parts = [outcome.upper()]
+    facts = [outcome.upper()]
     if isinstance(verdict.get("ne_m"), int | float):
-        parts.append(f"{verdict['ne_m']:.2f} m from the target")
+        facts.append(f"{verdict['ne_m']:.2f} m from the target")
     deciding = verdict.get("deciding")
     if isinstance(deciding, dict) and isinstance(deciding.get("t"), int | float):
-        parts.append(f"declared at {deciding['t']:.0f} s")
+        facts.append(f"declared at {deciding['t']:.0f} s")
     if isinstance(verdict.get("steps"), int):
-        parts.append(f"{verdict['steps']} steps")
+        facts.append(f"{verdict['steps']} steps")
     color = {"success": "#0b7a22", "failure": "#b01010"}.get(outcome, "#555555")
     instruction = str(flight.record.get("instruction", ""))
     headline = f"{flight.id}: “{instruction}”" if instruction else flight.id
     axes.text(0.0, 1.055, textwrap.shorten(headline, 110, placeholder=" …"), transform=axes.transAxes, fontsize=14,
               fontweight="bold", va="bottom", parse_math=False)  # fmt: skip
-    axes.text(0.0, 1.015, textwrap.shorten(" · ".join(parts), 130, placeholder=" …"), transform=axes.transAxes,
+    axes.text(0.0, 1.015, textwrap.shorten(" · ".join(facts), 130, placeholder=" …"), transform=axes.transAxes,
               fontsize=12, color=color, va="bottom", parse_math=False)  # fmt: skip
 
 
@@ -221,10 +221,10 @@ def _frame(axes: Axes, flight: JudgedFlight, decision: Decision) -> None:
                 axes.plot(x, y, "o", markersize=17, markerfacecolor="none", markeredgecolor=color, markeredgewidth=size)
         axes.set_xlim(0, width)
         axes.set_ylim(height, 0)
-    who = f" {drone_label(decision.drone)}" if any(d.drone for d in flight.logs.decisions) else ""
+    drone = f" {drone_label(decision.drone)}" if any(d.drone for d in flight.logs.decisions) else ""
     good = qualifies(decision, flight.logs)
     color = {True: "#0b7a22", False: _REJECTED, None: "black"}[good]
-    caption = f"{decision.step}{who}  {decision.t_frame:.0f} s  {describe(decision)}"
+    caption = f"{decision.step}{drone}  {decision.t_frame:.0f} s  {describe(decision)}"
     axes.set_title(caption, fontsize=9, pad=3, color=color, loc="left", parse_math=False)
 
 

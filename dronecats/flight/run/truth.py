@@ -1,23 +1,71 @@
-"""Compares an autopilot's estimate and the start pose with the truth before an episode begins.
+"""The uses of the truth in a flight, beside the logger's: pilots that know it, and the check of the start.
 
-A flight that would begin elsewhere than its record, or on an autopilot that does not know its heading, is a fault of
-the infrastructure. No verdict says anything about its pilot.
+Before an episode begins, an autopilot's estimate and the start pose are compared with the truth. A flight that would
+begin elsewhere than its record, or on an autopilot that does not know its heading, is an error of the infrastructure:
+its verdict would say nothing about the pilot.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from types import TracebackType
 
-from dronecats.flight.sitl.scenario import origin
+from dronecats.flight.disturbances import FrameFaults
+from dronecats.flight.run.pilot import OpenPilot, commanded, opened
+from dronecats.flight.sitl.simulation import origin
 from dronecats.flight.sitl.truth_bridge import Placement
-from dronecats.flight.stages.stage import TruthfulStage
+from dronecats.flight.spec.flight import Flight
+from dronecats.flight.stages.stage import TRUTH_HZ, TruthfulStage
+from dronecats.pilots import roster
+from dronecats.pilots.oracle import failing, oracle
+from dronecats.pilots.oracle.noisy import NoisyPilot
+from dronecats.pilots.oracle.oracle import TruthPilot
+from dronecats.pilots.oracle.oracle_model import OracleModel
 from episodes.world.world import World
+from foundation.camera import CameraModel
 from foundation.errors import InfrastructureError
 from foundation.frames import Vec3, ned_to_geodetic, quat_from_euler, quat_to_euler, rotate_inverse, wrap_pi
 from foundation.run_folder.rows import drone_label
-from foundation.truth import NewestTruth, TruthSample
+from foundation.truth import KEPT, NewestTruth, TruthSample
 from hil.link.link import Link
 from hil.link.telemetry import VehicleState
+
+LATE_S = 90.0  # s; a picture that is stale for longer is taken for one of then
+
+
+@contextmanager
+def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) -> Iterator[OpenPilot]:
+    """Open any pilot of a flight in a world of ours. Raises UsageError, InfrastructureError."""
+    name = flight.spec.pilot
+    if name is None or not roster.knows(name) or flight.spec.replay:
+        with opened(flight, stage, folder) as pilot:
+            yield pilot
+        return
+    tap = stage.tap(lambda data: model.feed(data))
+    model = OracleModel(
+        world, CameraModel(), origin(world), tap.drain, name, _knowing(name, flight), kept=_kept(flight),
+        obeys=not name.startswith(roster.FAILING), looks=name == roster.NOISY,
+    )  # fmt: skip
+    try:
+        with commanded(flight, stage, folder, OpenPilot(model, begin=model.begin)) as pilot:
+            yield pilot
+    finally:
+        tap.close()
+
+
+def _knowing(name: str, flight: Flight) -> TruthPilot:
+    if name == roster.ORACLE:
+        return oracle.reply_nearest
+    if name == roster.NOISY:
+        return NoisyPilot(flight.instruction, flight.seed)
+    return failing.pilot(name.removeprefix(roster.FAILING))
+
+
+def _kept(flight: Flight) -> int:
+    """Return how many samples of the truth are remembered: of pictures that may be late, a minute and a half."""
+    return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
+
 
 HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # of an estimate, before arming; a place horizontally
 START_M, START_DEG = 1.0, 5.0  # of a start pose, before the first question
@@ -59,8 +107,8 @@ class TrueStart:
 
     def _refuse(self, drone: int, faults: list[str]) -> None:
         if faults:
-            whose = f"{drone_label(drone)}: " if len(self._record.starts) > 1 else ""
-            raise InfrastructureError(f"the episode does not begin: {whose}{', '.join(faults)}; fly it again")
+            label = f"{drone_label(drone)}: " if len(self._record.starts) > 1 else ""
+            raise InfrastructureError(f"the episode does not begin: {label}{', '.join(faults)}; fly it again")
 
 
 def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement) -> list[str]:
@@ -91,9 +139,9 @@ def start_faults(true: TruthSample, position_ned: Vec3, yaw: float) -> list[str]
     ]
 
 
-def _beyond(what: str, error: float, most: float, unit: str) -> list[str]:
+def _beyond(quantity: str, error: float, most: float, unit: str) -> list[str]:
     digits = 1 if unit == "°" else 2
-    return [] if error <= most else [f"{what} {error:.{digits}f}{unit} off (at most {most:g}{unit})"]
+    return [] if error <= most else [f"{quantity} {error:.{digits}f}{unit} off (at most {most:g}{unit})"]
 
 
 def _angle(a: Vec3, b: Vec3) -> float:

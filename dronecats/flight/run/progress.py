@@ -1,0 +1,110 @@
+"""Progress lines of a flight, and safety.jsonl."""
+
+import contextlib
+import json
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from msgspec import UNSET
+
+from dronecats.agent.action import action_from
+from dronecats.agent.history import compact
+from dronecats.agent.models.model import ending_reason
+from foundation.errors import UnreadableError
+from foundation.protocol import FINISHED
+from foundation.run_folder.rows import Decision, drone_label
+from hil.link.link import Link
+
+UNREADABLE = 10  # replies in a row that are no action, after which a flight warns
+
+
+class StepLines:
+    """Prints a line for each decision, and once a warning when replies in a row are no actions."""
+
+    def __init__(
+        self,
+        notify: Callable[[str], None],
+        drones: int = 1,
+        spent: Callable[[], str] = lambda: "",
+        stop_unreadable: int | None = None,
+    ) -> None:
+        """`spent` returns what the model has cost so far, or an empty string.
+
+        `stop_unreadable`: so many replies in a row that are no actions end the flight; None: they never do.
+        """
+        self._notify, self._drones, self._spent, self._stop = notify, drones, spent, stop_unreadable
+        self._unreadable: Counter[int] = Counter()  # replies in a row, by drone
+        self._has_warned = False
+
+    def __call__(self, decision: Decision) -> None:
+        """Print a decision. Raises UnreadableError when too many replies in a row are no actions."""
+        text = compact(action_from(decision.action)) if decision.action else f"! {unreadable(decision)}"
+        text += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
+        text += " (confirmed)" if decision.confirmed_by is not UNSET else ""
+        drone = f" {drone_label(decision.drone)}" if self._drones > 1 else ""
+        line = f"{decision.step:4d}  t={decision.t_decided:6.1f} s{drone}  {text:34} ({decision.latency_s:.2f} s)"
+        self._notify(f"{line}  {cost}" if (cost := self._spent()) else line)
+        self._unreadable[decision.drone] = 0 if decision.action else self._unreadable[decision.drone] + 1
+        if self._unreadable[decision.drone] == self._stop:
+            reason = f"{self._stop} replies in a row are no actions" if self._stop > 1 else "a reply is no action"
+            raise UnreadableError(f"{reason}: {unreadable(decision)} (--stop-unreadable {self._stop})")
+        if self._unreadable[decision.drone] == UNREADABLE and not self._has_warned:
+            self._has_warned = True
+            self._notify(
+                f"WARNING: {UNREADABLE} replies in a row are no actions: the drone holds. {unreadable(decision)}"
+            )
+
+
+def unreadable(decision: Decision) -> str:
+    """Return why a decision has no action: the server's reason for the end of the reply, else the parser's."""
+    return ending_reason(decision.finish, decision.tokens_out) or str(decision.error)
+
+
+class SafetyLog:
+    """Writes every change of the links' envelopes to the file. Says the links' notices, and a limit when it first acts.
+
+    A limit may act at every step, so the other times are counted, and `sum_up` says them. The file begins with the
+    first limit that acts.
+    """
+
+    def __init__(self, path: Path, links: Sequence[Link], notify: Callable[[str], None]) -> None:
+        self._path, self._notify = path, notify
+        self._times = [Counter[str]() for _ in links]  # how often each limit began to act, by drone
+        for drone, link in enumerate(links):
+            link.on_limit = self._listener(drone, link)
+            link.on_notice = partial(self._report, "link", drone)
+
+    def sum_up(self) -> None:
+        """Say how often each limit acted on each drone, if any did so more than once."""
+        for drone, times in enumerate(self._times):
+            if times and max(times.values()) > 1:
+                counts = ", ".join(f"by {name} {_times(count)}" for name, count in times.most_common())
+                self._report("envelope", drone, f"limited in the whole flight {counts}; {self._path} has each")
+
+    def _listener(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
+        acting: frozenset[str] = frozenset()
+        times = self._times[drone]
+
+        def listen(names: tuple[str, ...]) -> None:
+            nonlocal acting
+            begun, acting = [name for name in names if name not in acting], frozenset(names)
+            first = [name for name in begun if name not in times]
+            times.update(begun)
+            line = {"time_us": link.time_us, "drone": drone, "limits": list(names)}
+            with contextlib.suppress(OSError), self._path.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(line) + "\n")
+            if first:
+                self._report("envelope", drone, f"limited by {', '.join(first)}")
+
+        return listen
+
+    def _report(self, source: str, drone: int, text: str) -> None:
+        name = f"{drone_label(drone)} " if len(self._times) > 1 else ""
+        with contextlib.suppress(OSError, ValueError):  # a closed terminal stops no setpoint and no landing
+            self._notify(f"      {source}: {name}{text}")
+
+
+def _times(count: int) -> str:
+    return "once" if count == 1 else f"{count} times"
