@@ -15,7 +15,7 @@ PIECE = 50  # characters that one STATUSTEXT holds
 
 
 @dataclass(frozen=True, slots=True)
-class StatusText:
+class ReceivedText:
     """One text of an autopilot."""
 
     time_us: int  # µs, the vehicle's clock at the newest telemetry before it
@@ -37,7 +37,7 @@ class StatusTexts:
     """The newest texts of one autopilot."""
 
     def __init__(self) -> None:
-        self.newest: deque[StatusText] = deque(maxlen=KEPT)
+        self.newest: deque[ReceivedText] = deque(maxlen=KEPT)
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
@@ -58,7 +58,7 @@ class StatusTexts:
             self._open = None
 
     def _keep(self, severity: int, time_us: int, text: str) -> None:
-        self.newest.append(StatusText(time_us, severity, " ".join(text.split())))
+        self.newest.append(ReceivedText(time_us, severity, " ".join(text.split())))
 
     def since(self, time_us: int) -> str:
         """Return the warnings and worse since then, in order, joined; empty when there are none."""

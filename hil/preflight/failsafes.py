@@ -37,7 +37,7 @@ class Situation:
     station: bool = False  # a ground station is heard on this link
 
 
-Rule = Callable[[Situation, Value], Finding]
+FailsafeRule = Callable[[Situation, Value], Finding]
 
 
 def _offboard_loss(s: Situation, value: Value) -> Finding:
@@ -142,7 +142,7 @@ def _speed(s: Situation, value: Value) -> Finding:
                  f"{value:g} m/s if it were told to")  # fmt: skip
 
 
-def _vertical_speed(name: str, verb: str) -> Rule:
+def _vertical_speed(name: str, verb: str) -> FailsafeRule:
     """Return the rule of MPC_Z_VEL_MAX_UP or MPC_Z_VEL_MAX_DN."""
 
     def rule(s: Situation, value: Value) -> Finding:
@@ -161,7 +161,7 @@ def _hitl(s: Situation, value: Value) -> Finding:
     return _good("SYS_HITL", value, "real sensors, real motors, or a simulator of its own")
 
 
-RULES: dict[str, Rule] = {
+RULES: dict[str, FailsafeRule] = {
     "COM_OBL_RC_ACT": _offboard_loss,
     "COM_OF_LOSS_T": _offboard_timeout,
     "COM_RCL_EXCEPT": _stick_exception,

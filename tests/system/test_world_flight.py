@@ -76,7 +76,7 @@ def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
 
 
 def test_what_cannot_be_flown_is_refused_before_anything_is_made(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.HEARD_S", 0.3)  # for which the last waits for a truth
+    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.SILENT_S", 0.3)  # for which the last waits for a truth
     for arguments, part in (
         (["--world", HERE], "--truth"),
         (["--truth", "udpin://127.0.0.1:0"], "--world"),

@@ -9,7 +9,7 @@ from typing import Any
 from dronecats.agent.cockpit import AgentFactory
 from dronecats.flight.intent import draw as draw_intent
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.pilot import OpenPilot, opened
 from dronecats.flight.run.setup import FlightSetup, Instruments, Notify, Ready
 from dronecats.flight.spec.flight import Flight
@@ -66,14 +66,14 @@ class VehicleFlight(FlightSetup):
     def facts(self) -> dict[str, Any]:
         return {**super().facts(), "firmware": str(self.link.firmware) if self.link.firmware else None}
 
-    def finish(self, folder: Path, ending: Ending, notify: Notify) -> None:
+    def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
         if self.flight.spec.keep_ulog:
             fetch_onboard_log(self.vehicle.url, self.link, folder, notify)
         self.draw(folder, ending)
         if self.authority.dry:
             notify(f"drew {draw_intent(folder, self.camera_model)} decisions into {folder / layout.INTENT}")
 
-    def draw(self, folder: Path, ending: Ending) -> None:
+    def draw(self, folder: Path, ending: EpisodeEnd) -> None:
         """Draw flight.png, where the truth is known."""
 
     @property

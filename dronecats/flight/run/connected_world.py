@@ -8,7 +8,7 @@ from pathlib import Path
 
 from dronecats.flight.run.ascent import start_of
 from dronecats.flight.run.connected import VehicleFlight, open_link
-from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.setup import Notify, Ready
 from dronecats.flight.run.simulated import draw, write_record
 from dronecats.flight.run.truth import TrueStart, opened_in
@@ -74,7 +74,7 @@ class ConnectedWorldFlight(VehicleFlight):
         finally:
             stage.close()
 
-    def draw(self, folder: Path, ending: Ending) -> None:
+    def draw(self, folder: Path, ending: EpisodeEnd) -> None:
         if ending.steps and self._judged:
             draw(folder)
 

@@ -42,7 +42,7 @@ class StartCheck(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Ending:
+class EpisodeEnd:
     """How the episode ended."""
 
     reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
@@ -67,12 +67,12 @@ def fly(
     on_step: Callable[[Decision], None] = lambda decision: None,
     notify: Callable[[str], None] = lambda line: None,
     true_start: StartCheck | None = None,
-) -> Ending:
+) -> EpisodeEnd:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
     `pictures`: what is done to those of the camera on purpose. `true_start` decides whether the episode may begin.
     `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
-    Never raises for what goes wrong in flight: it comes back in `Ending`, with the logs closed properly.
+    Never raises for what goes wrong in flight: it comes back in `EpisodeEnd`, with the logs closed properly.
     """
     log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
@@ -122,7 +122,7 @@ def fly(
     log.close()
     prompts.close()
     ended = "error" if error and reason not in ("takeover", "budget", "rejected") else reason
-    return Ending(ended, error, episode_s, wall_s, agent.steps if agent else 0)
+    return EpisodeEnd(ended, error, episode_s, wall_s, agent.steps if agent else 0)
 
 
 def _warn_of_silence(notify: Callable[[str], None], label: str, seconds: float) -> None:

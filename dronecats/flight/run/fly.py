@@ -5,7 +5,7 @@ from typing import Any
 
 from dronecats.agent.commanding.command_prompt import CommandPrompt
 from dronecats.flight.run.accounts import flight_folder
-from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.identity import code_digest, protocol_numbers
 from dronecats.flight.run.pilot import agent_maker
 from dronecats.flight.run.setup import UNWATCHED, FlightSetup, Instruments, Notify, served_rate_hz
@@ -57,7 +57,7 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
         if setup.headline:
             notify(setup.headline)
 
-        def afterwards(ending: Ending) -> None:
+        def afterwards(ending: EpisodeEnd) -> None:
             write_run(folder.parent, {**configuration, **setup.facts(), "served_rate_hz": served_rate_hz(folder)})
             setup.finish(folder, ending, notify)
 

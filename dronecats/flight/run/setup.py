@@ -14,7 +14,7 @@ from dronecats.agent.cockpit import AgentFactory
 from dronecats.agent.models.model import Model
 from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset
-from dronecats.flight.run.episode import EVERYTHING, Ending, StartCheck, fly
+from dronecats.flight.run.episode import EVERYTHING, EpisodeEnd, StartCheck, fly
 from dronecats.flight.run.identity import write_identity
 from dronecats.flight.run.landing import unexpected
 from dronecats.flight.run.pilot import OpenPilot
@@ -37,11 +37,11 @@ Written = TypeVar("Written")
 
 
 def fly_and_judge(
-    flight: Callable[[], Ending],
+    flight: Callable[[], EpisodeEnd],
     folder: Path,
     episode: str,
     pilot_name: str,
-    afterwards: Callable[[Ending], None] = lambda ending: None,
+    afterwards: Callable[[EpisodeEnd], None] = lambda ending: None,
     pace: Callable[[], Mapping[str, float] | None] = lambda: None,
 ) -> dict[str, Any]:
     """Fly, and whatever comes of it leave a judged folder; return the JSON object of `fly`.
@@ -52,16 +52,16 @@ def fly_and_judge(
     try:
         ending = flight()
     except KeyboardInterrupt:
-        ending = Ending("interrupted", None, 0.0, 0.0, 0)
+        ending = EpisodeEnd("interrupted", None, 0.0, 0.0, 0)
     except BudgetError as spent:
-        ending = Ending("budget", spent, 0.0, 0.0, 0)
+        ending = EpisodeEnd("budget", spent, 0.0, 0.0, 0)
     except DronecatsError as error:
-        ending = Ending("error", error, 0.0, 0.0, 0)
+        ending = EpisodeEnd("error", error, 0.0, 0.0, 0)
     except ImportError as missing:
         sentence = missing_package(missing)
-        ending = Ending("error", UsageError(sentence) if sentence else unexpected(missing, folder), 0.0, 0.0, 0)
+        ending = EpisodeEnd("error", UsageError(sentence) if sentence else unexpected(missing, folder), 0.0, 0.0, 0)
     except Exception as bug:
-        ending = Ending("error", unexpected(bug, folder), 0.0, 0.0, 0)
+        ending = EpisodeEnd("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with undisturbed():
         _, unidentified = _kept(lambda: write_identity(folder, pace()), folder)  # a verdict says that all else is there
         verdict, unkept = _kept(lambda: write_verdict(folder), folder)
@@ -187,11 +187,11 @@ class FlightSetup(ABC):
         return {} if self.pace is None else {"pace": self.pace}
 
     @abstractmethod
-    def finish(self, folder: Path, ending: Ending, notify: Notify) -> None:
+    def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
         """Write the pictures and logs that a judged folder has besides."""
 
     def fly_in(
-        self, folder: Path, notify: Notify, afterwards: Callable[[Ending], None] = lambda ending: None
+        self, folder: Path, notify: Notify, afterwards: Callable[[EpisodeEnd], None] = lambda ending: None
     ) -> dict[str, Any]:
         """Fly in an episode folder that exists, judge it, and return what `fly --json` prints.
 
@@ -200,7 +200,7 @@ class FlightSetup(ABC):
         self.write_record(folder)
         spec = self.flight.spec
 
-        def flight() -> Ending:
+        def flight() -> EpisodeEnd:
             with self.ready(folder, notify) as ready:
                 return fly(
                     ready.stage, ready.starts, self.agent(ready.pilot), folder,

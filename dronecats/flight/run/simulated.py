@@ -9,7 +9,7 @@ from dronecats.agent.pictures import PicturePath
 from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.run.accounts import check_budget
 from dronecats.flight.run.ascent import start_of
-from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.setup import FlightSetup, Notify, Ready
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
@@ -79,7 +79,7 @@ class SimulatedFlight(FlightSetup):
             finally:
                 stage.close()
 
-    def finish(self, folder: Path, ending: Ending, notify: Notify) -> None:
+    def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
         if ending.steps:
             draw(folder)
         for drone in range(len(self._record.starts) if self.flight.spec.keep_ulog else 0):

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.flight.run.episode import Ending
+from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.setup import fly_and_judge
 from tests.support.command_line import last_object
 
@@ -44,7 +44,7 @@ def concluded(folder, limit):
         (folder / "afterwards.json").write_text("x" * 5000)
 
     with file_sizes_limited(limit):
-        return fly_and_judge(lambda: Ending("decided", None, 6.0, 1.0, 1), folder, "e", "blind", afterwards)
+        return fly_and_judge(lambda: EpisodeEnd("decided", None, 6.0, 1.0, 1), folder, "e", "blind", afterwards)
 
 
 def test_a_verdict_that_cannot_be_written_is_told_and_known_all_the_same(folder):

@@ -112,7 +112,7 @@ def test_a_board_that_is_not_in_hil_mode_gets_no_sensors(vehicle, board):
     until(vehicle, lambda: vehicle.line.present)
     for _ in range(20):
         vehicle.advance()
-    assert not vehicle.flown
+    assert not vehicle.is_flying
     until(vehicle, lambda: board.count("HEARTBEAT"))  # but it is told that somebody is there
     assert {m.get_type() for m in board.messages()} == {"HEARTBEAT"}
 
@@ -120,7 +120,7 @@ def test_a_board_that_is_not_in_hil_mode_gets_no_sensors(vehicle, board):
 def test_a_recorded_board_gets_its_sensors_in_real_time_and_drives_the_rotors(vehicle, board):
     player = threading.Thread(target=board.play, args=(SPEECH,))
     player.start()
-    until(vehicle, lambda: vehicle.flown)
+    until(vehicle, lambda: vehicle.is_flying)
     began_us, before = vehicle.time_us, board.count("HIL_SENSOR")
     until(vehicle, lambda: vehicle.time_us >= began_us + 1_000_000)
     until(vehicle, lambda: board.count("HIL_SENSOR") >= before + 240)
@@ -160,7 +160,7 @@ def test_rotors_stop_when_the_board_falls_silent(vehicle, board):
     until(vehicle, lambda: vehicle.plant.actuators["armed"])
     assert vehicle.plant.actuators["command"][0] == pytest.approx(0.15 + 0.85 * 0.8)
     until(vehicle, lambda: not vehicle.plant.actuators["armed"])
-    assert not vehicle.flown
+    assert not vehicle.is_flying
 
 
 def test_a_cable_that_was_pulled_may_be_put_back(vehicle, board, path):
