@@ -32,10 +32,21 @@ class Reader:
         return self.driver.execute_script(text, *values)
 
     def until(self, condition: Callable[[], Any]) -> Any:
-        """Return the condition's first answer that is true."""
+        """Return the condition's first true answer. Raises AssertionError with the page's state after PATIENCE_S."""
+        from selenium.common.exceptions import TimeoutException
         from selenium.webdriver.support.ui import WebDriverWait
 
-        return WebDriverWait(self.driver, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
+        try:
+            return WebDriverWait(self.driver, PATIENCE_S, poll_frequency=0.05).until(lambda _: condition())
+        except TimeoutException:
+            raise AssertionError(f"not within {PATIENCE_S:.0f} s; the page: {self.state()}") from None
+
+    def state(self) -> dict[str, Any]:
+        """Return what explains a page that does not change: address, focus, open details, text and console."""
+        script = """return {focus: document.activeElement.outerHTML.slice(0, 200), has_focus: document.hasFocus(),
+                            open: [...document.querySelectorAll("[open]")].map((element) => element.className),
+                            text: document.querySelector("main").innerText}"""
+        return {"hash": self.hash, **self.script(script), "console": self.errors()}
 
     def all(self, css: str) -> list[Any]:
         """Return the elements."""
