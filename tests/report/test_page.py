@@ -191,3 +191,12 @@ def test_the_prompt_is_there_when_it_is_unfolded_and_stays(reader, page):
     assert "1. GO x=320 y=288 depth=6.5m" in reader.text("details.prompt pre")
     reader.press("j")
     reader.until(lambda: "3. GO x=655 y=504" in reader.text("details.prompt pre"))
+
+
+def test_a_prompt_unfolded_just_before_the_next_step_stays_unfolded(reader, page):
+    """The browser reports the unfolding later than the key arrives."""
+    reader.open(page, "#qwen/yard-approaching-01/2")
+    reader.script("""document.querySelector("details.prompt summary").click();
+                     document.body.dispatchEvent(new KeyboardEvent("keydown", {key: "j", bubbles: true}))""")
+    assert reader.hash.endswith("/3")
+    assert reader.script("return document.querySelector('details.prompt').open")

@@ -213,13 +213,11 @@ class FlightView {
     }
   }
 
-  // whether the prompt is unfolded is for whoever reads, and stays from step to step
+  // The prompt of the next step is unfolded if that of the last one was.
   kept(side, made) {
-    const folded = made.querySelector("details.prompt");
-    if (folded) {
-      folded.open = Boolean(this.unfolded);
-      folded.addEventListener("toggle", () => { this.unfolded = folded.open; });
-    }
+    const last = this.facts[side].querySelector("details.prompt");
+    const next = made.querySelector("details.prompt");
+    if (last && next) next.open = last.open;
     return made;
   }
 
