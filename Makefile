@@ -63,11 +63,11 @@ schemas: install
 
 # Rewrites the tables of docs/metrics.md from the registry. Run it when a metric changes.
 metrics: install
-	$(BIN)/python -c "from pathlib import Path; from dronecats.judge.metrics.page import write; write(Path('docs/metrics.md'))"
+	$(BIN)/python -c "from pathlib import Path; from dronecats.study.docs_tables import write; write(Path('docs'), 'metrics.md')"
 
 # Rewrites the tables of docs/studies.md and docs/disturbances.md. Run it when an option, a disturbance or a factor changes.
 studies: install
-	$(BIN)/python -c "from pathlib import Path; from dronecats.study.page import write; write(Path('docs'))"
+	$(BIN)/python -c "from pathlib import Path; from dronecats.study.docs_tables import write; write(Path('docs'), 'studies.md', 'disturbances.md')"
 
 # Rewrites flight.png, replay.jpg and watching.jpg of docs/pictures. Run it when what they show changes.
 pictures: install-dev

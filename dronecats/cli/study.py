@@ -106,13 +106,13 @@ def _fly(request: study_spec.StudyRequest) -> int:
     """
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
-    from dronecats.study import continued, folder
+    from dronecats.study import folder
 
     args, out = request.args, request.out
     interrupt_on_signals()
     campaign.check_engine(args)
     campaign.allow_locks(len(request.plan.entries))
-    study = continued.joined(out, request.plan)
+    study = folder.merge_earlier_runs(out, request.plan)
     bench = Bench(
         out, request.suite, request.plan.entries, retry=False, limit=args.limit,
         shard=bench_spec.shard(args), first=lambda: folder.write(out, study),
@@ -145,7 +145,7 @@ def _repeat_command(run: "OpenRun") -> str:
 def _report(args: argparse.Namespace) -> int:
     """Write the report; status 0 whatever its content."""
     from dronecats.report.results.exclusion import parse_exclusion
-    from dronecats.study.analysis.flown_study import flown_study
+    from dronecats.study.analysis.loading import load_results
     from dronecats.study.report.report_folder import as_json, write
     from foundation.extras import not_installed
 
@@ -155,12 +155,12 @@ def _report(args: argparse.Namespace) -> int:
     command = ["dronecats", "study", "report", str(args.study), *(["--out", str(args.out)] if args.out else [])]
     command += [word for text in args.exclude_above for word in ("--exclude-above", text)]
     exclusions = [parse_exclusion(text) for text in args.exclude_above]
-    made = write(flown_study(args.study, exclusions=exclusions), shlex.join(command), out)
+    report = write(load_results(args.study, exclusions=exclusions), shlex.join(command), out)
     if args.json:
-        print(json.dumps(as_json(made)))
+        print(json.dumps(as_json(report)))
         return 0
-    print(*made.opening, *made.short, sep="\n")
-    print(f"page: {made.page}, report: {made.markdown}")
-    if made.parquet is None:
+    print(*report.content.opening, *report.content.summary, sep="\n")
+    print(f"page: {report.page}, report: {report.markdown}")
+    if report.parquet is None:
         print(f"no Parquet was written: {not_installed('duckdb')}")
     return 0

@@ -46,8 +46,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.cli.exit_status import interrupt_on_signals
     from dronecats.cli.study_spec import suite_of_options
     from dronecats.pilots import roster
-    from dronecats.study.load import flights, page
-    from dronecats.study.load.comparison import compared
+    from dronecats.study import host_load
 
     interrupt_on_signals()
     if not 1 <= args.jobs <= 64 or not 1 <= args.flights <= 1000:
@@ -56,7 +55,7 @@ def run(args: argparse.Namespace) -> int:
         raise UsageError(f"--out {args.out} is a file; name a folder")
     args.suite = args.suite or ([] if args.episodes else ["quick"])
     chosen = suite_of_options(args)
-    plan = flights.LoadPlan(
+    plan = host_load.LoadPlan(
         pilot=args.pilot,
         episodes=tuple(chosen.records),
         levels=_levels(args.busy),
@@ -67,14 +66,15 @@ def run(args: argparse.Namespace) -> int:
         speed=args.speed,
         rendered=args.rendered or roster.looks(args.pilot),
     )
-    found = compared(flights.fly(plan, args.out, lambda line: print(line, file=sys.stderr, flush=True)))
-    written = page.write(found, args.out, _command(args), _machine())
+    flights = host_load.fly(plan, args.out, lambda line: print(line, file=sys.stderr, flush=True))
+    findings = host_load.compare(flights)
+    written = host_load.write(findings, args.out, _command(args), _machine())
     if args.json:
-        print(json.dumps({**found.as_json(), "written": [str(path) for path in written]}))
+        print(json.dumps({**findings.as_json(), "written": [str(path) for path in written]}))
     else:
-        show(*page.tables(found))
+        show(*host_load.tables(findings))
         print("\n" + "\n".join(str(path) for path in written))
-    return int(any(row.moved for row in found.rows if row.clock == "lockstep"))
+    return int(any(row.moved for row in findings.rows if row.clock == "lockstep"))
 
 
 def _levels(words: list[str]) -> tuple[int, ...]:

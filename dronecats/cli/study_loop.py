@@ -39,14 +39,11 @@ def run(args: argparse.Namespace) -> int:
     def say(line: str) -> None:
         print(line, file=sys.stderr, flush=True)
 
-    from dronecats.study.loop import margins, page, stream, trace
-    from dronecats.study.loop.cascade_loops import chosen
-    from dronecats.study.loop.hover import Hover
-    from dronecats.study.loop.pictures import AGREED
-    from dronecats.study.loop.results import LoopResults, as_json
+    from dronecats.study.loop import margins, report, stream, trace
+    from dronecats.study.loop.hover import Hover, select_loops
     from vehicles import airframe
 
-    loops, parts = chosen(args.loops), args.part or PARTS
+    loops, parts = select_loops(args.loops), args.part or PARTS
     if args.px4 is not None and not args.px4.strip():
         raise UsageError("--px4 wants the command that starts a PX4, and it is empty")
     if args.px4 and "trace" not in parts:
@@ -56,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     frames = [airframe.load(name) for name in args.airframe or airframe.names()]
     studies: list[margins.LoopStudy] = []
     tolerances: list[stream.Tolerance] = []
-    traces: list[trace.FlownTrace] = []
+    traces: list[trace.TraceResponse] = []
     traced = (args.airframe or [trace.AIRFRAME])[0]
     px4 = args.px4 or os.environ.get("DRONECATS_PX4")
     if px4 and "trace" in parts:  # first, since it alone is somebody else's: a wrong command ends here, not in minutes
@@ -68,22 +65,22 @@ def run(args: argparse.Namespace) -> int:
     for frame in frames:
         if "margins" in parts:
             say(f"{frame.name}: {len(loops)} loops …")
-            studies += margins.study(Hover(frame), loops)
+            studies += margins.study_loops(Hover(frame), loops)
         if "stream" in parts:
             say(f"{frame.name}: jitter and loss of the setpoints …")
             tolerances += stream.tolerances(frame)
     if "trace" in parts:
         say(f"{traced}: the trace …")
         traces.insert(0, trace.fly(traced))
-    found = LoopResults(studies, tolerances, traces, airframe.load(traced).name)
-    written = page.write(found, args.out, _command(args)) if args.out else []
+    results = report.LoopResults(studies, tolerances, traces, airframe.load(traced).name)
+    written = report.write(results, args.out, _command(args)) if args.out else []
     if args.json:
-        print(json.dumps({**as_json(found), "written": [str(path) for path in written]}))
+        print(json.dumps({**report.as_json(results), "written": [str(path) for path in written]}))
     else:
-        show(*page.tables(found))
+        show(*report.tables(results))
         if written:
             print("\n" + "\n".join(str(path) for path in written))
-    return int(any(abs(each.off) > AGREED for each in studies))
+    return int(any(abs(study.prediction_error) > report.AGREED for study in studies))
 
 
 def _command(args: argparse.Namespace) -> str:

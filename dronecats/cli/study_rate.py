@@ -15,8 +15,7 @@ from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
-    from dronecats.study.rate.chain import ChainSummary
-    from dronecats.study.rate.files import ReplayedChain
+    from dronecats.study.rate.chain import ChainSummary, ReplayedChain
 
 QUESTIONS = 30
 LEAST = 5  # questions of which quantiles say anything
@@ -60,8 +59,7 @@ def run(args: argparse.Namespace) -> int:
 
     from dronecats.flight.run.fly import fly
     from dronecats.flight.run.setup import undisturbed
-    from dronecats.study.rate.chain import summarised
-    from dronecats.study.rate.files import check_fresh, write_replay
+    from dronecats.study.rate.chain import check_fresh, summarize, write_replay
     from dronecats.study.rate.instruments import RateInstruments
 
     if args.out is not None:
@@ -71,7 +69,7 @@ def run(args: argparse.Namespace) -> int:
     with undisturbed():
         instruments.close()
         times, folder = instruments.times, instruments.run
-        found = summarised(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None
+        found = summarize(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None
         replay = write_replay(folder, times, found.frame_delay_s) if found and folder else None
         status, why = _ended(result, len(times), wanted, args.seconds)
         _report(found, replay, {"wanted": wanted, "status": status, "error": why}, as_json=args.json)
@@ -121,8 +119,7 @@ def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: 
 def _report(
     found: "ChainSummary | None", replay: "ReplayedChain | None", told: dict[str, Any], *, as_json: bool
 ) -> None:
-    from dronecats.study.rate.chain import table
-    from dronecats.study.rate.files import CHAIN, STUDY, next_commands
+    from dronecats.study.rate.chain import CHAIN, STUDY, next_commands, summary_table
 
     written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
     commands = next_commands(replay) if replay else []
@@ -131,6 +128,6 @@ def _report(
                           "written": written, "next": commands}))  # fmt: skip
         return
     if found:
-        show(table(found, told["wanted"]))
+        show(summary_table(found, told["wanted"]))
         print("\nwritten:", *(f"  {path}" for path in written), sep="\n")
         print("study it in simulation:", *(f"  {command}" for command in commands), sep="\n")

@@ -205,14 +205,14 @@ def _axis(name: str, value: Any) -> "Axis":
         low, high = (float(factor.level(value[end])) for end in ("low", "high"))
         if low >= high:
             raise UsageError(f"{factor.name} wants a low that is below its high, got {low:g} and {high:g}")
-        return Axis(name=factor.name, low=low, high=high, whole=factor.quantity.whole)
+        return Axis(name=factor.name, low=low, high=high, integer=factor.quantity.whole)
     ranges = ", or { low = …, high = … }" if factor.quantity else ""
     raise UsageError(f"{factor.name} wants a list of levels{ranges}, got {value!r:.60}; one level goes under held")
 
 
 def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
     from dronecats.study import design
-    from dronecats.study.factors import WHO_FLIES
+    from dronecats.study.factors import ENTRANT_FACTORS
 
     kind = study.get("design", "full")
     for key, of in (("generators", "fractional"), ("points", "latin"), ("design_seed", "latin")):
@@ -226,7 +226,7 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
         if "points" not in study:
             raise UsageError('design = "latin" wants points = N')
         return design.latin(axes, study["points"], study.get("design_seed", 0))
-    return design.one_at_a_time(axes, WHO_FLIES) if kind == "one-at-a-time" else design.full(axes)
+    return design.one_at_a_time(axes, ENTRANT_FACTORS) if kind == "one-at-a-time" else design.full(axes)
 
 
 def _pilots(

@@ -1,7 +1,7 @@
-"""The registry of factors: everything that a study can vary, and how it is set on a flight.
+"""The registry of factors: everything that a study can vary, and how a level is set on a flight.
 
-Those of pictures, wire and vehicle are made from the declarations of `dronecats/flight/disturbances.py`. Factors are
-set in the registry's order, so that a rate is there before its jitter.
+Factors of pictures, wire and vehicle come from the declarations in `dronecats/flight/disturbances.py`. Factors are set
+in the order of the registry, so a rate is set before its jitter.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,39 +19,39 @@ from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level
 from foundation.wording import did_you_mean, nearest
 
-WHO_FLIES = ("pilot", "model", "agent", "command")  # factors that are no disturbance but an entrant
-REPLY_TIME, WHO = "what a reply takes", "who flies"
+ENTRANT_FACTORS = ("pilot", "model", "agent", "command")  # factors that choose the entrant
+REPLY_TIME, PILOT = "the reply time", "the pilot"
 POLICY = "latency_policy"  # the factor whose levels may name a file
-ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factors that are a part of a latency policy
+ADDED = {"rate_cap": CAP, "reply_stall_share": STALL}  # factors that are also a part of a latency policy
 SLOWEST_HZ = 0.01  # of the factors that are rates of replies
-SAID = ".12g"  # as numbers are written into names and policies
+NUMBER_FORMAT = ".12g"  # of numbers in names and policies
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Factor:
-    """Something about a flight that a study sets to one level after another.
+    """A property of a flight that a study sets to several levels.
 
-    `put` is pure: a flight and a level give the flight at that level, or UsageError.
+    `put` is pure: it returns a flight at a level, or raises UsageError.
     """
 
-    name: str  # as files and options have it
+    name: str  # as in files and options
     help: str  # its meaning, one line
-    sets: str  # what of a flight it decides: of the factors that set the same, a study has one
-    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: one of the disturbances, set together
-    get: Callable[[FlightSpec], float | None] = lambda flight: None  # the number that a flight has; None: it has none
-    quantity: DeclaredNumber | None = None  # of a number; …
-    words: Sequence[str] | None = None  # … and what a word may be. None of both: any word
-    refines: str = ""  # another factor: where that is 0, this one has no effect
-    beside: bool = False  # that other factor has to be set, too
-    real_time: bool = False  # has no effect in lockstep
+    sets: str  # the property that it sets; a study has one factor for each property
+    put: Callable[[FlightSpec, Level], FlightSpec] | None = None  # None: a disturbance; they are set together
+    get: Callable[[FlightSpec], float | None] = lambda flight: None  # the number in a flight; None: it has none
+    quantity: DeclaredNumber | None = None  # for numeric levels
+    words: Sequence[str] | None = None  # allowed words; with neither quantity nor words, any word
+    refines: str = ""  # another factor; if that is 0, this one has no effect
+    beside: bool = False  # whether the factor that it refines must be set, too
+    real_time: bool = False  # whether it has no effect in lockstep
 
     @property
     def unit(self) -> str:
-        """Unit of its levels, "" where they have none."""
+        """Unit of its levels; empty: none."""
         return self.quantity.unit if self.quantity else ""
 
     def level(self, value: object) -> Level:
-        """Return a value as a level. Raises UsageError for what is none, in one sentence."""
+        """Return a value as a level. Raises UsageError for an invalid value."""
         if self.quantity is not None:
             return self.quantity.read(value)
         if not isinstance(value, str) or not value or (self.words is not None and value not in self.words):
@@ -60,37 +60,29 @@ class Factor:
         return value
 
     def at(self, flight: FlightSpec, level: Level) -> FlightSpec:
-        """Return the flight at a level. Raises UsageError naming the factor where that does not go with the rest."""
+        """Return the flight at a level. Raises UsageError, with the factor's name, if the flight does not allow it."""
         try:
             return self.put(flight, level) if self.put else flight
-        except UsageError as wrong:
-            raise UsageError(f"{self.name} at {said(level)}: {wrong}") from None
+        except UsageError as error:
+            raise UsageError(f"{self.name} at {level_text(level)}: {error}") from None
 
 
-def said(level: Level) -> str:
-    """Return a level as a name or a policy has it."""
-    return level if isinstance(level, str) else format(level, SAID)
+def level_text(level: Level) -> str:
+    """Return a level as text for names and policies."""
+    return level if isinstance(level, str) else format(level, NUMBER_FORMAT)
 
 
-def _agent(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, agent=str(level))
-
-
-def _command(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, **command_fields(str(level)))
-
-
-def _pilot(flight: FlightSpec, level: Level) -> FlightSpec:
+def _put_pilot(flight: FlightSpec, level: Level) -> FlightSpec:
     name = roster.check(str(level))
-    return _seeing(replace(flight, pilot=name, model=None), roster.looks(name))
+    return _with_pictures(replace(flight, pilot=name, model=None), roster.looks(name))
 
 
-def _model(flight: FlightSpec, level: Level) -> FlightSpec:
-    return _seeing(replace(flight, pilot=None, model=model_of(str(level))), True)
+def _put_model(flight: FlightSpec, level: Level) -> FlightSpec:
+    return _with_pictures(replace(flight, pilot=None, model=model_of(str(level))), True)
 
 
-def _seeing(flight: FlightSpec, looks: bool) -> FlightSpec:
-    """Return the flight with pictures for a pilot that looks, and in lockstep without for one that does not."""
+def _with_pictures(flight: FlightSpec, looks: bool) -> FlightSpec:
+    """Return the flight with rendered pictures if the pilot looks at them; in real time they are always rendered."""
     if flight.simulated is None:
         return flight
     return replace(flight, simulated=replace(flight.simulated, rendered=looks or flight.simulated.speed is not None))
@@ -100,27 +92,27 @@ def _word(name: str, text: str, put: Callable[[FlightSpec, Level], FlightSpec], 
     return Factor(name=name, help=text, put=put, **{"sets": name, **more})
 
 
-def _policy(flight: FlightSpec, level: Level) -> FlightSpec:
+def _put_policy(flight: FlightSpec, level: Level) -> FlightSpec:
     return replace(flight, latency=latency_policy(str(level), flight.latency.trace))
 
 
 def _latency(
     name: str, text: str, kind: str, place: int, put: Callable[[FlightSpec, Level], FlightSpec], **more: Any
 ) -> Factor:
-    """Return the factor that is a number of a kind of latency policy."""
-    bounds = {key: more.pop(key) for key in ("low",) if key in more}
+    """Return the factor of one number of a kind of latency policy."""
+    bounds = {"low": more.pop("low")} if "low" in more else {}
     quantity = replace(KINDS[kind].quantities[place], name=name, help=text, **bounds)
     numbers = {"get": lambda flight: dict(enumerate(flight.latency.numbers(kind))).get(place)}
     return Factor(name=name, help=text, put=put, quantity=quantity, **{"sets": name, **numbers, **more})
 
 
-def _alone(kind: str) -> Callable[[FlightSpec, Level], FlightSpec]:
-    """Return what sets a policy of one kind and nothing else."""
-    return lambda flight, level: replace(flight, latency=latency_policy(f"{kind}:{said(level)}"))
+def _put_alone(kind: str) -> Callable[[FlightSpec, Level], FlightSpec]:
+    """Return a function that sets a policy with this single part."""
+    return lambda flight, level: replace(flight, latency=latency_policy(f"{kind}:{level_text(level)}"))
 
 
-def _jittered(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
-    """Return what sets one of the numbers of `jitter:HZ,CV,RHO`, which keeps those before it."""
+def _put_jitter(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
+    """Return a function that sets one of the numbers of `jitter:HZ,CV,RHO` and keeps those before it."""
 
     def put(flight: FlightSpec, level: Level) -> FlightSpec:
         paced = next((part for part in flight.latency.parts if part.kind in (RATE, JITTER)), None)
@@ -128,26 +120,23 @@ def _jittered(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
         if len(before) < place:
             wanted = "jitter_cv" if before else "a rate"
             raise UsageError(f"it goes with {wanted}: vary that too, or hold it at one level")
-        text = f"{JITTER}:{','.join([*before[:place], said(level)])}"
+        text = f"{JITTER}:{','.join([*before[:place], level_text(level)])}"
         return replace(flight, latency=flight.latency.with_part(text, (RATE, JITTER)))
 
     return put
 
 
-def _capped(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, latency=flight.latency.with_part(f"{CAP}:{said(level)}"))
+def _put_part(template: str) -> Callable[[FlightSpec, Level], FlightSpec]:
+    """Return a function that adds a part to the latency policy, with the level in place of `{}`."""
+    return lambda flight, level: replace(flight, latency=flight.latency.with_part(template.format(level_text(level))))
 
 
-def _hung(flight: FlightSpec, level: Level) -> FlightSpec:
-    return replace(flight, latency=flight.latency.with_part(f"{STALL}:{said(level)},1"))
-
-
-def _hung_for(flight: FlightSpec, level: Level) -> FlightSpec:
-    hanging = flight.latency.part(STALL)
-    if hanging is None:
+def _put_stall_length(flight: FlightSpec, level: Level) -> FlightSpec:
+    stall = flight.latency.part(STALL)
+    if stall is None:
         raise UsageError("it goes with reply_stall_share: vary that too, or hold it at one level")
-    share = hanging.text.partition(":")[2].partition(",")[0]
-    return replace(flight, latency=flight.latency.with_part(f"{STALL}:{share},{said(level)}"))
+    share = stall.text.partition(":")[2].partition(",")[0]
+    return replace(flight, latency=flight.latency.with_part(f"{STALL}:{share},{level_text(level)}"))
 
 
 def _disturbance(level: disturbances.DisturbanceLevel) -> Factor:
@@ -163,89 +152,89 @@ def _disturbance(level: disturbances.DisturbanceLevel) -> Factor:
     )
 
 
-_ALL = (
-    _word("pilot", "a built-in pilot", _pilot, sets=WHO),
-    _word("model", "a row of `dronecats models list`, or PROVIDER/NAME", _model, sets=WHO),
-    _word("agent", "`paper`, or another of the agents", _agent),
-    _word("command", "how a fleet is commanded", _command, words=COMMANDS),
-    _latency("latency", "what every reply takes", FIXED, 0, _alone(FIXED), sets=REPLY_TIME),
-    _word(POLICY, "what a reply takes, as `--latency` has it", _policy, sets=REPLY_TIME),
-    _latency("rate", "the rate at which replies are served", RATE, 0, _alone(RATE), sets=REPLY_TIME, low=SLOWEST_HZ),
-    _latency("jitter_cv", "the replies' times around that rate, deviation over mean", JITTER, 1, _jittered(1)),
+_FACTORS = (
+    _word("pilot", "a built-in pilot", _put_pilot, sets=PILOT),
+    _word("model", "a row of `dronecats models list`, or PROVIDER/NAME", _put_model, sets=PILOT),
+    _word("agent", "`paper`, or another of the agents", lambda flight, level: replace(flight, agent=str(level))),
+    _word("command", "how a fleet is commanded", lambda flight, level: replace(flight, **command_fields(str(level))),
+          words=COMMANDS),
+    _latency("latency", "the time of every reply", FIXED, 0, _put_alone(FIXED), sets=REPLY_TIME),
+    _word(POLICY, "the time of replies, as in `--latency`", _put_policy, sets=REPLY_TIME),
+    _latency("rate", "the rate of replies", RATE, 0, _put_alone(RATE), sets=REPLY_TIME, low=SLOWEST_HZ),
+    _latency("jitter_cv", "the scatter of reply times at that rate, deviation over mean", JITTER, 1, _put_jitter(1)),
     _latency(
-        "jitter_rho", "the correlation of one reply's time with the next one's", JITTER, 2, _jittered(2),
+        "jitter_rho", "the correlation of one reply's time with the next one's", JITTER, 2, _put_jitter(2),
         refines="jitter_cv",
     ),
-    _latency("rate_cap", "no reply comes sooner after the last one", CAP, 0, _capped, low=SLOWEST_HZ),
+    _latency("rate_cap", "the highest rate of replies", CAP, 0, _put_part(f"{CAP}:{{}}"), low=SLOWEST_HZ),
     _latency(
-        "reply_stall_share", "share of replies that hang (for 1 s, unless the next says)", STALL, 0, _hung,
-        refines="reply_stall_length",
+        "reply_stall_share", "share of replies that hang, for 1 s unless reply_stall_length is set", STALL, 0,
+        _put_part(f"{STALL}:{{}},1"), refines="reply_stall_length",
     ),
-    _latency("reply_stall_length", "for so long", STALL, 1, _hung_for, refines="reply_stall_share"),
+    _latency("reply_stall_length", "duration of a hang", STALL, 1, _put_stall_length, refines="reply_stall_share"),
     *(_disturbance(level) for _, _, level in disturbances.LEVELS),
 )  # fmt: skip
-FACTORS: Mapping[str, Factor] = {factor.name: factor for factor in _ALL}
+FACTORS: Mapping[str, Factor] = {factor.name: factor for factor in _FACTORS}
 
 
 def factor_of(name: str) -> Factor:
-    """Return the factor of a name. Raises UsageError for any other, naming the nearest."""
+    """Return the factor of a name. Raises UsageError for an unknown name, with the nearest one."""
     factor = FACTORS.get(name.replace("-", "_"))
     if factor is None:
         near = nearest(name, FACTORS, count=1)
-        hint = did_you_mean(near) if near else f"there are {', '.join(FACTORS)}"
-        raise UsageError(f"no factor is called '{name:.60}'; {hint}")
+        hint = did_you_mean(near) if near else f"choose from {', '.join(FACTORS)}"
+        raise UsageError(f"there is no factor '{name:.60}'; {hint}")
     return factor
 
 
 def check_together(names: list[str]) -> None:
-    """Raise UsageError when two factors set the same thing of a flight."""
-    by_what: dict[str, str] = {}
+    """Raise UsageError if two factors set the same property of a flight."""
+    by_property: dict[str, str] = {}
     for name in names:
-        what = factor_of(name).sets
-        if other := by_what.get(what):
-            raise UsageError(f"{other} and {name} both say {what}; leave one of them out")
-        by_what[what] = name
+        first = by_property.setdefault(factor_of(name).sets, name)
+        if first != name:
+            raise UsageError(f"{first} and {name} both set {factor_of(name).sets}; leave one of them out")
 
 
-def as_told(levels: Mapping[str, Level]) -> dict[str, Level]:
-    """Return levels as study.json has them: without the file of recorded latencies, which one machine has.
+def stored_levels(levels: Mapping[str, Level]) -> dict[str, Level]:
+    """Return levels for study.json: recorded latencies by their name, instead of a file that only one machine has.
 
-    Raises UsageError where that cannot be read. `at_levels` takes both; of these it wants the latencies in the flight.
+    `at_levels` takes both forms; for a name the flight must hold the latencies. Raises UsageError if a file cannot be
+    read.
     """
     return {name: carried(str(level)) if name == POLICY else level for name, level in levels.items()}
 
 
 def at_levels(flight: FlightSpec, levels: Mapping[str, Level]) -> FlightSpec:
-    """Return a flight with every one of these factors at its level, whatever it had of them before.
+    """Return a flight with these factors at these levels, which replace earlier levels of the same factors.
 
-    So the same levels once more change nothing, and other levels of the same factors leave nothing of these. Raises
-    UsageError for levels that contradict.
+    Raises UsageError for levels that contradict each other.
     """
     lockstep = flight.simulated is not None and flight.simulated.speed is None
-    _check_beside(levels, lockstep=lockstep)
+    _check_combination(levels, lockstep=lockstep)
     for name, factor in FACTORS.items():
         if name in levels:
             flight = factor.at(flight, levels[name])
     disturbed = {
         name: level for name, level in levels.items() if isinstance(level, int | float) and not FACTORS[name].put
     }
-    # all at once: a delay must agree with the rate to come, not with the one before
+    # all at once: a delay must agree with the new rate, not with the old one
     return replace(flight, disturbances=flight.disturbances.with_levels(disturbed)) if disturbed else flight
 
 
-def _check_beside(levels: Mapping[str, Level], *, lockstep: bool) -> None:
-    """Raise UsageError for a factor without the one that it refines, for one that a policy's words say, too, and more.
-
-    In lockstep a factor that has an effect in real time only is refused.
+def _check_combination(levels: Mapping[str, Level], *, lockstep: bool) -> None:
+    """Raise UsageError for a factor without the one that it refines, one in lockstep that needs real time, and one that
+    the latency policy sets, too.
     """
     for name, level in levels.items():
         factor = FACTORS[name]
         if factor.beside and factor.refines not in levels:
-            wanted = f"it goes with {factor.refines}: vary that too, or hold it at one level"
-            raise UsageError(f"{name} at {said(level)}: {wanted}")
+            raise UsageError(
+                f"{name} at {level_text(level)}: it goes with {factor.refines}: vary that too, or hold it at one level"
+            )
         if factor.real_time and lockstep:
             raise UsageError(f"{name} goes with --speed N: {disturbances.LOCKSTEP}")
     policy = str(levels.get(POLICY, ""))
     kinds = {part.partition(":")[0] for part in split_policy(policy)}
-    if both := next((name for name, kind in ADDED.items() if name in levels and kind in kinds), None):
-        raise UsageError(f"{both} and {POLICY} {policy} both say {ADDED[both]}; leave one of them out")
+    if added := next((name for name, kind in ADDED.items() if name in levels and kind in kinds), None):
+        raise UsageError(f"{added} and {POLICY} {policy} both set {ADDED[added]}; leave one of them out")

@@ -1,67 +1,181 @@
-"""A study's folder: study.json beside bench.json and the runs. Contract: docs/studies.md."""
+"""A study's folder: study.json beside bench.json and the runs, and the checks before a study resumes.
 
+Contract of study.json: docs/studies.md.
+"""
+
+import json
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
-from dronecats.study.factors import factor_of
+from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.flight.spec.spec_file import as_kept
+from dronecats.study.factors import factor_of, level_text
+from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
 from foundation.run_folder import layout
-from foundation.run_folder.benchmark import Level as Level
-from foundation.run_folder.benchmark import Study as Study
-from foundation.run_folder.benchmark import StudyFactor as StudyFactor
-from foundation.run_folder.benchmark import StudyRun as StudyRun
+from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
 from foundation.run_folder.damage import taken
+from foundation.run_folder.folder import PER_EPISODE, PER_SITTING
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.writing import as_json
 from foundation.whole_file import write_json
 
 
 def read(folder: Path) -> Study:
-    """Return the study of a folder. Raises UsageError where there is none, it cannot be one, or a level is none."""
+    """Return the study of a folder. Raises UsageError if there is none or a value in it is not valid."""
     path = folder / layout.STUDY
     value = json_object(path)
     if value is None:
-        raise UsageError(f"{folder} is no study: there is no {layout.STUDY} in it that can be read")
-    study, wrong = taken(value, Study)
+        raise UsageError(f"{folder} is no study: it has no readable {layout.STUDY}")
+    study, problem = taken(value, Study)
     if study is None:
-        raise UsageError(f"{path}: {wrong}")
+        raise UsageError(f"{path}: {problem}")
     try:
         return _checked(study)
-    except UsageError as wrong_level:
-        raise UsageError(f"{path}: {wrong_level}") from None
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from None
+
+
+def write(folder: Path, study: Study) -> None:
+    """Write study.json. Raises UsageError if the folder cannot be written."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_json(folder / layout.STUDY, as_json(study))
+    except OSError as error:
+        raise UsageError(f"the folder {folder} cannot be written: {error.strerror}; choose another --out") from None
 
 
 def _checked(study: Study) -> Study:
-    """Return a study with each level as its factor has it. Raises UsageError for what is no level of it."""
-    factors = tuple(replace(each, levels=tuple(_levels(each))) for each in study.factors)
-    known = {each.name: each.levels for each in factors}
+    """Return a study with every level validated by its factor. Raises UsageError for an invalid level."""
+    factors = tuple(replace(factor, levels=tuple(_levels(factor))) for factor in study.factors)
+    levels_of = {factor.name: factor.levels for factor in factors}
     runs = tuple(replace(run, levels=_at(run.levels, f"{run.name}: ")) for run in study.runs)
     for run in runs:
-        if strange := next((name for name, level in run.levels.items() if level not in known.get(name, ())), None):
-            raise UsageError(f"{run.name}: {strange} {run.levels[strange]} is none of the study's levels")
+        if strange := next((name for name, level in run.levels.items() if level not in levels_of.get(name, ())), None):
+            raise UsageError(f"{run.name}: {strange} {run.levels[strange]} is not a level of the study")
     return replace(study, factors=factors, held=_at(study.held, "held: "), runs=runs)
 
 
-def _levels(told: StudyFactor) -> Iterator[Level]:
-    factor = factor_of(told.name)
-    if not told.levels:
-        raise UsageError(f"{told.name} has no level")
-    for level in told.levels:
+def _levels(declared: StudyFactor) -> Iterator[Level]:
+    factor = factor_of(declared.name)
+    if not declared.levels:
+        raise UsageError(f"{declared.name} has no level")
+    for level in declared.levels:
         yield factor.level(level)
 
 
 def _at(levels: Mapping[str, Level], where: str) -> dict[str, Level]:
     try:
         return {name: factor_of(name).level(level) for name, level in levels.items()}
-    except UsageError as wrong:
-        raise UsageError(f"{where}{wrong}") from None
+    except UsageError as error:
+        raise UsageError(f"{where}{error}") from None
 
 
-def write(folder: Path, study: Study) -> None:
-    """Write study.json. Raises UsageError where the folder does not take it."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        write_json(folder / layout.STUDY, as_json(study))
-    except OSError as error:
-        raise UsageError(f"the folder {folder} cannot be written: {error.strerror}; choose another --out") from None
+MERGED = ("flights", "runs")  # fields in which a resumed study may differ
+PILOT_FIELDS = ("pilot", "model", "outside", "commander", "scripted")  # fields in which flights of two pilots differ, …
+RENDERED = "simulated.rendered"  # … and the field that depends on them
+NAMED = 3  # differences that an error names
+
+
+def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
+    """Return the planned study together with the earlier runs of the folder, of more flights or other pilots.
+
+    Raises UsageError if the folder holds a benchmark, another study, or flights that differ from the planned ones.
+    """
+    study = plan.study
+    if not (folder / layout.STUDY).exists():
+        if (folder / layout.BENCH).exists():
+            raise UsageError(f"{folder} holds a benchmark, not a study; choose another --out")
+        return study
+    before = read(folder)
+    fields_compared = [field.name for field in fields(Study) if field.name not in MERGED]
+    changes = [_difference_text(name, getattr(before, name), getattr(study, name)) for name in fields_compared]
+    if any(changes):
+        text = "; ".join(filter(None, changes))
+        raise UsageError(f"{folder} holds another study (different: {text}); choose another --out")
+    _check_flights(folder, before, plan)
+    names = {run.name for run in study.runs}
+    kept = tuple(run for run in before.runs if run.name not in names)
+    return replace(study, flights=max(study.flights, before.flights), runs=(*study.runs, *kept))
+
+
+def _difference_text(name: str, before: Any, after: Any) -> str | None:
+    """Return a field with its values in two studies; None if they are equal."""
+    if before == after:
+        return None
+    if name in ("cells", "episodes"):
+        removed = [f"no {value} now" for value in before if value not in after]
+        added = [f"no {value} there" for value in after if value not in before]
+        return f"{name}, {', '.join([*removed, *added][:NAMED]) or 'in another order'}"
+    return f"{name}, {_value_text(before)} there and {_value_text(after)} now"
+
+
+def _value_text(value: Any) -> str:
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {level_text(level)}" for name, level in value.items()) or "nothing"
+    if isinstance(value, tuple):
+        return " and ".join(_factor_text(factor) for factor in value)
+    return f"'{value}'"
+
+
+def _factor_text(factor: StudyFactor) -> str:
+    levels = [level_text(level) for level in factor.levels]
+    return f"{factor.name} {', '.join(levels if len(levels) <= 2 * NAMED else [*levels[:NAMED], '…'])}"
+
+
+def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
+    """Raise UsageError if a kept flight differs from the planned one.
+
+    Runs of the same name must be equal; runs of other pilots at the same levels must be equal in all but PILOT_FIELDS.
+    So a different flight is never taken for done, and all pilots of a study fly the same.
+    """
+    by_name = {run.name: run for run in before.runs}
+    bench = json_object(folder / layout.BENCH) or {}
+    kept_flights = {run.get("name"): run.get("flight") for run in bench.get("runs", ())}
+    by_place: dict[str, str] = {}  # name of a kept run at each point and flight number
+    for run in before.runs:
+        by_place.setdefault(_point_key(run), run.name)
+    for entry, run in zip(plan.entries, plan.study.runs, strict=True):
+        run_name = run.name if run.name in by_name else by_place.get(_point_key(run))
+        flight = kept_flights.get(run_name)
+        if run_name is None or not isinstance(flight, dict):
+            continue
+        if by_name[run_name].levels != run.levels:
+            raise UsageError(f"{folder / run_name} has other levels than {run.name} has now; choose another --out")
+        differences = list(_flight_differences(flight, entry.flight, same_pilot=run_name == run.name))
+        if differences:
+            text = "; ".join(differences[:NAMED])
+            raise UsageError(
+                f"{folder / run_name} was begun with another {text}; use the same options again, or another --out"
+            )
+
+
+def _point_key(run: StudyRun) -> str:
+    levels: dict[str, Level] = dict(sorted(run.levels.items()))
+    return json.dumps([run.flight_number, levels])
+
+
+def _flight_differences(then: dict[str, Any], now: FlightSpec, *, same_pilot: bool) -> Iterator[str]:
+    """Yield each value in which a kept flight and a planned one differ, with both values."""
+    left = (*PER_EPISODE, *PER_SITTING, *(() if same_pilot else PILOT_FIELDS))
+    before, after = dict(_leaf_values(then, left)), dict(_leaf_values(json.loads(json.dumps(as_kept(now))), left))
+    for name in dict.fromkeys((*before, *after)):
+        if before.get(name) != after.get(name) and (same_pilot or name != RENDERED):
+            yield f"{name}, {_short_json(before.get(name))} there and {_short_json(after.get(name))} now"
+
+
+def _leaf_values(value: dict[str, Any], left: tuple[str, ...] = (), path: str = "") -> Iterator[tuple[str, Any]]:
+    for name, inner in value.items():
+        if name in left and not path:
+            continue
+        if isinstance(inner, dict) and inner:
+            yield from _leaf_values(inner, (), f"{path}{name}.")
+        else:
+            yield f"{path}{name}", inner
+
+
+def _short_json(value: Any) -> str:
+    text = "none" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 40 else f"{text[:40]}…"

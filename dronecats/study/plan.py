@@ -1,29 +1,32 @@
-"""A study resolved: every pilot at every point of the design, so many flights of each, as runs of a campaign.
+"""The plan of a study: every pilot at every point of the design, several flights of each, as runs of a campaign.
 
-`check_flights` refuses a study of which one flight cannot be flown, before the first is.
+A factor that has no effect on any flight is refused, since the report would find none: some factors refine another one,
+which may be 0. Pictures, wire and vehicle are disturbed for every pilot, even for one that knows the truth.
 """
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from dronecats.agent.latency import CAP, FIXED, RATE
 from dronecats.bench.matrix import BenchEntry, ChosenSuite, slug
 from dronecats.flight.run.pilot import agent_maker
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
+from dronecats.flight.spec.spec_file import as_json
 from dronecats.study.design import Design, DesignPoint
-from dronecats.study.factors import FACTORS, as_told, at_levels, check_together, said
-from dronecats.study.no_effect import check_effects
+from dronecats.study.factors import FACTORS, at_levels, check_together, level_text, stored_levels
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
-NAME_MAX = 100  # letters of a folder that tells its levels; longer ones tell the number of the point
+NAME_MAX = 100  # letters of a folder named by its levels; longer ones have the number of the point
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyPlan:
-    """What study.json holds, and what is flown."""
+    """The content of study.json and the runs of the campaign."""
 
     study: Study
     entries: tuple[BenchEntry, ...]  # in the order of flying
@@ -40,42 +43,42 @@ def plan(
 ) -> StudyPlan:
     """Return the plan of a study.
 
-    `pilots` are (name, flight but for the episode and the factors). The k-th flight of a pair (an episode and a pilot)
-    has the same seed at every point of the design, and all points of a pair are flown before the next pair, and the
-    first flight of all pairs before the second of any: a study that stops anywhere is paired but for its last flights.
-    Raises UsageError for levels that do not go together, for a factor that says nothing, and for nothing to be flown.
+    `pilots` are (name, flight without episode and factors). The k-th flight of a pair (an episode and a pilot) has the
+    same seed at every point of the design. All points of a pair are flown before the next pair, and the first flight of
+    all pairs before the second of any, so a study that stops early is paired except for its last flights.
+    Raises UsageError for contradicting levels, for a factor without an effect, and if there is nothing to fly.
     """
     factors = tuple(design.points[0]) if design.points else ()
-    if both := next((each for each in factors if each in held), None):
-        raise UsageError(f"{both} is varied and held at one level; leave one of them out")
+    if overlap := next((factor for factor in factors if factor in held), None):
+        raise UsageError(f"{overlap} is varied and held at one level; leave one of them out")
     check_together([*held, *factors])
     if not pilots:
         raise UsageError("nothing is to be flown: name a pilot with --model or --pilot")
     count = len(pilots) * len(design.points) * flights
     if count > RUNS_MAX:
         raise UsageError(f"that makes {count:,} runs, more than {RUNS_MAX:,}: fewer points, pilots or flights")
-    _check_fleets(suite, [each for point in design.points for each in (point.get("command"), held.get("command"))])
-    points = [as_told(point) for point in design.points]
+    _check_fleets(suite, [held.get("command"), *(point.get("command") for point in design.points)])
+    points = [stored_levels(point) for point in design.points]
     if len({tuple(point.items()) for point in points}) < len(points):
         raise UsageError("two levels of latency_policy are the same recorded latencies; leave one of them out")
     check_effects(pilots[0][1], design.points, held)
-    names = _names([pilot for pilot, _ in pilots], points)
+    names = _folder_names([pilot for pilot, _ in pilots], points)
     entries, runs = [], []
     for number in range(1, flights + 1):
         for pilot, base in pilots:
-            for point, told in zip(design.points, points, strict=True):
-                run = f"{names[pilot, tuple(told.items())]}-f{number}"
+            for k, (point, levels) in enumerate(zip(design.points, points, strict=True)):
+                run = f"{names[pilot, k]}-f{number}"
                 flight = at_levels(replace(base, seed=base.seed + number - 1), {**held, **point})
                 entries.append(
                     BenchEntry(name=run, flight=flight, episodes=tuple(suite.records), beside=f"{pilot} f{number}")
                 )
-                runs.append(StudyRun(name=run, levels=told, flight_number=number))
+                runs.append(StudyRun(name=run, levels=levels, flight_number=number))
     cells = {record.cell for record in suite.records.values()}
     study = Study(
         name=name,
-        design=design.said,
-        factors=tuple(_factor(each, points) for each in factors),
-        held=as_told(held),
+        design=design.description,
+        factors=tuple(_study_factor(factor, points) for factor in factors),
+        held=stored_levels(held),
         cells=tuple(cell for cell in CELLS if cell in cells),
         episodes=tuple(record.id for record in suite.records.values()),
         flights=flights,
@@ -84,7 +87,7 @@ def plan(
     return StudyPlan(study=study, entries=tuple(entries))
 
 
-def _factor(name: str, points: Sequence[DesignPoint]) -> StudyFactor:
+def _study_factor(name: str, points: Sequence[DesignPoint]) -> StudyFactor:
     levels = dict.fromkeys(point[name] for point in points)
     ordered = sorted(levels, key=float) if FACTORS[name].quantity else list(levels)
     return StudyFactor(name=name, unit=FACTORS[name].unit, levels=tuple(ordered))
@@ -93,62 +96,116 @@ def _factor(name: str, points: Sequence[DesignPoint]) -> StudyFactor:
 def _check_fleets(suite: ChosenSuite, commands: Sequence[Level | None]) -> None:
     alone = next((record.id for record in suite.records.values() if len(record.starts) == 1), None)
     if alone and any(command not in (None, "flat") for command in commands):
-        raise UsageError(f"command is of fleets, and {alone} has one drone: --cells commanding has fleets alone")
+        raise UsageError(f"command needs a fleet, and {alone} has one drone; use --cells commanding")
 
 
-def _names(
-    pilots: Sequence[str], points: Sequence[DesignPoint]
-) -> dict[tuple[str, tuple[tuple[str, Level], ...]], str]:
-    """Return the name of each pilot's folders at each point, but for the number of the flight."""
-
-    def by_levels(pilot: str, point: DesignPoint, _: int) -> str:
-        told = [f"{name}-{_in_name(level)}" for name, level in point.items()]
-        return "-".join(slug(each) for each in (*([pilot] if pilot else []), *told))
-
-    def by_number(pilot: str, _: DesignPoint, number: int) -> str:
-        return "-".join([*([slug(pilot)] if pilot else []), f"point-{number:0{len(str(len(points)))}d}"])
-
-    found: dict[tuple[str, tuple[tuple[str, Level], ...]], str] = {}
-    for pilot in dict.fromkeys(pilots):  # each by itself, so that whoever is added renames nobody
-        by_name = [by_levels(pilot, point, number) for number, point in enumerate(points, 1)]
-        if len(set(by_name)) < len(points) or max(map(len, by_name)) > NAME_MAX:
-            by_name = [by_number(pilot, point, number) for number, point in enumerate(points, 1)]
-        found |= {(pilot, tuple(point.items())): name for point, name in zip(points, by_name, strict=True)}
-    if len(set(found.values())) < len(pilots) * len(points):
-        raise UsageError("two of the pilots have one name; give them other names in the file")
-    return found
+def _folder_names(pilots: Sequence[str], points: Sequence[DesignPoint]) -> dict[tuple[str, int], str]:
+    """Return the folder name of each pilot at each point (by its index), without the number of the flight."""
+    names: dict[tuple[str, int], str] = {}
+    for pilot in dict.fromkeys(pilots):  # one by one, so that a new pilot does not rename the others
+        prefix = [slug(pilot)] if pilot else []
+        by_levels = [[slug(f"{name}-{_name_part(level)}") for name, level in point.items()] for point in points]
+        own = ["-".join([*prefix, *words]) for words in by_levels]
+        if len(set(own)) < len(points) or max(map(len, own)) > NAME_MAX:
+            digits = len(str(len(points)))
+            own = ["-".join([*prefix, f"point-{number:0{digits}d}"]) for number in range(1, len(points) + 1)]
+        names |= {(pilot, k): name for k, name in enumerate(own)}
+    if len(set(names.values())) < len(pilots) * len(points):
+        raise UsageError("two of the pilots have the same name; give them different names in the file")
+    return names
 
 
-def _in_name(level: Level) -> str:
-    """Return a level as a folder's name has it, where a minus alone would be lost."""
-    return f"minus-{said(-level)}" if not isinstance(level, str) and level < 0 else said(level)
+def _name_part(level: Level) -> str:
+    """Return a level for a folder name, in which a minus sign would be lost."""
+    return f"minus-{level_text(-level)}" if not isinstance(level, str) and level < 0 else level_text(level)
 
 
 def check_flights(plan: StudyPlan) -> None:
-    """Raise UsageError for the first flight that cannot be; where others can, by the levels at which it is.
+    """Raise UsageError for the first flight that cannot be flown, with its levels if other flights can.
 
-    No model is asked whether it answers.
+    Models are not contacted.
     """
-    first: tuple[str, str] | None = None  # what is wrong, and with which levels
-    others = False  # something else is wrong elsewhere, or nothing
+    first: tuple[str, str] | None = None  # the reason and the levels
+    has_others = False  # whether another flight has another reason, or none
     for entry, run in zip(plan.entries, plan.study.runs, strict=True):
-        if run.flight_number > 1:  # it has another seed and nothing else
+        if run.flight_number > 1:  # differs from the first flight only in the seed
             continue
-        wrong = _wrong(entry.flight)
-        if wrong is not None and first is None:
-            first = wrong, ", ".join(f"{name} {said(level)}" for name, level in run.levels.items())
-        others |= wrong is None or (first is not None and wrong != first[0])
-        if first and others:
+        reason = _refusal(entry.flight)
+        if reason is not None and first is None:
+            first = reason, ", ".join(f"{name} {level_text(level)}" for name, level in run.levels.items())
+        has_others |= reason is None or (first is not None and reason != first[0])
+        if first and has_others:
             raise UsageError(f"at {first[1]}: {first[0]}")
     if first:
         raise UsageError(first[0])
 
 
-def _wrong(flight: FlightSpec) -> str | None:
-    """Return why a flight cannot be, None where it can. Its ledger is made with the folder, and not here."""
+def _refusal(flight: FlightSpec) -> str | None:
+    """Return the reason why a flight cannot be flown; None if it can. Its ledger is made later, with the folder."""
     try:
         look_up(replace(flight, accounts=replace(flight.accounts, ledger=None)))
         agent_maker(flight.agent)
-    except UsageError as wrong:
-        return str(wrong)
+    except UsageError as error:
+        return str(error)
     return None
+
+
+COMPARED = ("rate_cap",)  # factors with levels that have no effect, as a comparison for the others
+
+
+def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mapping[str, Level]) -> None:
+    """Raise UsageError for a factor, varied or held, that has no effect, and for levels with the same flight.
+
+    `flight` is any flight of the study without its levels, which are `held` and those of a point.
+    """
+    if not points:
+        return
+    flights = [at_levels(flight, {**held, **point}) for point in points]
+    for name in (*points[0], *held):
+        reasons = [_no_effect_reason(name, case) for case in flights]
+        effective = [point for point, reason in zip(points, reasons, strict=True) if reason is None]
+        is_varied = name in points[0]
+        compares_levels = is_varied and name not in COMPARED and len({point[name] for point in points}) > 1
+        if len({point.get(name) for point in effective}) < (2 if compares_levels else 1):
+            reason = next(reason for reason in reasons if reason is not None)
+            where = "at all of its levels but one" if effective else "in any flight"
+            level = "" if is_varied else f" at {level_text(held[name])}"
+            raise UsageError(f"{name}{level} has no effect {where}: {reason}")
+        if is_varied:
+            _check_distinct_levels(flight, {**held, **effective[0]}, name, [point[name] for point in points])
+
+
+def _check_distinct_levels(flight: FlightSpec, at: Mapping[str, Level], name: str, levels: Sequence[Level]) -> None:
+    """Raise UsageError if two levels of a factor give the same flight; `at` are levels at which it has an effect."""
+    levels_of: dict[str, Level] = {}
+    for level in dict.fromkeys(levels):
+        try:
+            content = json.dumps(as_json(at_levels(flight, {**at, name: level})))
+        except UsageError:  # this level needs other levels of other factors
+            continue
+        if content in levels_of:
+            raise UsageError(
+                f"{name} at {level_text(levels_of[content])} and at {level_text(level)} is the same flight; leave one"
+                " of them out"
+            )
+        levels_of[content] = level
+
+
+def _no_effect_reason(name: str, flight: FlightSpec) -> str | None:
+    """Return the reason why a factor has no effect on a flight; None if it has one."""
+    if name == "rate_cap":
+        return _cap_reason(flight)
+    refined = FACTORS[name].refines
+    if not refined or FACTORS[refined].get(flight) != 0.0:
+        return None
+    return f"{refined} is 0 there; vary that, or hold it at a level above it"
+
+
+def _cap_reason(flight: FlightSpec) -> str | None:
+    """Return the reason why a rate cap delays no reply; None if it delays some."""
+    policy = flight.latency
+    takes_s = sum(policy.numbers(FIXED)) + sum(1.0 / hz for hz in policy.numbers(RATE))
+    if not any(takes_s * hz >= 1.0 for hz in policy.numbers(CAP)):
+        return None
+    held = f"{policy.numbers(CAP)[0]:g} Hz holds none of those back"
+    return f"every reply takes {takes_s:g} s there, and {held}; give either another level"

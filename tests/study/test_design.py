@@ -57,7 +57,7 @@ def test_of_one_factor_at_a_time_what_is_crossed_is_at_every_point(axes):
     for point in made.points:
         by_agent[point["agent"]].append(tuple((name, level) for name, level in point.items() if name != "agent"))
     assert list(by_agent.values()) == [alone] * 3
-    assert "agent" in made.said
+    assert "agent" in made.description
     assert len(one_at_a_time([agents], ("agent",)).points) == 3
 
 
@@ -90,7 +90,7 @@ def test_a_fraction_is_balanced_and_orthogonal_up_to_its_resolution(drawn):
         if abs(signs[:, columns].prod(axis=1).sum()) == len(signs)
     )
     roman = {3: "III", 4: "IV", 5: "V", 6: "VI"}[shortest]
-    assert re.search(rf"2\^\({count}-{len(generators)}\) .*\b{roman}, ", design.said)
+    assert re.search(rf"2\^\({count}-{len(generators)}\) .*\b{roman}, ", design.description)
     for place, generator in enumerate(generators):
         made, _, product = generator.partition(" = ")
         column = signs[:, [LETTERS.index(letter) for letter in product.lstrip("-")]].prod(axis=1)
@@ -103,7 +103,7 @@ def test_the_published_fractions_have_their_resolutions():
         (6, ["F=ABCDE"], "VI"), (6, ["E=ABC", "F=BCD"], "IV"), (7, ["D=AB", "E=AC", "F=BC", "G=ABC"], "III"),
         (7, ["E=ABC", "F=BCD", "G=ACD"], "IV"), (8, ["G=ABCD", "H=ABEF"], "V"),
     ):  # fmt: skip
-        assert f" {resolution}," in fractional(two_levels(count), generators).said, (count, generators)
+        assert f" {resolution}," in fractional(two_levels(count), generators).description, (count, generators)
 
 
 def test_generators_may_name_the_factors():
@@ -155,7 +155,7 @@ def test_the_levels_of_a_factor_come_equally_often_in_a_latin_hypercube(points, 
     axes = [
         Axis(name="x", low=0.0, high=1.0),
         Axis(name="levels", levels=own),
-        Axis(name="n", low=3, high=6, whole=True),
+        Axis(name="n", low=3, high=6, integer=True),
     ]
     drawn = latin(axes, points, seed).points
     assert len(drawn) == points

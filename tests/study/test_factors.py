@@ -11,7 +11,7 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.flight.disturbances import LEVELS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
-from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, said
+from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, level_text
 from foundation.declaration import shown
 from foundation.errors import UsageError
 from foundation.run_folder.benchmark import Level
@@ -213,7 +213,7 @@ def test_a_name_that_is_none_is_told_with_the_nearest():
 
 @given(st.floats(0.0, 300.0))
 def test_a_number_is_said_so_that_it_comes_back(number):
-    assert float(said(number)) == pytest.approx(number, rel=1e-11)
+    assert float(level_text(number)) == pytest.approx(number, rel=1e-11)
 
 
 def test_words_are_those_that_there_are():

@@ -14,9 +14,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.report.writers import as_markdown
-from dronecats.study.load.comparison import compared
-from dronecats.study.load.flights import LoadedFlight, busy
-from dronecats.study.load.page import tables
+from dronecats.study.host_load import LoadedFlight, busy, compare, tables
 from tests.support.command_line import DRONECATS
 
 ONE = LoadedFlight(
@@ -45,7 +43,7 @@ FLOWN = [
 
 
 def test_every_flight_is_held_against_the_same_one_in_lockstep_on_the_idle_host():
-    found = compared(FLOWN)
+    found = compare(FLOWN)
     rows = {(row.clock, row.busy): row for row in found.rows}
     assert [(row.flights, row.solved, row.moved, row.other_bytes) for row in rows.values()] == [
         (2, 1, 0, 0), (2, 1, 0, 2), (2, 1, 0, 1), (2, 1, 2, 2),
@@ -56,7 +54,7 @@ def test_every_flight_is_held_against_the_same_one_in_lockstep_on_the_idle_host(
 
 
 def test_the_marks_precision_and_recall():
-    found = compared(FLOWN)
+    found = compare(FLOWN)
     verdicts = found.of_verdicts
     assert (verdicts.moved, verdicts.marked, verdicts.both) == (2, 2, 1)
     assert verdicts.precision is not None
@@ -68,7 +66,7 @@ def test_the_marks_precision_and_recall():
 
 
 def test_without_a_moved_or_a_marked_flight_there_is_no_share():
-    found = compared([flight(), real(ne_m=None)])
+    found = compare([flight(), real(ne_m=None)])
     assert found.of_verdicts.precision is None
     assert found.of_verdicts.recall is None
     assert found.idle_error_m is None
@@ -88,7 +86,7 @@ def test_busy_processes_compute_and_are_gone_afterwards():
 def test_busy_processes_end_with_whoever_was_killed():
     script = textwrap.dedent("""
         import os, time
-        from dronecats.study.load.flights import busy
+        from dronecats.study.host_load import busy
         with busy(1) as started:
             print(started[0].pid, flush=True)
             time.sleep(600)

@@ -7,8 +7,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.study import design
 from dronecats.study.design import Axis
 from dronecats.study.factors import FACTORS
-from dronecats.study.no_effect import check_effects
-from dronecats.study.plan import plan
+from dronecats.study.plan import check_effects, plan
 from foundation.errors import UsageError
 from tests.study.test_factors import NEEDS, between
 

@@ -11,7 +11,7 @@ from dronecats.bench.campaign import Batch, Campaign
 from dronecats.bench.matrix import suite_of
 from dronecats.cli.main import main
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.study import continued, design, folder
+from dronecats.study import design, folder
 from dronecats.study.design import Axis, Design
 from dronecats.study.plan import plan
 from foundation.errors import UsageError
@@ -32,7 +32,7 @@ def fly(out, made, script=lambda sortie, time: MOVED, jobs=1):
     """Fly what is left; return what was flown, RUN/EPISODE in the order in which it began."""
     bench = Bench(
         out, suite_of(TWO, ()), made.entries, retry=False,
-        first=lambda: folder.write(out, continued.joined(out, made)),
+        first=lambda: folder.write(out, folder.merge_earlier_runs(out, made)),
     )  # fmt: skip
     engine = ScriptedEngine(script)
     try:
@@ -147,11 +147,15 @@ def test_a_folder_tells_who_the_levels_and_the_number():
 
 
 def test_levels_that_no_folder_can_tell_are_numbered():
-    awkward = Design(said="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
+    awkward = Design(description="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
     with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # which is none; the names were settled before
         plan("mine", [("oracle", ORACLE)], suite_of(TWO, ()), awkward, held={}, flights=1)
-    alike = Design(said="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"}))
-    long = Design(said="by hand", points=({"latency_policy": f"fixed:{'0' * 100}1"}, {"latency_policy": "fixed:2"}))
+    alike = Design(
+        description="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"})
+    )
+    long = Design(
+        description="by hand", points=({"latency_policy": f"fixed:{'0' * 100}1"}, {"latency_policy": "fixed:2"})
+    )
     for made in (alike, long):
         names = [r.name for r in plan("m", [("o", ORACLE)], suite_of(TWO, ()), made, held={}, flights=1).study.runs]
         assert names == (["o-point-1-f1", "o-point-2-f1"] if made is long else [
@@ -194,19 +198,19 @@ def test_study_json_is_read_back_as_it_was_written(tmp_path):
     made = planned((LATENCY, WIND), held={"gusts": 2.0})
     folder.write(tmp_path / "s", made.study)
     assert folder.read(tmp_path / "s") == made.study
-    assert continued.joined(tmp_path / "s", made) == made.study
+    assert folder.merge_earlier_runs(tmp_path / "s", made) == made.study
 
 
 def test_a_study_grows_by_flights_and_pilots(tmp_path):
     folder.write(tmp_path, planned(flights=1).study)
-    more = continued.joined(tmp_path, planned(pilots=[("ring", BLIND)], flights=2))
+    more = folder.merge_earlier_runs(tmp_path, planned(pilots=[("ring", BLIND)], flights=2))
     assert more.flights == 2
     assert {run.name for run in more.runs} == {
         f"{who}-latency-{level}-f{number}"
         for who, last in (("oracle", 1), ("ring", 2)) for level in ("0", "0.5", "2") for number in range(1, last + 1)
     }  # fmt: skip
     folder.write(tmp_path, more)
-    assert continued.joined(tmp_path, planned(flights=1)).flights == 2
+    assert folder.merge_earlier_runs(tmp_path, planned(flights=1)).flights == 2
 
 
 def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
@@ -217,21 +221,21 @@ def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
     assert [each.name for each in two.entries[:32]] == [each.name for each in one.entries]
     assert two.entries[32].name == "a-model-with-a-long-name-instruct-2507-fp8-point-01-f1"
     folder.write(tmp_path, one.study)
-    assert len(continued.joined(tmp_path, two).runs) == 64
+    assert len(folder.merge_earlier_runs(tmp_path, two).runs) == 64
 
 
 def test_the_folder_of_another_study_is_refused(tmp_path):
     folder.write(tmp_path, planned().study)
     other = plan("mine", [("o", ORACLE)], suite_of(TWO, ()), design.one_at_a_time([WIND]), held={}, flights=1)
     with pytest.raises(UsageError, match=r"design, .*; factors, latency 0, 0\.5, 2 .*wind 0, 6 .*--out") as no:
-        continued.joined(tmp_path, other)
+        folder.merge_earlier_runs(tmp_path, other)
     assert "\n" not in str(no.value)
     with pytest.raises(UsageError, match=r"cells, .*tracking .*; episodes, .*campus-tracking-01 "):
-        continued.joined(tmp_path, planned(episodes=TWO[:1]))
+        folder.merge_earlier_runs(tmp_path, planned(episodes=TWO[:1]))
     (tmp_path / "b").mkdir()
     (tmp_path / "b" / "bench.json").write_text("{}")
     with pytest.raises(UsageError, match="--out"):
-        continued.joined(tmp_path / "b", planned())
+        folder.merge_earlier_runs(tmp_path / "b", planned())
 
 
 def test_levels_that_are_none_are_told_in_a_sentence(tmp_path):

@@ -5,7 +5,7 @@ What a reply for several drones cost is counted once, at the first of them.
 """
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.metric import Metric, MetricValue, known, median, of_questions, quantile
+from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, median, of_questions, quantile
 
 
 def control_rate(flight: JudgedFlight) -> list[MetricValue]:
@@ -55,13 +55,13 @@ def fast_rate(flight: JudgedFlight) -> float | None:
 
 def all_tokens_in(flight: JudgedFlight) -> float | None:
     """Return the sum of `tokens_in`; None where no server counted."""
-    told = known(tokens_in(flight))
+    told = known_values(tokens_in(flight))
     return sum(told) if told else None
 
 
 def all_tokens_out(flight: JudgedFlight) -> float | None:
     """Return the sum of `tokens_out`; None where no server counted."""
-    told = known(tokens_out(flight))
+    told = known_values(tokens_out(flight))
     return sum(told) if told else None
 
 

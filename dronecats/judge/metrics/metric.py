@@ -46,26 +46,26 @@ def of_questions(steps: Iterable[FlightStep], value: Callable[[Decision], Metric
     return [value(step.decision) if step.counts and step.asks else None for step in steps]
 
 
-def known(values: Iterable[MetricValue]) -> list[float]:
+def known_values(values: Iterable[MetricValue]) -> list[float]:
     """Return those that are not None."""
     return [float(value) for value in values if value is not None]
 
 
 def median(values: Iterable[MetricValue]) -> float | None:
     """Return the median of those that are known; None without any."""
-    told = known(values)
+    told = known_values(values)
     return statistics.median(told) if told else None
 
 
 def mean(values: Iterable[MetricValue]) -> float | None:
     """Return the mean of those that are known, of truths their share; None without any."""
-    told = known(values)
+    told = known_values(values)
     return statistics.fmean(told) if told else None
 
 
 def quantile(values: Iterable[MetricValue], share: float) -> float | None:
     """Return the quantile of those that are known, straight between neighbours; None without any."""
-    told: Sequence[float] = sorted(known(values))
+    told: Sequence[float] = sorted(known_values(values))
     if not told:
         return None
     at = share * (len(told) - 1)

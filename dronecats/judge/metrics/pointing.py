@@ -9,7 +9,7 @@ import math
 from collections.abc import Iterator
 
 from dronecats.judge.judged_flight import FlightStep, JudgedFlight
-from dronecats.judge.metrics.metric import Metric, MetricValue, known, mean, median, of_counted
+from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, mean, median, of_counted
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN, ROTATE
 from foundation.run_folder.rows import PointedGo
@@ -88,7 +88,7 @@ def share_rescaled(flight: JudgedFlight) -> float | None:
 
 def wide_rotations(flight: JudgedFlight) -> int:
     """Return how many of `wide_rotation` there were."""
-    return int(sum(known(wide_rotation(flight))))
+    return int(sum(known_values(wide_rotation(flight))))
 
 
 def _on_target(step: FlightStep) -> bool | None:

@@ -1,13 +1,86 @@
-"""What is told of single steps at each level: the rate that was served, and how far targets moved meanwhile."""
+"""Metrics of single steps at each level: the served rate and latency, and the target's motion during one decision.
 
+A step is the time from its picture to the next one of its drone. The width of the view is that of the plane across the
+optical axis at the target's depth (paper, appendix "Execution": 90° across).
+"""
+
+import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from dronecats.judge.metrics.metric import quantile
-from dronecats.study.analysis.levels import LevelStep, level_steps
-from dronecats.study.analysis.studied import Studied, StudiedFlight, comparable
-from dronecats.study.analysis.target_motion import MOVES_M
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
+from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, quantile
+from dronecats.study.analysis.study_results import LevelStep, StudiedFlight, StudyResults, comparable, level_steps
+from foundation.camera import CameraModel
+
+MOVES_M = 0.05  # m from one picture to the next; a target below it stands still, since logged places are rounded
+ACROSS = 2.0 * math.tan(math.radians(CameraModel().hfov_deg) / 2.0)  # m of width for each m of depth
+
+
+def target_moved(flight: JudgedFlight) -> list[MetricValue]:
+    """Return per step the distance (m) that the target moves until the next picture; None for the last step."""
+    following = _following(flight.steps)
+    return [_moved_m(step, after) for step, after in zip(flight.steps, following, strict=True)]
+
+
+def view_width(flight: JudgedFlight) -> list[MetricValue]:
+    """Return per step the width (m) of the picture at the target's depth; None if the target is not ahead."""
+    return [_width_m(step) for step in flight.steps]
+
+
+def decision_period(flight: JudgedFlight) -> list[MetricValue]:
+    """Return per step the time (s) from its picture to the next one of its drone; None for the last step."""
+    following = _following(flight.steps)
+    return [
+        None if after is None or not step.counts else after.decision.t_frame - step.decision.t_frame
+        for step, after in zip(flight.steps, following, strict=True)
+    ]
+
+
+def _following(steps: Sequence[FlightStep]) -> list[FlightStep | None]:
+    """Return the next step of the same drone, for each step."""
+    later: dict[int, FlightStep] = {}
+    following: list[FlightStep | None] = []
+    for step in reversed(steps):
+        following.append(later.get(step.decision.drone))
+        later[step.decision.drone] = step
+    return following[::-1]
+
+
+def _moved_m(step: FlightStep, after: FlightStep | None) -> float | None:
+    if after is None or not step.counts or step.truth is None or after.truth is None:
+        return None
+    here, there = step.truth.target_ned, after.truth.target_ned
+    return None if here is None or there is None else math.dist(here, there)
+
+
+def _width_m(step: FlightStep) -> float | None:
+    truth = step.truth
+    if truth is None or not step.counts or truth.target_frd is None or truth.target_frd[0] <= 0.0:
+        return None
+    return ACROSS * truth.target_frd[0]
+
+
+OURS = ""  # no section of the paper
+METRICS = (
+    Metric(
+        name="target_moved_m", title="Target moved", unit="m", level="step", better="less",
+        definition="distance between the target's places at this picture and at the drone's next",
+        paper=OURS, of=target_moved,
+    ),
+    Metric(
+        name="view_width_m", title="Width of the view", unit="m", level="step", better=None,
+        definition="width of the picture at the target's depth, where it is ahead",
+        paper=OURS, of=view_width,
+    ),
+    Metric(
+        name="decision_period_s", title="Decision period", unit="s", level="step", better="less",
+        definition="time from this picture to the drone's next",
+        paper=OURS, of=decision_period,
+    ),
+)  # fmt: skip
+
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 RATE, LATENCY, MOVED, WIDTH, PERIOD = "rate_hz", "latency_s", "target_moved_m", "view_width_m", "decision_period_s"
@@ -15,15 +88,15 @@ RATE, LATENCY, MOVED, WIDTH, PERIOD = "rate_hz", "latency_s", "target_moved_m", 
 
 @dataclass(frozen=True, slots=True)
 class StepQuantiles:
-    """A metric of steps over all steps that have it."""
+    """The quantiles of a step metric, over all steps that have a value."""
 
     steps: int
-    at: tuple[float, ...]  # one of each of QUANTILES; empty: no step has it
+    at: tuple[float, ...]  # in the order of QUANTILES; empty: no step has a value
 
 
 @dataclass(frozen=True, slots=True)
-class ServedAt:
-    """At which rate an entrant was served at a level."""
+class ServedRate:
+    """The rate and latency at which an entrant was served at a level."""
 
     entrant: str
     step: LevelStep
@@ -32,8 +105,8 @@ class ServedAt:
 
 
 @dataclass(frozen=True, slots=True)
-class MotionAt:
-    """How moving targets moved during one decision at a level, of one entrant and cell or all."""
+class TargetMotionResult:
+    """The motion of moving targets during one decision at a level, of one entrant in one cell or in all."""
 
     entrant: str
     cell: str
@@ -42,51 +115,51 @@ class MotionAt:
     period_s: StepQuantiles
     moved_m: StepQuantiles
     width_m: StepQuantiles  # of the view, at the target
-    share: StepQuantiles  # of the first in the second, step by step
+    share: StepQuantiles  # moved_m / width_m, step by step
 
 
-def served(studied: Studied, factor: int) -> list[ServedAt]:
-    """Return the rates and latencies of every entrant at each level of a factor; fleets' joint questions once."""
-    found = []
-    for entrant in studied.entrants:
-        flown = comparable(studied.of(entrant), factor)
-        for step in level_steps(studied.factors[factor]):
-            there = [each for each in flown if each.levels[factor] in step.members]
-            told = ServedAt(entrant, step, _quantiles(_steps(there, RATE)), _quantiles(_steps(there, LATENCY)))
-            found += [told] if told.rate_hz.at else []
-    return found
+def served_rates(results: StudyResults, factor: int) -> list[ServedRate]:
+    """Return the rates and latencies of every entrant at each level; a joint question of a fleet counts once."""
+    rows = []
+    for entrant in results.entrants:
+        flights = comparable(results.of(entrant), factor)
+        for step in level_steps(results.factors[factor]):
+            at_step = [flight for flight in flights if flight.levels[factor] in step.members]
+            row = ServedRate(entrant, step, _quantiles(_steps(at_step, RATE)), _quantiles(_steps(at_step, LATENCY)))
+            rows += [row] if row.rate_hz.at else []
+    return rows
 
 
-def motions(studied: Studied, factor: int) -> list[MotionAt]:
-    """Return how targets that move have moved, for every entrant and cell at each level of a factor."""
-    found = []
-    for entrant, cell in studied.lines():
-        flown = [each for each in comparable(studied.of(entrant, cell), factor) if moves(each)]
-        for step in level_steps(studied.factors[factor]):
-            there = [each for each in flown if each.levels[factor] in step.members]
-            if there:
-                found.append(_motion(entrant, cell, step, there))
-    return found
+def target_motions(results: StudyResults, factor: int) -> list[TargetMotionResult]:
+    """Return the motion of moving targets, for every entrant and cell at each level of a factor."""
+    rows = []
+    for entrant, cell in results.lines():
+        moving = [flight for flight in comparable(results.of(entrant, cell), factor) if moves(flight)]
+        for step in level_steps(results.factors[factor]):
+            at_step = [flight for flight in moving if flight.levels[factor] in step.members]
+            if at_step:
+                rows.append(_target_motion(entrant, cell, step, at_step))
+    return rows
 
 
 def moves(flight: StudiedFlight) -> bool:
-    """Return whether a flight's target moves: on more than half of its steps, by more than a log rounds."""
-    told = _steps([flight], MOVED)
-    return bool(told) and statistics.median(told) > MOVES_M
+    """Return whether the target of a flight moves by more than MOVES_M on more than half of its steps."""
+    values = _steps([flight], MOVED)
+    return bool(values) and statistics.median(values) > MOVES_M
 
 
-def _motion(entrant: str, cell: str, step: LevelStep, flights: Sequence[StudiedFlight]) -> MotionAt:
+def _target_motion(entrant: str, cell: str, step: LevelStep, flights: Sequence[StudiedFlight]) -> TargetMotionResult:
     shares = [
         float(moved) / float(width)
-        for each in flights
-        for moved, width in zip(each.scored.steps[MOVED], each.scored.steps[WIDTH], strict=True)
+        for flight in flights
+        for moved, width in zip(flight.scored.steps[MOVED], flight.scored.steps[WIDTH], strict=True)
         if moved is not None and width
     ]
-    return MotionAt(
+    return TargetMotionResult(
         entrant=entrant,
         cell=cell,
         step=step,
-        episodes=len({each.scored.episode for each in flights}),
+        episodes=len({flight.scored.episode for flight in flights}),
         period_s=_quantiles(_steps(flights, PERIOD)),
         moved_m=_quantiles(_steps(flights, MOVED)),
         width_m=_quantiles(_steps(flights, WIDTH)),
@@ -95,9 +168,8 @@ def _motion(entrant: str, cell: str, step: LevelStep, flights: Sequence[StudiedF
 
 
 def _steps(flights: Sequence[StudiedFlight], metric: str) -> list[float]:
-    return [float(v) for each in flights for v in each.scored.steps.get(metric, ()) if v is not None]
+    return [float(v) for flight in flights for v in flight.scored.steps.get(metric, ()) if v is not None]
 
 
 def _quantiles(values: Sequence[float]) -> StepQuantiles:
-    told = [quantile(values, share) for share in QUANTILES]
-    return StepQuantiles(len(values), tuple(value for value in told if value is not None))
+    return StepQuantiles(len(values), tuple(known_values(quantile(values, share) for share in QUANTILES)))

@@ -1,7 +1,7 @@
 """Plant, estimator and cascade in one compiled loop, with a delay line in the feedback of exactly one loop.
 
-The cascade is given a copy of the estimate in which one quantity of one axis is late. The estimator is not: it is no
-part of the loop that is measured. Nothing here is compiled into a flight: that is `dronecats/flight/sitl/fused.py`.
+The cascade gets a copy of the estimate in which one quantity of one axis is late. The estimator itself has no delay,
+since it is not a part of the measured loop. Flights do not use this: they compile `dronecats/flight/sitl/fused.py`.
 """
 
 import math
@@ -16,19 +16,19 @@ from vehicles.multirotor import step
 
 RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop whose feedback is late
 LINE = 4096  # samples in a delay line, a millisecond each
-CHANNELS = 4  # of a delay line: the most that a feedback takes, a quaternion
-COLUMNS = 10  # of what is recorded: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s), all of the truth
+CHANNELS = 4  # of a delay line: a quaternion has the most
+COLUMNS = 10  # of the recorded truth: rates FRD (rad/s), attitude (w, x, y, z), velocity NED (m/s)
 
 
 @njit(cache=True)
-def late(line: Grid, newest: int, channel: int, delay: float) -> float:
-    """Return what went into a line `delay` samples before the newest, straight between two samples."""
-    whole = int(delay)
-    share = delay - whole
+def delayed(line: Grid, newest: int, channel: int, delay: float) -> float:
+    """Return the value `delay` samples before the newest one of a line, interpolated linearly."""
+    samples = int(delay)
+    share = delay - samples
     rows = line.shape[0]
-    here = line[(newest - whole) % rows, channel]
-    before = line[(newest - whole - 1) % rows, channel]
-    value: float = here + share * (before - here)
+    newer = line[(newest - samples) % rows, channel]
+    older = line[(newest - samples - 1) % rows, channel]
+    value: float = newer + share * (older - newer)
     return value
 
 
@@ -41,8 +41,8 @@ def acceleration(estimate: Record) -> Vec3:
 
 
 @njit(cache=True)
-def enter(loop: int, axis: int, estimate: Record, line: Grid, row: int) -> None:
-    """Write what the loop feeds back now into a row of its line."""
+def record_feedback(loop: int, axis: int, estimate: Record, line: Grid, row: int) -> None:
+    """Write the current feedback of the loop into a row of its line."""
     if loop == RATE:
         line[row, 0] = estimate.rates_frd[axis]
     elif loop == ATTITUDE:
@@ -54,35 +54,35 @@ def enter(loop: int, axis: int, estimate: Record, line: Grid, row: int) -> None:
 
 
 @njit(cache=True)
-def hear(
-    loop: int, axis: int, delay: float, derivative: bool, estimate: Record, heard: Record, line: Grid, newest: int
+def delay_feedback(
+    loop: int, axis: int, delay: float, derivative: bool, estimate: Record, seen: Record, line: Grid, newest: int
 ) -> None:
-    """Copy what the cascade reads of the estimate into `heard`, one loop's feedback about one axis late by `delay`.
+    """Copy the estimate into `seen`, with one loop's feedback about one axis late by `delay` samples.
 
-    In samples. Of an attitude only its turn about that axis of the body is late; of a velocity its derivative is, too,
-    where the loop has one.
+    Of an attitude only the turn about that body axis is late. Of a velocity its derivative is late, too, if the loop
+    has a derivative term.
     """
-    heard.time_us = estimate.time_us
-    heard.velocity_valid = estimate.velocity_valid
-    heard.position_valid = estimate.position_valid
+    seen.time_us = estimate.time_us
+    seen.velocity_valid = estimate.velocity_valid
+    seen.position_valid = estimate.position_valid
     for i in range(4):
-        heard.attitude[i] = estimate.attitude[i]
+        seen.attitude[i] = estimate.attitude[i]
     for i in range(3):
-        heard.rates_frd[i] = estimate.rates_frd[i]
-        heard.accel_frd[i] = estimate.accel_frd[i]
-        heard.velocity_ned[i] = estimate.velocity_ned[i]
-        heard.position_ned[i] = estimate.position_ned[i]
+        seen.rates_frd[i] = estimate.rates_frd[i]
+        seen.accel_frd[i] = estimate.accel_frd[i]
+        seen.velocity_ned[i] = estimate.velocity_ned[i]
+        seen.position_ned[i] = estimate.position_ned[i]
     if delay <= 0.0:
         return
     if loop == RATE:
-        heard.rates_frd[axis] = late(line, newest, 0, delay)
+        seen.rates_frd[axis] = delayed(line, newest, 0, delay)
     elif loop == ATTITUDE:
         now = (estimate.attitude[0], estimate.attitude[1], estimate.attitude[2], estimate.attitude[3])
         then = (
-            late(line, newest, 0, delay),
-            late(line, newest, 1, delay),
-            late(line, newest, 2, delay),
-            late(line, newest, 3, delay),
+            delayed(line, newest, 0, delay),
+            delayed(line, newest, 1, delay),
+            delayed(line, newest, 2, delay),
+            delayed(line, newest, 3, delay),
         )
         back = quat_multiply(quat_conjugate(now), then)
         half = math.atan2(back[1 + axis], back[0])
@@ -90,19 +90,19 @@ def hear(
         turn = (math.cos(half), most if axis == 0 else 0.0, most if axis == 1 else 0.0, most if axis == 2 else 0.0)
         q = quat_multiply(now, turn)
         for i in range(4):
-            heard.attitude[i] = q[i]
+            seen.attitude[i] = q[i]
     else:
-        heard.velocity_ned[axis] = late(line, newest, 0, delay)
+        seen.velocity_ned[axis] = delayed(line, newest, 0, delay)
         if derivative:
             a = acceleration(estimate)
-            was = late(line, newest, 1, delay)
+            was = delayed(line, newest, 1, delay)
             q = estimate.attitude
             felt = rotate_inverse(
                 (q[0], q[1], q[2], q[3]),
                 (was if axis == 0 else a[0], was if axis == 1 else a[1], was if axis == 2 else a[2]),
             )
             for i in range(3):
-                heard.accel_frd[i] = felt[i]
+                seen.accel_frd[i] = felt[i]
 
 
 @njit(cache=True)
@@ -112,7 +112,7 @@ def fly_late(
     delay: float,
     out: Grid,
     line: Grid,
-    heard: Record,
+    seen: Record,
     plant: Record,
     down: Grid,
     peak: Grid,
@@ -126,13 +126,13 @@ def fly_late(
     setpoint: Record,
     estimate: Record,
 ) -> None:
-    """Advance by one millisecond a row of `out` (n, COLUMNS) and write there what the truth is.
+    """Advance by one millisecond per row of `out` (n, COLUMNS) and write the truth into it.
 
-    loop, axis, delay (samples, may have a fraction, at most LINE - 2): whose feedback is late, and how. line (LINE,
-    CHANNELS) and heard (an ESTIMATE) are scratch. The rest: `Multirotor.kernel_args` and `FlightCore.kernel_args`.
+    loop, axis: the late feedback; delay: in samples, may have a fraction, at most LINE - 2. line (LINE, CHANNELS) and
+    seen (an ESTIMATE) are scratch. The rest: `Multirotor.kernel_args` and `FlightCore.kernel_args`.
     """
     for row in range(line.shape[0]):
-        enter(loop, axis, estimate, line, row)
+        record_feedback(loop, axis, estimate, line, row)
     derivative = params.velocity_d[axis] > 0.0
     newest = 0
     for k in range(out.shape[0]):
@@ -140,9 +140,9 @@ def fly_late(
         on_ground = setpoint.armed == 0
         if estimate_motion(filter_params, filter_state, covariance, history, plant.sensors, estimate, on_ground):
             newest = (newest + 1) % line.shape[0]
-            enter(loop, axis, estimate, line, newest)
-            hear(loop, axis, delay, derivative, estimate, heard, line, newest)
-            control(params, state, setpoint, heard, plant.actuators)
+            record_feedback(loop, axis, estimate, line, newest)
+            delay_feedback(loop, axis, delay, derivative, estimate, seen, line, newest)
+            control(params, state, setpoint, seen, plant.actuators)
         truth = plant.truth
         for i in range(3):
             out[k, i] = truth.rates_frd[i]

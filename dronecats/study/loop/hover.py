@@ -1,4 +1,4 @@
-"""One airframe in a hover, from which every trial begins anew: the whole stack, and sensors that do not err."""
+"""The loops of the cascade, and one airframe in a hover, from which every trial starts, with perfect sensors."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -8,12 +8,45 @@ from numpy.typing import NDArray
 
 from autopilot.control.flight_core import CoreArguments, FlightCore
 from autopilot.records import ESTIMATE, KIND_ATTITUDE, KIND_RATES, KIND_TRAJECTORY, SETPOINT
-from dronecats.study.loop.cascade_loops import CascadeLoop
-from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RATE, fly_late
+from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RATE, VELOCITY, fly_late
 from foundation.airframe import Airframe
+from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 from vehicles.multirotor import Multirotor, PlantArguments
 from vehicles.sensors import PERFECT, Suite
+
+
+@dataclass(frozen=True, slots=True)
+class CascadeLoop:
+    """One loop about one axis, and the small step that tests it."""
+
+    name: str  # as in `dronecats tune`
+    group: str  # rate, attitude or velocity
+    level: int  # RATE, ATTITUDE or VELOCITY: the quantity that is fed back
+    axis: int  # 0, 1, 2: roll, pitch, yaw, or north, east, down
+    step: float  # rad/s, rad or m/s: so small that nothing saturates
+    unit: str
+
+
+TURNS = ("roll", "pitch", "yaw")
+LOOPS = (
+    *(CascadeLoop(f"{a} rate", "rate", RATE, k, 0.05, "rad/s") for k, a in enumerate(TURNS)),
+    *(CascadeLoop(f"{a} attitude", "attitude", ATTITUDE, k, 0.02, "rad") for k, a in enumerate(TURNS)),
+    CascadeLoop("horizontal velocity", "velocity", VELOCITY, 0, 0.1, "m/s"),
+    CascadeLoop("vertical velocity", "velocity", VELOCITY, 2, 0.1, "m/s"),
+)
+GROUPS = ("rate", "attitude", "velocity")
+
+
+def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
+    """Return the loops of these groups or names; all without names. Raises UsageError for an unknown name."""
+    for name in names or ():
+        if name not in GROUPS and name not in [loop.name for loop in LOOPS]:
+            raise UsageError(
+                f"--loops {name}: choose from {', '.join(GROUPS)} or {', '.join(loop.name for loop in LOOPS)}"
+            )
+    return tuple(loop for loop in LOOPS if not names or loop.group in names or loop.name in names)
+
 
 Array = NDArray[np.float64]
 
@@ -22,16 +55,16 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 HEIGHT_M = 30.0
 CLIMB = 2.0  # m/s
 BOOT_S, SETTLE_S = 10.0, 12.0
-STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # before a step: the loop hangs on its own setpoint
+STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # before a step, with the loop on its own setpoint
 
 
 @dataclass(frozen=True, slots=True)
-class StepAnswer:
-    """What a vehicle did after a setpoint step at time 0."""
+class StepResponse:
+    """The response of a vehicle to a setpoint step at time 0."""
 
     time: Array  # (n,) s, every millisecond
-    value: Array  # (n,) rad/s, rad or m/s: the truth of the loop's axis, less what it was before
-    step: float  # what was asked for
+    value: Array  # (n,) rad/s, rad or m/s: the truth about the loop's axis, minus its value before the step
+    step: float  # size of the step, same unit
 
 
 class Stack(NamedTuple):
@@ -41,7 +74,7 @@ class Stack(NamedTuple):
     core: CoreArguments
 
     def copied(self) -> "Stack":
-        """Return the same state in records of its own."""
+        """Return a copy of the state."""
         plant, core = self.plant, self.core
         return Stack(
             plant._replace(plant=plant.plant.copy()),
@@ -50,10 +83,10 @@ class Stack(NamedTuple):
 
 
 class Hover:
-    """A vehicle that hovers, kept as records that each trial copies."""
+    """A hovering vehicle as records; each trial copies them."""
 
     def __init__(self, airframe: Airframe, suite: Suite = PERFECT, seed: int = 1) -> None:
-        """Boot, climb and settle with balanced rotors: noise, bias and vibration hide a margin.
+        """Boot, climb and settle with balanced rotors, since noise, bias and vibration hide a margin.
 
         Raises UsageError for an airframe that cannot be controlled.
         """
@@ -63,40 +96,42 @@ class Hover:
         self.gains = core.gains
         self._stack = Stack(vehicle.kernel_args, core.kernel_args(vehicle.sensors, vehicle.actuators))
         self._fly(self._stack, BOOT_S)
-        self._ask(self._stack, KIND_TRAJECTORY, velocity_ned=(0.0, 0.0, -CLIMB), yaw=0.0)
+        self._set(self._stack, KIND_TRAJECTORY, velocity_ned=(0.0, 0.0, -CLIMB), yaw=0.0)
         self._fly(self._stack, HEIGHT_M / CLIMB)
-        self._ask(self._stack, KIND_TRAJECTORY, position_ned=(0.0, 0.0, -HEIGHT_M), yaw=0.0)
+        self._set(self._stack, KIND_TRAJECTORY, position_ned=(0.0, 0.0, -HEIGHT_M), yaw=0.0)
         self._fly(self._stack, SETTLE_S)
 
     @property
     def plant(self) -> Any:
-        """The PLANT record of the hover: look, do not touch."""
+        """The PLANT record of the hover, read-only."""
         return self._stack.plant.plant
 
-    def answer(self, loop: CascadeLoop, delay_s: float, seconds: float, step: float | None = None) -> StepAnswer:
-        """Return what the vehicle does with a small step of a loop's setpoint while its feedback is `delay_s` late."""
+    def step_response(
+        self, loop: CascadeLoop, delay_s: float, seconds: float, step: float | None = None
+    ) -> StepResponse:
+        """Return the response to a small step of a loop's setpoint while its feedback is `delay_s` late."""
         stack = self._stack.copied()
         size = loop.step if step is None else step
         self._enter(stack, loop, 0.0)
         before = self._fly(stack, STEADY_S[loop.group])
         self._enter(stack, loop, size)
         after = self._fly(stack, seconds, loop, delay_s)
-        value = measured(loop, after) - measured(loop, before)[-1]
-        return StepAnswer(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
+        value = measured_values(loop, after) - measured_values(loop, before)[-1]
+        return StepResponse(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
 
     def _enter(self, stack: "Stack", loop: CascadeLoop, size: float) -> None:
-        """Enter the cascade at a loop, whatever is outside it open, and ask for `size` about its axis."""
-        asked = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
+        """Set the setpoint of a loop to `size` about its axis; the loops outside of it are open."""
+        setpoint = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
         thrust = float(stack.core.state["hover_thrust"])
         if loop.level == RATE:
-            self._ask(stack, KIND_RATES, rates_frd=asked, thrust=thrust)
+            self._set(stack, KIND_RATES, rates_frd=setpoint, thrust=thrust)
         elif loop.level == ATTITUDE:
-            self._ask(stack, KIND_ATTITUDE, attitude=quat_from_euler(*asked), yaw_rate=0.0, thrust=thrust)
+            self._set(stack, KIND_ATTITUDE, attitude=quat_from_euler(*setpoint), yaw_rate=0.0, thrust=thrust)
         else:
-            self._ask(stack, KIND_TRAJECTORY, velocity_ned=asked, yaw=0.0)
+            self._set(stack, KIND_TRAJECTORY, velocity_ned=setpoint, yaw=0.0)
 
     @staticmethod
-    def _ask(stack: "Stack", kind: int, **fields: Any) -> None:
+    def _set(stack: "Stack", kind: int, **fields: Any) -> None:
         setpoint = stack.core.setpoint
         for name in SETPOINT.names or ():
             if SETPOINT[name].base.kind == "f":
@@ -107,21 +142,21 @@ class Hover:
 
     @staticmethod
     def _fly(stack: "Stack", seconds: float, loop: CascadeLoop | None = None, delay_s: float = 0.0) -> Array:
-        """Return the truth of every millisecond, (n, COLUMNS)."""
+        """Fly and return the truth of every millisecond, (n, COLUMNS)."""
         out = np.empty((round(seconds / SAMPLE_S), COLUMNS))
         level, axis = (loop.level, loop.axis) if loop else (RATE, 0)
-        line, heard = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
+        line, late_estimate = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
         core = stack.core
         fly_late(
-            level, axis, min(delay_s / SAMPLE_S, LINE - 2.0), out, line, heard, *stack.plant,
+            level, axis, min(delay_s / SAMPLE_S, LINE - 2.0), out, line, late_estimate, *stack.plant,
             core.params, core.state, core.filter_params, core.filter_state, core.covariance, core.history,
             core.setpoint, core.estimate,
         )  # fmt: skip
         return out
 
 
-def measured(loop: CascadeLoop, rows: Array) -> Array:
-    """Return the truth of what a loop controls from rows of COLUMNS: (n,) rad/s, rad or m/s."""
+def measured_values(loop: CascadeLoop, rows: Array) -> Array:
+    """Return the controlled quantity of a loop from rows of COLUMNS: (n,) rad/s, rad or m/s."""
     if loop.level == RATE:
         return rows[:, loop.axis]
     if loop.level != ATTITUDE:

@@ -1,6 +1,6 @@
-"""How much jitter and loss of its setpoint stream a vehicle bears: until it tracks half as well, or leaves offboard.
+"""The tolerance of a vehicle to jitter and loss of its setpoint stream: until tracking degrades or offboard ends.
 
-The stream is the agent's: SET_POSITION_TARGET_LOCAL_NED at 20 Hz, bytes of MAVLink through the wire of
+The stream is that of the agent: SET_POSITION_TARGET_LOCAL_NED at 20 Hz, bytes of MAVLink through the wire of
 `hil/impairment`, on the vehicle's clock.
 """
 
@@ -19,51 +19,51 @@ from hil.impairment import Channel, Impairment
 
 ORIGIN = (47.397742, 8.545594, 488.0)
 HEIGHT_M = 10.0
-LEVEL_MASK = 0b0000_0101_1110_0011  # what is not controlled: x, y, vz, all accelerations, yaw
-STREAM_TICKS = 5  # 20 Hz, as the agent sends them
-SPEED, ROUND_S = 1.2, 10.0  # m/s, the paper's; s for a circle, so that what comes late was asked for elsewhere
+LEVEL_MASK = 0b0000_0101_1110_0011  # not controlled: x, y, vz, all accelerations, yaw
+STREAM_TICKS = 5  # 20 Hz, as for the agent
+SPEED, ROUND_S = 1.2, 10.0  # m/s, as in the paper; s for a circle, on which a late setpoint is a wrong one
 TRIAL_S, CATCH_UP_S, REST_S = 30.0, 5.0, 5.0
 SEEDS = (1, 2, 3)
 JITTERS_S = (0.0, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.95, 1.1, 1.25, 1.5)
 LOSSES = (0.0, 0.3, 0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8)
-WORSE = 2.0  # × the tracking error on a perfect wire: what counts as not borne any more
+WORSE = 2.0  # × the tracking error on a perfect wire: limit of the tolerance
 
 
 @dataclass(frozen=True, slots=True)
 class StreamTrial:
-    """What became of a circle flown with one wire."""
+    """The result of a circle flown with one wire."""
 
     level: float  # s of jitter, or share lost
-    error: float  # m/s, rms of the velocity less what was asked for at that moment; of the time in offboard
-    left_s: float | None  # s until offboard was left, None when it was not
+    error: float  # m/s, rms of velocity minus the commanded one, while in offboard
+    left_s: float | None  # s until offboard was left; None: it was not
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerance:
-    """What an airframe bears of one impairment."""
+    """The tolerance of an airframe to one impairment."""
 
     airframe: str
     impairment: str  # jitter or loss
-    trials: tuple[tuple[StreamTrial, ...], ...]  # by level, each its seeds
+    trials: tuple[tuple[StreamTrial, ...], ...]  # by level, then by seed
 
     @property
-    def perfect(self) -> float:
+    def perfect_error(self) -> float:
         """The tracking error (m/s) on a perfect wire."""
         return self.errors[0]
 
     @property
     def levels(self) -> tuple[float, ...]:
-        return tuple(each[0].level for each in self.trials)
+        return tuple(trials[0].level for trials in self.trials)
 
     @property
     def errors(self) -> tuple[float, ...]:
         """The mean tracking error (m/s) of each level."""
-        return tuple(float(np.mean([trial.error for trial in each])) for each in self.trials)
+        return tuple(float(np.mean([trial.error for trial in trials])) for trials in self.trials)
 
     @property
-    def doubled(self) -> float | None:
-        """The level at which the error is WORSE times that of a perfect wire, straight between levels; None: none."""
-        bound, levels, errors = WORSE * self.perfect, self.levels, self.errors
+    def doubled_at(self) -> float | None:
+        """The level at which the error is WORSE times that of a perfect wire, interpolated linearly; None: none."""
+        bound, levels, errors = WORSE * self.perfect_error, self.levels, self.errors
         for k in range(1, len(levels)):
             if errors[k] >= bound:
                 share = (bound - errors[k - 1]) / (errors[k] - errors[k - 1])
@@ -71,22 +71,22 @@ class Tolerance:
         return None
 
     @property
-    def left(self) -> float | None:
-        """The first level at which any flight left offboard, None where none did."""
-        return next((each[0].level for each in self.trials if any(t.left_s is not None for t in each)), None)
+    def left_offboard_at(self) -> float | None:
+        """The first level at which a flight left offboard; None: no flight did."""
+        return next((trials[0].level for trials in self.trials if any(t.left_s is not None for t in trials)), None)
 
 
-def asked(t_s: float) -> Vec3:
-    """Return the velocity (m/s, NED) that the circle asks for at a time."""
-    turned = 2.0 * math.pi * t_s / ROUND_S
-    return SPEED * math.cos(turned), SPEED * math.sin(turned), 0.0
+def circle_velocity(t_s: float) -> Vec3:
+    """Return the commanded velocity (m/s, NED) on the circle at a time."""
+    angle = 2.0 * math.pi * t_s / ROUND_S
+    return SPEED * math.cos(angle), SPEED * math.sin(angle), 0.0
 
 
 class StreamedVehicle:
-    """One vehicle of ours in the air, in offboard, and the wire on which its setpoints come."""
+    """A simulated vehicle in the air, in offboard, and the wire for its setpoints."""
 
     def __init__(self, airframe: Airframe, seed: int = 1) -> None:
-        """Boot, take off and settle. Raises InfrastructureError when it does not fly."""
+        """Boot, take off and settle. Raises InfrastructureError if it does not fly."""
         self.vehicle = SimulatedVehicle(0, airframe, BootPose((0.0, 0.0, 0.0), 0.0), seed=seed, origin=ORIGIN)
         self._port = self.vehicle.open_port("minimal")
         self._agent = Packer(255, dialect.MAV_COMP_ID_MISSIONPLANNER)
@@ -103,14 +103,14 @@ class StreamedVehicle:
             raise InfrastructureError(f"{airframe.name} does not fly: its mode is {commander.mode}")
 
     def trial(self, level: float, wire: Impairment, seed: int) -> StreamTrial:
-        """Fly the circle with its setpoints over a wire, on a full battery, and stand still on a perfect one."""
+        """Fly the circle with setpoints over a wire, on a full battery, then hover on a perfect wire."""
         self.vehicle.plant.state["charge_ah"] = self.vehicle.plant.params["capacity_ah"]
         channel, truth = Channel(wire, seed), self.vehicle.plant.truth
         errors, left_s = [], None
         for tick in range(round(TRIAL_S * 1e6) // TICK_US):
             t_s = tick * TICK_US / 1e6
             if tick % STREAM_TICKS == 0:
-                channel.put(t_s, self._setpoint(asked(t_s)))
+                channel.put(t_s, self._setpoint(circle_velocity(t_s)))
             for unit in channel.arrived(t_s):
                 self._port.receive(unit)
             self.vehicle.advance()
@@ -119,13 +119,13 @@ class StreamedVehicle:
                 left_s = t_s
                 break
             if t_s >= CATCH_UP_S:
-                north, east, _ = asked(t_s)
+                north, east, _ = circle_velocity(t_s)
                 errors.append((truth["velocity_ned"][0] - north) ** 2 + (truth["velocity_ned"][1] - east) ** 2)
         self._rest()
         return StreamTrial(level, math.sqrt(float(np.mean(errors))) if errors else math.nan, left_s)
 
     def _rest(self) -> None:
-        """Stand still in offboard."""
+        """Hover in offboard."""
         for tick in range(round(REST_S * 1e6) // TICK_US):
             if tick % STREAM_TICKS == 0:
                 self._port.receive(self._setpoint((0.0, 0.0, 0.0)))
@@ -149,13 +149,13 @@ def tolerances(
     losses: Sequence[float] = LOSSES,
     seeds: Sequence[int] = SEEDS,
 ) -> tuple[Tolerance, Tolerance]:
-    """Return what an airframe bears of jitter and of loss.
+    """Return the tolerance of an airframe to jitter and to loss.
 
     The levels rise from 0, a perfect wire, and end with the first at which offboard is left. Raises InfrastructureError
-    when it does not fly.
+    if the vehicle does not fly.
     """
-    flown = StreamedVehicle(airframe)
-    found = []
+    vehicle = StreamedVehicle(airframe)
+    tolerances = []
     wires: tuple[tuple[str, Callable[[float], Impairment], Sequence[float]], ...] = (
         ("jitter", lambda level: Impairment(jitter_s=level), jitters_s),
         ("loss", lambda level: Impairment(loss=level), losses),
@@ -163,8 +163,8 @@ def tolerances(
     for kind, wire, levels in wires:
         trials: list[tuple[StreamTrial, ...]] = []
         for level in levels:
-            trials.append(tuple(flown.trial(level, wire(level), seed) for seed in seeds))
+            trials.append(tuple(vehicle.trial(level, wire(level), seed) for seed in seeds))
             if any(trial.left_s is not None for trial in trials[-1]):
                 break
-        found.append(Tolerance(airframe.name, kind, tuple(trials)))
-    return found[0], found[1]
+        tolerances.append(Tolerance(airframe.name, kind, tuple(trials)))
+    return tolerances[0], tolerances[1]

@@ -1,13 +1,20 @@
-"""One question's way through the chain, by the moments at which its links hand over. Which clock, the caller says."""
+"""The timing chain from camera to setpoint: times of each question, their summary, files of a measured chain."""
 
+import csv
+import json
+import shlex
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, astuple, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from dronecats.agent.latency import LONGEST_S
 from dronecats.agent.models.model import Reply
+from dronecats.flight.spec.flight_spec import COLUMN
 from dronecats.report.table import ReportTable, numbers, table_of, words
+from foundation.errors import InfrastructureError, UsageError
 from foundation.run_folder.rows import Decision
 
 DIGITS = 6  # of seconds: µs
@@ -15,121 +22,124 @@ DIGITS = 6  # of seconds: µs
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class QuestionTimes:
-    """A question that led to a setpoint: a line of chain.csv. Host seconds, unless a field says otherwise."""
+    """The times of a question that led to a setpoint: a line of chain.csv. Host seconds, unless stated otherwise."""
 
     step: int  # as in decisions.jsonl
     frame_id: int
-    age_s: float  # s of vehicle time, of the picture when it was in hand
-    wait_s: float  # from asking for the picture to having it in hand
-    encode_s: float  # JPEG, prompt, request body, and taking the answer apart: all that the client does itself
-    failed_s: float  # attempts that failed, the pauses after them, and waiting for a turn
-    model_s: float  # from sending the request that was answered to having its answer
+    age_s: float  # s of vehicle time, age of the picture on arrival
+    wait_s: float  # from the request of the picture to its arrival
+    encode_s: float  # JPEG, prompt, request body and parsing of the response: all work of the client
+    failed_s: float  # failed attempts, the pauses after them, and the wait for a turn
+    model_s: float  # from sending the answered request to its answer
     parse_s: float  # from the reply to the controller's setpoint
-    tick_s: float  # waiting for the agent's next tick: with the picture, with the reply, with the setpoint
-    step_s: float  # from asking for the picture to the setpoint as it would be sent: the sum of all but the age
-    latency_s: float  # encode_s + model_s + parse_s: what a simulation charges for the reply, having ticks of its own
+    tick_s: float  # waiting for the agent's next tick: with the picture, the reply and the setpoint
+    step_s: float  # from the request of the picture to the setpoint as it would be sent: the sum of all but the age
+    latency_s: float  # encode_s + model_s + parse_s: for a simulated reply, since a simulation has its own ticks
     rate_hz: float | None  # decisions per s of vehicle time since the last one, actions flown; None: the first
 
 
 @dataclass(slots=True)
 class _Question:
-    """One on its way: the moments (s) that have been."""
+    """A question in progress: the moments (s) of its events."""
 
-    asked_s: float  # for the picture
-    came_s: float = 0.0
+    requested_s: float  # the picture
+    arrived_s: float = 0.0  # the picture
     age_s: float = 0.0
-    seen_s: float | None = None  # when the agent took the picture up
+    seen_s: float | None = None  # the agent has taken the picture
     answered_s: float = 0.0
     reply: Reply | None = None
-    heard_s: float = 0.0  # when the agent took the reply up
+    reply_seen_s: float = 0.0  # the agent has taken the reply
     decision: Decision | None = None
-    flown_s: float | None = None  # when the controller had its setpoint
+    controlled_s: float | None = None  # the controller has computed its setpoint
 
 
 class ChainClock:
-    """Hears of each moment as it comes, and tells a question when its setpoint is there.
+    """Records the events of each question, and reports its times when its setpoint is ready.
 
-    There is one question at a time, asked by an agent of one drone; so none of this is locked, although picture and
-    reply come on threads of their own. A question without a setpoint is never told: it has not been through the chain.
+    An agent of one drone asks one question at a time, so no lock is needed, although picture and reply come on
+    their own threads. A question without a setpoint is not reported.
     """
 
     def __init__(self, wall_s: Callable[[], float], on_times: Callable[[QuestionTimes], None]) -> None:
-        """`wall_s` reads the clock that all is measured by; `on_times` hears of each question that is through."""
+        """`wall_s` reads the clock of all times; `on_times` is called for each finished question."""
         self._wall_s, self._on_times = wall_s, on_times
-        self._asking: _Question | None = None
-        self._decided: _Question | None = None  # its setpoint is not there yet
+        self._current: _Question | None = None
+        self._decided: _Question | None = None  # waits for its setpoint
         self._ticked_s = 0.0
 
-    def picture_asked(self) -> None:
-        """A picture is asked for: a question begins."""
-        self._asking = _Question(self._wall_s())
+    def picture_requested(self) -> None:
+        """A picture is requested: a question begins."""
+        self._current = _Question(self._wall_s())
 
-    def picture_came(self, age_s: float) -> None:
-        """The picture is in hand, `age_s` old."""
-        if self._asking is not None:
-            self._asking.came_s, self._asking.age_s = self._wall_s(), age_s
+    def picture_arrived(self, age_s: float) -> None:
+        """The picture has arrived, `age_s` old."""
+        if self._current is not None:
+            self._current.arrived_s, self._current.age_s = self._wall_s(), age_s
 
     def picture_seen(self) -> None:
-        """The agent has taken the picture up."""
-        if self._asking is not None and self._asking.seen_s is None:
-            self._asking.seen_s = self._wall_s()
+        """The agent has taken the picture."""
+        if self._current is not None and self._current.seen_s is None:
+            self._current.seen_s = self._wall_s()
 
     def answered(self, reply: Reply) -> None:
         """The reply has left the model's client."""
-        if self._asking is not None:
-            self._asking.answered_s, self._asking.reply = self._wall_s(), reply
+        if self._current is not None:
+            self._current.answered_s, self._current.reply = self._wall_s(), reply
 
     def ticked(self) -> None:
-        """A tick has passed, and the agent goes on."""
+        """A tick has passed, and the agent continues."""
         self._ticked_s = self._wall_s()
 
     def decided(self, decision: Decision) -> None:
-        """The reply has been read."""
-        if (asking := self._asking) is not None and asking.reply is not None:
-            asking.decision = decision
-            asking.heard_s = max(asking.answered_s, self._ticked_s)
-            self._decided = asking
+        """The reply has been parsed."""
+        if (current := self._current) is not None and current.reply is not None:
+            current.decision = decision
+            current.reply_seen_s = max(current.answered_s, self._ticked_s)
+            self._decided = current
 
-    def flown(self) -> None:
-        """The controller has given a setpoint."""
-        if self._decided is not None and self._decided.flown_s is None:
-            self._decided.flown_s = self._wall_s()
+    def controller_done(self) -> None:
+        """The controller has computed a setpoint."""
+        if self._decided is not None and self._decided.controlled_s is None:
+            self._decided.controlled_s = self._wall_s()
 
-    def setpoint_made(self) -> None:
-        """The setpoint is there as it would be sent."""
-        decided = self._decided
-        if decided is not None and decided.flown_s is not None:
+    def setpoint_ready(self) -> None:
+        """The setpoint is ready to be sent."""
+        question = self._decided
+        if question is not None and question.controlled_s is not None:
             self._decided = None
-            self._on_times(_times(decided, self._wall_s()))
+            self._on_times(_times(question, self._wall_s()))
 
 
-def _times(of: _Question, sent_s: float) -> QuestionTimes:
-    assert of.reply is not None
-    assert of.decision is not None
-    assert of.flown_s is not None
-    seen_s = of.came_s if of.seen_s is None else of.seen_s
-    model_s, failed_s = of.reply.latency_s, of.reply.waited_s
-    encode_s = of.answered_s - seen_s - model_s - failed_s
-    parse_s = of.flown_s - of.heard_s
+def _times(question: _Question, sent_s: float) -> QuestionTimes:
+    assert question.reply is not None
+    assert question.decision is not None
+    assert question.controlled_s is not None
+    seen_s = question.arrived_s if question.seen_s is None else question.seen_s
+    model_s, failed_s = question.reply.latency_s, question.reply.waited_s
+    encode_s = question.answered_s - seen_s - model_s - failed_s
+    parse_s = question.controlled_s - question.reply_seen_s
     return QuestionTimes(
-        step=of.decision.step,
-        frame_id=of.decision.frame_id,
-        age_s=round(of.age_s, DIGITS),
-        wait_s=round(of.came_s - of.asked_s, DIGITS),
+        step=question.decision.step,
+        frame_id=question.decision.frame_id,
+        age_s=round(question.age_s, DIGITS),
+        wait_s=round(question.arrived_s - question.requested_s, DIGITS),
         encode_s=round(encode_s, DIGITS),
         failed_s=round(failed_s, DIGITS),
         model_s=round(model_s, DIGITS),
         parse_s=round(parse_s, DIGITS),
-        tick_s=round(seen_s - of.came_s + of.heard_s - of.answered_s + sent_s - of.flown_s, DIGITS),
-        step_s=round(sent_s - of.asked_s, DIGITS),
+        tick_s=round(
+            seen_s - question.arrived_s + question.reply_seen_s - question.answered_s + sent_s - question.controlled_s,
+            DIGITS,
+        ),
+        step_s=round(sent_s - question.requested_s, DIGITS),
         latency_s=round(encode_s + model_s + parse_s, DIGITS),
-        rate_hz=of.decision.rate_hz,
+        rate_hz=question.decision.rate_hz,
     )
 
 
 LEVELS = (0.0, 0.5, 0.9, 0.99, 1.0)
 HEAD = ("min", "median", "90 %", "99 %", "max")
-LINKS = {  # field of QuestionTimes → the link of the chain, for people
+LINKS = {  # field of QuestionTimes → name of the link in tables
     "age_s": "picture's age",
     "wait_s": "waiting for it",
     "encode_s": "encoding",
@@ -140,7 +150,7 @@ LINKS = {  # field of QuestionTimes → the link of the chain, for people
     "step_s": "whole step",
     "latency_s": "to be charged",
 }
-AGES = {
+AGE_NOTES = {
     True: "since it was taken, as the camera stamps it",
     False: "since it arrived here: exposure, coding and network before that are in no figure",
 }
@@ -150,7 +160,7 @@ AGE_CLOCK = "the vehicle's clock, to one message of its telemetry"
 
 @dataclass(frozen=True, slots=True)
 class LinkQuantiles:
-    """Of one link, s, or of a rate, Hz; between two measured values as far as the quantile is (linear)."""
+    """Quantiles of a link (s) or of a rate (Hz), interpolated linearly."""
 
     min: float
     median: float
@@ -161,64 +171,159 @@ class LinkQuantiles:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChainSummary:
-    """What was measured."""
+    """The summary of a measured chain."""
 
     pilot: str
     questions: int  # that led to a setpoint
-    camera_stamps: bool
+    camera_stamps: bool  # whether the camera stamps the time of capture
     links: dict[str, LinkQuantiles]  # by field of QuestionTimes, s
-    chain_hz: LinkQuantiles  # 1 / step_s: as often as the chain could be gone through
-    served_hz: LinkQuantiles | None  # of vehicle time, with each action flown before the next question; None: of one
+    chain_hz: LinkQuantiles  # 1 / step_s
+    served_hz: LinkQuantiles | None  # of vehicle time, each action flown before the next question; None: one question
 
     @property
     def frame_delay_s(self) -> float:
-        """Return what a simulated picture's delay has to be, s: as old as the median one was, or waited for."""
+        """The delay (s) of a simulated picture: the larger of median age and median wait."""
         return round(max(self.links["age_s"].median, self.links["wait_s"].median), 3)
 
     def as_json(self) -> dict[str, Any]:
-        """Return it for `--json`."""
+        """Return the summary for `--json`."""
         return {
             "pilot": self.pilot,
             "questions": self.questions,
             "clock": CLOCK,
             "age_clock": AGE_CLOCK,
             "age_since": "capture" if self.camera_stamps else "arrival",
-            "links": {name: asdict(each) for name, each in self.links.items()},
+            "links": {name: asdict(quantiles) for name, quantiles in self.links.items()},
             "chain_hz": asdict(self.chain_hz),
             "served_hz": asdict(self.served_hz) if self.served_hz else None,
             "frame_delay_s": self.frame_delay_s,
         }
 
 
-def summarised(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: bool) -> ChainSummary:
-    """Return what questions come to, one at least."""
-    served = [each.rate_hz for each in times if each.rate_hz is not None]
+def summarize(times: Sequence[QuestionTimes], pilot: str, *, camera_stamps: bool) -> ChainSummary:
+    """Return the summary of at least one question."""
+    rates_hz = [question.rate_hz for question in times if question.rate_hz is not None]
     return ChainSummary(
         pilot=pilot,
         questions=len(times),
         camera_stamps=camera_stamps,
-        links={name: _quantiles([getattr(each, name) for each in times]) for name in LINKS},
-        chain_hz=_quantiles([1.0 / each.step_s for each in times]),
-        served_hz=_quantiles(served) if served else None,
+        links={name: _quantiles([getattr(question, name) for question in times]) for name in LINKS},
+        chain_hz=_quantiles([1.0 / question.step_s for question in times]),
+        served_hz=_quantiles(rates_hz) if rates_hz else None,
     )
 
 
-def table(of: ChainSummary, wanted: int | None = None) -> ReportTable:
-    """Return it for a person; `wanted` questions were to be asked, None: as many as the time allowed."""
-    rows = [(said, of.links[name], "s", 4) for name, said in LINKS.items()]
-    rows.append(("chain's rate", of.chain_hz, "Hz", 3))
-    if of.served_hz:
-        rows.append(("served rate", of.served_hz, "Hz", 3))
-    of_wanted = "" if wanted is None or wanted <= of.questions else f" of {wanted}"
+def summary_table(summary: ChainSummary, requested: int | None = None) -> ReportTable:
+    """Return the summary as a table; `wanted` is the requested number of questions, None: as time allowed."""
+    rows = [(label, summary.links[name], "s", 4) for name, label in LINKS.items()]
+    rows.append(("chain's rate", summary.chain_hz, "Hz", 3))
+    if summary.served_hz:
+        rows.append(("served rate", summary.served_hz, "Hz", 3))
+    of_requested = "" if requested is None or requested <= summary.questions else f" of {requested}"
     return table_of(
         (words("link"), words(""), *map(numbers, HEAD)),
-        ((said, unit, *(f"{value:.{digits}f}" for value in asdict(quantiles).values()))
-         for said, quantiles, unit, digits in rows),
-        f"{of.questions}{of_wanted} questions to {of.pilot}, by {CLOCK}.",
-        f"The picture's age: by {AGE_CLOCK}, {AGES[of.camera_stamps]}.",
+        ((label, unit, *(f"{value:.{digits}f}" for value in asdict(quantiles).values()))
+         for label, quantiles, unit, digits in rows),
+        f"{summary.questions}{of_requested} questions to {summary.pilot}, by {CLOCK}.",
+        f"The picture's age: by {AGE_CLOCK}, {AGE_NOTES[summary.camera_stamps]}.",
         "The chain's rate is 1 over the whole step; the served rate has each action flown before the next.",
     )  # fmt: skip
 
 
 def _quantiles(values: Sequence[float]) -> LinkQuantiles:
-    return LinkQuantiles(*(round(float(each), 6) for each in np.quantile(values, LEVELS)))
+    return LinkQuantiles(*(round(float(value), 6) for value in np.quantile(values, LEVELS)))
+
+
+CHAIN, TRACE, STUDY = "chain.csv", "trace.csv", "study.toml"
+COLUMNS = tuple(field.name for field in fields(QuestionTimes))
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedChain:
+    """A measured chain as input of a simulation."""
+
+    trace: Path
+    frame_delay_s: float  # 0: none
+
+
+class ChainLog:
+    """chain.csv: a header and a line per question, flushed at once."""
+
+    def __init__(self, folder: Path) -> None:
+        """Create the file. Raises InfrastructureError."""
+        try:
+            self._file = (folder / CHAIN).open("w", encoding="utf-8", newline="")
+            self._rows = csv.writer(self._file)
+            self._put(COLUMNS)
+        except OSError as error:
+            raise _write_error(folder / CHAIN, error) from None
+
+    def write(self, times: QuestionTimes) -> None:
+        """Append a question. Raises InfrastructureError."""
+        try:
+            self._put(["" if value is None else value for value in astuple(times)])
+        except OSError as error:
+            raise _write_error(Path(self._file.name), error) from None
+
+    def close(self) -> None:
+        self._file.close()
+
+    def _put(self, row: Sequence[object]) -> None:
+        self._rows.writerow(row)
+        self._file.flush()
+
+
+def check_fresh(folder: Path) -> None:
+    """Raise UsageError if the folder already holds a measured chain."""
+    if (folder / CHAIN).exists():
+        raise UsageError(f"{folder} already holds a measured chain; choose another --out")
+
+
+def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: float) -> ReplayedChain:
+    """Write trace.csv for `--latency trace:FILE`, and study.toml, a study of it. Raises InfrastructureError."""
+    replayed = ReplayedChain(folder / TRACE, frame_delay_s)
+    lines = [COLUMN, *(f"{min(question.latency_s, LONGEST_S):.{DIGITS}f}" for question in times)]
+    for path, text in ((replayed.trace, "\n".join(lines) + "\n"), (folder / STUDY, study_file(replayed))):
+        try:
+            path.write_text(text, encoding="utf-8")
+        except OSError as error:
+            raise _write_error(path, error) from None
+    return replayed
+
+
+def study_file(chain: ReplayedChain) -> str:
+    """Return the file of a study of the chain's cost, against a chain without latency."""
+    delays = [0, chain.frame_delay_s] if chain.frame_delay_s else []
+    return "\n".join(
+        [
+            "# The cost of a measured chain: its replies and the age of its pictures. See docs/rate.md",
+            'name = "measured-chain"',
+            'pilot = ["noisy"]',
+            'cells = ["tracking", "approaching"]',
+            'suite = "one-drone"',
+            "",
+            "[factors]",
+            f"latency_policy = {json.dumps(['fixed:0', f'trace:{chain.trace.name}'], ensure_ascii=False)}",
+            *([f"frame_delay = {json.dumps(delays)}"] if delays else []),
+            "",
+        ]
+    )
+
+
+def next_commands(chain: ReplayedChain) -> list[str]:
+    """Return the commands that use the measured chain: a flight, a benchmark, the study."""
+    delay = ["--frame-delay", f"{chain.frame_delay_s:g}"] if chain.frame_delay_s else []
+    latency = ["--latency", f"trace:{chain.trace}", *delay]
+    folder = chain.trace.parent
+    return [
+        shlex.join(["dronecats", *words])
+        for words in (
+            ["fly", "--sitl", "--speed", "max", *latency],
+            ["bench", "--suite", "quick", "--pilot", "vision", *latency, "--out", f"{folder}-bench"],
+            ["study", "run", str(folder / STUDY), "--out", f"{folder}-study"],
+        )
+    ]
+
+
+def _write_error(path: Path, error: OSError) -> InfrastructureError:
+    return InfrastructureError(f"{path} cannot be written: {error.strerror}; later measurements are lost")

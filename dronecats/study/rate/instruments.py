@@ -1,4 +1,4 @@
-"""The instruments of a rehearsal: camera, model, vehicle and agent as they are, each with an ear at its door."""
+"""The instruments of a rehearsal: wrappers that time camera, model, vehicle and agent without changing them."""
 
 import time
 from collections.abc import Callable
@@ -9,8 +9,7 @@ from dronecats.agent.cockpit import Agent, AgentFactory, Cockpit
 from dronecats.agent.controller import Aircraft
 from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.flight.run.setup import Instruments
-from dronecats.study.rate.chain import ChainClock, QuestionTimes
-from dronecats.study.rate.files import ChainLog
+from dronecats.study.rate.chain import ChainClock, ChainLog, QuestionTimes
 from foundation.camera import Camera, Frame
 from foundation.protocol import CAP_S
 from foundation.run_folder.rows import Decision
@@ -21,40 +20,38 @@ from hil.link.offboard import OffboardSetpoint
 
 
 class RateInstruments(Instruments):
-    """Times every question of one flight, keeps each as it is through, and ends the flight after so many."""
+    """Times every question of one flight, writes it to chain.csv, and ends the flight after `questions`."""
 
     def __init__(self, questions: int | None) -> None:
-        """`questions`: how many; None: until the flight is over."""
+        """`questions`: number of questions; None: until the flight ends."""
         self.times: list[QuestionTimes] = []
-        self.camera_stamps = (
-            False  # whether the camera says when a picture was taken, or nobody knows but of its arrival
-        )
-        self.run: Path | None = None  # the run folder, once there is one
-        self._wanted = questions
+        self.camera_stamps = False  # whether the camera stamps the time of capture; else that of arrival is used
+        self.run: Path | None = None  # the run folder; None: not created yet
+        self._questions = questions
         self._log: ChainLog | None = None
         # wall time is the subject here
-        self._clock = ChainClock(time.monotonic, self._through)
+        self._clock = ChainClock(time.monotonic, self._on_times)
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
-        """Hear every setpoint, and begin the file in the run folder. Raises InfrastructureError."""
+        """Observe every setpoint, and create chain.csv in the run folder. Raises InfrastructureError."""
         self.run, self.camera_stamps = run, camera.stamps
         self._log = ChainLog(run)
         before = link.on_setpoint
 
-        def hear(setpoint: OffboardSetpoint) -> None:
+        def on_setpoint(setpoint: OffboardSetpoint) -> None:
             before(setpoint)
-            self._clock.setpoint_made()
+            self._clock.setpoint_ready()
 
-        link.on_setpoint = hear
+        link.on_setpoint = on_setpoint
 
     def model(self, model: Model) -> Model:
         """Return the model, timed."""
         return TimedModel(model, self._clock)
 
     def agent(self, make: AgentFactory) -> AgentFactory:
-        """Return what makes the same agent in a timed cockpit."""
+        """Return a factory that makes the same agent in a timed cockpit."""
 
-        def made(cockpit: Cockpit) -> Agent:
+        def make_timed(cockpit: Cockpit) -> Agent:
             def on_step(decision: Decision) -> None:
                 self._clock.decided(decision)
                 cockpit.on_step(decision)
@@ -62,22 +59,22 @@ class RateInstruments(Instruments):
             (aircraft,) = cockpit.aircraft
             camera = TimedCamera(cockpit.camera, lambda: aircraft.time_us, self._clock)
             timed = replace(cockpit, camera=camera, aircraft=[TimedAircraft(aircraft, self._clock)], on_step=on_step)
-            return CountedAgent(make(timed), self._enough)
+            return CountedAgent(make(timed), self._is_done)
 
-        return made
+        return make_timed
 
     def close(self) -> None:
         """Close the file."""
         if self._log is not None:
             self._log.close()
 
-    def _through(self, times: QuestionTimes) -> None:
+    def _on_times(self, times: QuestionTimes) -> None:
         self.times.append(times)
         if self._log is not None:
             self._log.write(times)
 
-    def _enough(self) -> bool:
-        return self._wanted is not None and len(self.times) >= self._wanted
+    def _is_done(self) -> bool:
+        return self._questions is not None and len(self.times) >= self._questions
 
 
 class TimedCamera:
@@ -89,10 +86,10 @@ class TimedCamera:
 
     def newest(self, drone: int = 0) -> Frame:
         """Return the camera's newest frame. Raises CameraError."""
-        self._clock.picture_asked()
+        self._clock.picture_requested()
         frame = self._camera.newest(drone)
-        # a picture may be newer than what the vehicle has told since
-        self._clock.picture_came(max(0.0, (self._now_us() - frame.time_us) / 1e6))
+        # a picture may be newer than the last telemetry
+        self._clock.picture_arrived(max(0.0, (self._now_us() - frame.time_us) / 1e6))
         return frame
 
     def close(self) -> None:
@@ -113,7 +110,7 @@ class TimedModel:
         return reply
 
     def check(self) -> None:
-        """Raise UsageError when nothing answers where the model should be."""
+        """Raise UsageError if the model does not answer."""
         self._model.check()
 
     def close(self) -> None:
@@ -121,7 +118,7 @@ class TimedModel:
 
 
 class TimedAircraft:
-    """A vehicle that tells when the agent looks at it, flies it, and has waited for its tick."""
+    """A vehicle that reports when the agent takes a picture, sets a setpoint, and has waited for a tick."""
 
     def __init__(self, aircraft: Aircraft, clock: ChainClock) -> None:
         self._aircraft, self._clock = aircraft, clock
@@ -133,7 +130,7 @@ class TimedAircraft:
 
     @property
     def steady(self) -> bool:
-        """Whether a turn under way has been made."""
+        """Whether the current turn is complete."""
         return self._aircraft.steady
 
     def sight(self, time_us: int) -> Sight:
@@ -143,10 +140,10 @@ class TimedAircraft:
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
         """Take the controller's setpoint for the stream."""
         self._aircraft.fly(setpoint, seconds, seen)
-        self._clock.flown()
+        self._clock.controller_done()
 
     def listen(self) -> None:
-        """Take in what has already arrived: what an agent does first when it takes up a picture."""
+        """Take in arrived telemetry; an agent does this first when it takes a picture."""
         self._clock.picture_seen()
         self._aircraft.listen()
 
@@ -157,10 +154,10 @@ class TimedAircraft:
 
 
 class CountedAgent:
-    """An agent that ends its flight when enough has been asked."""
+    """An agent that ends its flight after the requested number of questions."""
 
-    def __init__(self, agent: Agent, enough: Callable[[], bool]) -> None:
-        self._agent, self._enough = agent, enough
+    def __init__(self, agent: Agent, is_done: Callable[[], bool]) -> None:
+        self._agent, self._is_done = agent, is_done
 
     @property
     def now_s(self) -> float:
@@ -169,14 +166,14 @@ class CountedAgent:
 
     @property
     def steps(self) -> int:
-        """How many steps were decided."""
+        """The number of decided steps."""
         return self._agent.steps
 
     def fly(self, cap_s: float = CAP_S, stop: Callable[[Decision], bool] = lambda decision: False) -> None:
-        """Fly until `cap_s`, or until `stop` says so. Raises DronecatsError, and KeyboardInterrupt when it is enough.
+        """Fly until `cap_s` or until `stop`. Raises DronecatsError, and KeyboardInterrupt after the last question.
 
-        The flight has not come to its end then, and must not say so: it is broken off as by whoever looks on.
+        The interrupt makes the flight end as interrupted, since it did not reach its own end.
         """
-        self._agent.fly(cap_s, lambda decision: stop(decision) or self._enough())
-        if self._enough():
+        self._agent.fly(cap_s, lambda decision: stop(decision) or self._is_done())
+        if self._is_done():
             raise KeyboardInterrupt

@@ -1,69 +1,189 @@
-"""All that a study's report tells, computed once: the tables, the figures and the page are written from it."""
+"""The findings of a study, computed once for tables, figures and page, and their texts."""
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from dronecats.study.analysis.effects import HeatMap, MainEffect, heat_maps, main_effects
-from dronecats.study.analysis.halves import HalfAlong, halves
-from dronecats.study.analysis.levels import AtLevel, at_levels
-from dronecats.study.analysis.paired_flights import PairedDifference, between_entrants, between_levels
-from dronecats.study.analysis.points import AtPoint, at_points, over_points
-from dronecats.study.analysis.steps import MotionAt, ServedAt, motions, served
-from dronecats.study.analysis.studied import Studied, StudiedFactor
+from dronecats.judge.statistics.half import HalfSuccess
+from dronecats.judge.statistics.mixed_logit import WIDEST
+from dronecats.report.report_data import titled
+from dronecats.report.table import rounded
+from dronecats.study.analysis.differences import (
+    PairedDifference,
+    PointDifference,
+    between_entrants,
+    between_levels,
+    point_differences,
+    pooled_differences,
+)
+from dronecats.study.analysis.steps import ServedRate, TargetMotionResult, served_rates, target_motions
+from dronecats.study.analysis.study_results import ALL, LevelResult, StudiedFactor, StudyResults, level_results
+from dronecats.study.analysis.success_fits import (
+    HalfSuccessFit,
+    HeatMap,
+    MainEffect,
+    half_success_fits,
+    heat_maps,
+    main_effects,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class FactorFindings:
-    """What was found along one factor."""
+    """The findings along one factor."""
 
-    number: int  # of the factor
+    number: int  # index of the factor
     factor: StudiedFactor
-    levels: tuple[AtLevel, ...]
-    halves: tuple[HalfAlong, ...]
+    levels: tuple[LevelResult, ...]
+    halves: tuple[HalfSuccessFit, ...]
     between_levels: tuple[PairedDifference, ...]
     between_entrants: tuple[PairedDifference, ...]
-    served: tuple[ServedAt, ...]
-    motions: tuple[MotionAt, ...]
+    served: tuple[ServedRate, ...]
+    motions: tuple[TargetMotionResult, ...]
 
-    def named(self, name: str) -> str:
+    def artifact_name(self, name: str) -> str:
         """Return the name of a table or figure of this factor."""
         return f"{name}_{self.factor.name}"
 
 
 @dataclass(frozen=True, slots=True)
 class Findings:
-    """What was found in a study."""
+    """The findings of a study."""
 
-    studied: Studied
-    command: str  # that makes the report again
+    results: StudyResults
+    command: str  # command line that makes the report
     factors: tuple[FactorFindings, ...]
     effects: tuple[MainEffect, ...]
     maps: tuple[HeatMap, ...]
-    points: tuple[AtPoint, ...]  # those who fly beside one another at each point
-    over_points: tuple[PairedDifference, ...]  # and over all of them alike
+    points: tuple[PointDifference, ...]  # each two entrants at each point of the design
+    pooled: tuple[PairedDifference, ...]  # each two entrants, pooled over all points
+
+    def maps_by_pair(self) -> Iterator[tuple[tuple[StudiedFactor, StudiedFactor], list[HeatMap]]]:
+        """Yield the heat maps of each pair of factors, with the factors of their rows and columns."""
+        for pair in dict.fromkeys((heat_map.rows, heat_map.columns) for heat_map in self.maps):
+            factors = self.results.factors[pair[0]], self.results.factors[pair[1]]
+            yield factors, [heat_map for heat_map in self.maps if (heat_map.rows, heat_map.columns) == pair]
 
 
-def findings(studied: Studied, command: str) -> Findings:
-    """Return what is found in a study; `command` is the command line of the report."""
-    points = at_points(studied)
+def compute_findings(results: StudyResults, command: str) -> Findings:
+    """Return the findings of a study; `command` is the command line of the report."""
+    points = point_differences(results)
     return Findings(
-        studied=studied,
+        results=results,
         command=command,
-        factors=tuple(_along(studied, number) for number in range(len(studied.factors))),
-        effects=tuple(main_effects(studied)),
-        maps=tuple(heat_maps(studied)),
+        factors=tuple(_along(results, number) for number in range(len(results.factors))),
+        effects=tuple(main_effects(results)),
+        maps=tuple(heat_maps(results)),
         points=tuple(points),
-        over_points=tuple(over_points(studied, points)),
+        pooled=tuple(pooled_differences(results, points)),
     )
 
 
-def _along(studied: Studied, number: int) -> FactorFindings:
+def _along(results: StudyResults, number: int) -> FactorFindings:
     return FactorFindings(
         number=number,
-        factor=studied.factors[number],
-        levels=tuple(at_levels(studied, number)),
-        halves=tuple(halves(studied, number)),
-        between_levels=tuple(between_levels(studied, number)),
-        between_entrants=tuple(between_entrants(studied, number)),
-        served=tuple(served(studied, number)),
-        motions=tuple(motions(studied, number)),
+        factor=results.factors[number],
+        levels=tuple(level_results(results, number)),
+        halves=tuple(half_success_fits(results, number)),
+        between_levels=tuple(between_levels(results, number)),
+        between_entrants=tuple(between_entrants(results, number)),
+        served=tuple(served_rates(results, number)),
+        motions=tuple(target_motions(results, number)),
     )
+
+
+PERCENT = 100.0
+NOWHERE = {
+    "above all": "more than half at every level",
+    "below all": "less than half at every level",
+    "no slope": "unknown: success hardly changes along it",
+}
+
+
+def cell_title(cell: str) -> str:
+    """Return a cell as a heading: Search-and-Track, All cells."""
+    return ALL.capitalize() if cell == ALL else titled(cell) or "No cell"
+
+
+def in_cell(entrant: str, cell: str) -> str:
+    """Return an entrant, or two, and a cell as text: noisy, all cells."""
+    return f"{entrant}, {cell_title(cell).lower()}"
+
+
+def half_place(factor: StudiedFactor, half: HalfSuccess) -> str:
+    """Return the place where half succeed, without its interval."""
+    if half.where == "within" and half.value is not None:
+        return factor.label(_three_digits(half.value))
+    if half.where == "between":
+        return "between two levels"
+    return NOWHERE[half.where]
+
+
+def half_interval(factor: StudiedFactor, half: HalfSuccess) -> str:
+    """Return the interval of the place where half succeed; ends outside of the flown levels are open."""
+    levels = [float(level) for level in factor.levels]
+    least, most = factor.label(min(levels)), factor.label(max(levels))
+    if half.scatter is None:  # all succeed or all fail, so that nothing was fitted
+        return "outside of the levels"
+    if half.low == math.inf:
+        return f"above {most}"
+    if half.high == -math.inf:
+        return f"below {least}"
+    low = f"below {least}" if half.low == -math.inf else factor.label(_three_digits(half.low))
+    high = f"above {most}" if half.high == math.inf else factor.label(_three_digits(half.high))
+    return f"{low} to {high}"
+
+
+def scatter_value(half: HalfSuccess) -> str | float | None:
+    """Return the scatter of the episodes (log odds); a text if it is WIDEST or more."""
+    return f"≥ {WIDEST:g}" if half.scatter == WIDEST else half.scatter
+
+
+def other_levels(results: StudyResults, fit: HalfSuccessFit) -> str:
+    """Return the levels of the other factors: wind 5 m/s; empty: there are none, or they are at their base."""
+    if not fit.beside:
+        return ""
+    rest = [factor for number, factor in enumerate(results.factors) if number != fit.factor]
+    pairs = zip(rest, fit.beside, strict=True)
+    return ", ".join(f"{factor.words} {factor.label(level)}" for factor, level in pairs)
+
+
+def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
+    """Return a sentence about the place where half succeed."""
+    factor, half = results.factors[fit.factor], fit.half
+    subject = in_cell(fit.entrant, fit.cell)
+    if choice := other_levels(results, fit):
+        subject += f", {choice}"
+    if half.where == "within":
+        place = f"{half_place(factor, half)} ({half_interval(factor, half)})"
+        return f"{subject}: half of the flights succeed at a {factor.words} of {place}."
+    if half.where == "between":
+        return (
+            f"{subject}: success turns so sharply that no number is the best; half of the flights succeed somewhere at"
+            f" a {factor.words} of {half_interval(factor, half)}."
+        )
+    if half.where == "no slope":
+        return f"{subject}: no half-success level can be estimated, since success hardly changes with {factor.words}."
+    return f"{subject}: no half-success within the range; {NOWHERE[half.where]}."
+
+
+def equals_p(p: float) -> str:
+    """Return a p value with its relation: = 0.012, or < 0.001."""
+    text = probability(p)
+    return text if text.startswith("<") else f"= {text}"
+
+
+def probability(p: float) -> str:
+    """Return a p value as text."""
+    return "< 0.001" if p < 0.001 else rounded(p, 3)
+
+
+def points(share: float) -> str:
+    """Return a difference of shares in percentage points, with its sign."""
+    text = rounded(PERCENT * abs(share), 0)
+    return text if text == "0" else f"{'−' if share < 0 else '+'}{text}"
+
+
+def _three_digits(value: float) -> float:
+    """Return a number with three significant digits."""
+    return float(f"{value:.3g}")

@@ -1,23 +1,26 @@
-"""The report of a study as files: a page, Markdown, tables, figures, and the flights as data."""
+"""The report of a study as files: an HTML page, Markdown, tables, figures, and the flights as data."""
 
 import csv
-from collections.abc import Sequence
+import html
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dronecats.judge.metrics.registry import METRICS
+from dronecats.report.figures import style
+from dronecats.report.kit import shell
 from dronecats.report.report_folder import write_tables
-from dronecats.report.results.database import array
+from dronecats.report.results.database import array, literal
 from dronecats.report.table import ReportTable
+from dronecats.report.writers import as_html, as_markdown, as_shell, escaped
 from dronecats.report.writers import as_json as tables_as_json
-from dronecats.report.writers import as_markdown, as_shell, escaped
-from dronecats.study.analysis.flown_study import flown_study
-from dronecats.study.analysis.studied import Studied
-from dronecats.study.report import sections, study_page
-from dronecats.study.report.figures.drawing import draw
-from dronecats.study.report.findings import Findings, findings
-from dronecats.study.report.sections import StudySection
+from dronecats.study.analysis.loading import load_results
+from dronecats.study.analysis.study_results import StudyResults
+from dronecats.study.report.drawing import StudyFigure, draw
+from dronecats.study.report.findings import compute_findings
+from dronecats.study.report.sections import ReportContent, report_content
 from foundation.errors import InfrastructureError
 from foundation.whole_file import whole_file, write_text
 
@@ -31,78 +34,61 @@ class StudyReport:
 
     page: Path
     markdown: Path
-    opening: tuple[str, ...]  # what is to be known before any number
-    short: tuple[str, ...]  # what the study says, in a few sentences
-    tables: tuple[ReportTable, ...]
+    content: ReportContent
     parquet: Path | None  # None: the extra `query` is not installed
 
 
 def write_study_report(folder: Path, out: Path) -> Path:
-    """Write the report of a study's folder into the folder `out`, and return the page's path.
+    """Write the report of a study's folder into the folder `out`, and return the path of the page.
 
-    Raises UsageError for a folder that is no study, or whose runs differ in more than its factors; InfrastructureError
-    when the report cannot be written.
+    Raises UsageError if the folder is no study or its runs differ in more than its factors; InfrastructureError if the
+    report cannot be written.
     """
-    return write(flown_study(folder), f"dronecats study report {folder} --out {out}", out).page
+    return write(load_results(folder), f"dronecats study report {folder} --out {out}", out).page
 
 
-def write(studied: Studied, command: str, out: Path) -> StudyReport:
-    """Write the report of a study that was read; `command` is the command line that makes it again."""
-    found = findings(studied, command)
+def write(results: StudyResults, command: str, out: Path) -> StudyReport:
+    """Write the report of these results; `command` is the command line that makes it."""
+    findings = compute_findings(results, command)
     try:
         (out / DATA).mkdir(parents=True, exist_ok=True)
-        told = sections.sections(found, draw(found, out / FIGURES))
-        every = tuple(table for section in told for table in section.tables)
-        write_tables(every, out / TABLES)
-        write_csv(studied, out / DATA / CSV)
-        parquet = _parquet(studied, out / DATA / PARQUET)
-        opening, short = sections.opening(found), sections.short(found)
-        title = _title(studied)
-        (out / MARKDOWN).write_text(_markdown(title, opening, short, told, found, out), encoding="utf-8")
-        write_text(out / PAGE, study_page.page(title, opening, short, told, command))
-    except OSError as full:
-        raise InfrastructureError(f"the report cannot be written into {out}: {full.strerror or full}") from None
-    return StudyReport(out / PAGE, out / MARKDOWN, tuple(opening), tuple(short), every, parquet)
+        content = report_content(findings, draw(findings, out / FIGURES))
+        write_tables(content.tables, out / TABLES)
+        columns = flight_columns(results)
+        write_csv(columns, out / DATA / CSV)
+        parquet = write_parquet(columns, out / DATA / PARQUET)
+        (out / MARKDOWN).write_text(_markdown(content, out), encoding="utf-8")
+        write_text(out / PAGE, html_page(content))
+    except OSError as error:
+        raise InfrastructureError(f"the report cannot be written into {out}: {error.strerror or error}") from None
+    return StudyReport(out / PAGE, out / MARKDOWN, content, parquet)
 
 
-def as_json(made: StudyReport) -> dict[str, Any]:
+def as_json(report: StudyReport) -> dict[str, Any]:
     """Return the tables as `dronecats study report --json` prints them: by name, rows by the columns' names."""
     return {
-        "page": str(made.page),
-        "report": str(made.markdown),
-        "parquet": made.parquet and str(made.parquet),
-        "short": [*made.opening, *made.short],
-        "tables": tables_as_json(made.tables),
+        "page": str(report.page),
+        "report": str(report.markdown),
+        "parquet": report.parquet and str(report.parquet),
+        "short": [*report.content.opening, *report.content.summary],
+        "tables": tables_as_json(report.content.tables),
     }
 
 
-def _parquet(studied: Studied, path: Path) -> Path | None:
-    try:
-        write_parquet(studied, path)
-    except ImportError:
-        return None
-    return path
-
-
-def _title(studied: Studied) -> str:
-    return f"Study: {studied.name}"
-
-
-def _markdown(
-    title: str, opening: Sequence[str], short: Sequence[str], told: Sequence[StudySection], found: Findings, out: Path
-) -> str:
-    parts = [f"# {escaped(title)}\n", *(f"{escaped(said)}\n" for said in opening)]
-    parts += ["\n".join(f"- {escaped(said)}" for said in short) + "\n"] if short else []
-    parts.append(as_shell([found.command]))
-    for section in told:
-        parts.append(f"## {escaped(section.title)}\n")
-        parts += [f"{escaped(said)}\n" for said in section.said]
-        for part in section.parts:
-            for figure in part.figures:
-                parts.append(f"![{escaped(figure.shows)}]({figure.path.relative_to(out).as_posix()})\n")
-                parts.append(f"{escaped(figure.shows)} Made by `{found.command}`.\n")
-            parts += [as_markdown(table, level=3) for table in part.tables]
-    return "\n".join(parts)
+def _markdown(content: ReportContent, out: Path) -> str:
+    lines = [f"# {escaped(content.title)}\n", *(f"{escaped(sentence)}\n" for sentence in content.opening)]
+    if content.summary:
+        lines.append("\n".join(f"- {escaped(sentence)}" for sentence in content.summary) + "\n")
+    lines.append(as_shell([content.command]))
+    for section in content.sections:
+        lines.append(f"## {escaped(section.title)}\n")
+        lines += [f"{escaped(sentence)}\n" for sentence in section.sentences]
+        for block in section.blocks:
+            for figure in block.figures:
+                lines.append(f"![{escaped(figure.caption)}]({figure.path.relative_to(out).as_posix()})\n")
+                lines.append(f"{escaped(figure.caption)} Made by `{content.command}`.\n")
+            lines += [as_markdown(table, level=3) for table in block.tables]
+    return "\n".join(lines)
 
 
 CSV, PARQUET = "flights.csv", "flights.parquet"
@@ -114,58 +100,56 @@ class FlightColumn:
 
     name: str
     type: str  # of SQL
-    values: tuple[Any, ...]  # one a flight
+    values: Sequence[Any]  # one per flight
 
 
-def columns(studied: Studied) -> list[FlightColumn]:
-    """Return who flew, episode, flight, levels, outcome and every metric of the whole episode."""
-    flights = studied.flights
-    found = [
-        FlightColumn("entrant", "VARCHAR", tuple(each.entrant for each in flights)),
-        FlightColumn("run", "VARCHAR", tuple(each.scored.run.folder.name for each in flights)),
-        FlightColumn("episode", "VARCHAR", tuple(each.scored.episode for each in flights)),
-        FlightColumn("cell", "VARCHAR", tuple(each.scored.cell for each in flights)),
-        FlightColumn("map", "VARCHAR", tuple(each.scored.map for each in flights)),
-        FlightColumn("flight_number", "BIGINT", tuple(each.number for each in flights)),
-        FlightColumn("seed", "BIGINT", tuple(each.scored.run.seed for each in flights)),
+def flight_columns(results: StudyResults) -> list[FlightColumn]:
+    """Return entrant, run, episode, flight, levels, outcome and every metric of the episode."""
+    flights = results.flights
+    episodes = [flight.scored for flight in flights]
+    columns = [
+        FlightColumn("entrant", "VARCHAR", [flight.entrant for flight in flights]),
+        FlightColumn("run", "VARCHAR", [episode.run.folder.name for episode in episodes]),
+        FlightColumn("episode", "VARCHAR", [episode.episode for episode in episodes]),
+        FlightColumn("cell", "VARCHAR", [episode.cell for episode in episodes]),
+        FlightColumn("map", "VARCHAR", [episode.map for episode in episodes]),
+        FlightColumn("flight_number", "BIGINT", [flight.number for flight in flights]),
+        FlightColumn("seed", "BIGINT", [episode.run.seed for episode in episodes]),
     ]
-    for k, factor in enumerate(studied.factors):
-        kind = "DOUBLE" if factor.numeric else "VARCHAR"
-        found.append(FlightColumn(f"level_{factor.name}", kind, tuple(each.levels[k] for each in flights)))
-    found.append(FlightColumn("scored", "BOOLEAN", tuple(each.scored.scored for each in flights)))
-    if any(each.scored.left_out for each in flights):
-        found.append(FlightColumn("left_out", "VARCHAR", tuple(each.scored.left_out for each in flights)))
-    for name, metric in METRICS.items():
-        if metric.level == "episode":
-            values = tuple(each.scored.values.get(name) for each in flights)
-            if any(value is not None for value in values):
-                truth = all(value is None or isinstance(value, bool) for value in values)
-                told = values if truth else tuple(None if value is None else float(value) for value in values)
-                found.append(FlightColumn(name, "BOOLEAN" if truth else "DOUBLE", told))
-    return found
+    for k, factor in enumerate(results.factors):
+        sql_type = "DOUBLE" if factor.numeric else "VARCHAR"
+        columns.append(FlightColumn(f"level_{factor.name}", sql_type, [flight.levels[k] for flight in flights]))
+    columns.append(FlightColumn("scored", "BOOLEAN", [episode.scored for episode in episodes]))
+    if any(episode.left_out for episode in episodes):
+        columns.append(FlightColumn("left_out", "VARCHAR", [episode.left_out for episode in episodes]))
+    for name in (name for name, metric in METRICS.items() if metric.level == "episode"):
+        values = [episode.values.get(name) for episode in episodes]
+        if all(value is None or isinstance(value, bool) for value in values):
+            columns += [FlightColumn(name, "BOOLEAN", values)] if any(value is not None for value in values) else []
+        else:
+            columns.append(FlightColumn(name, "DOUBLE", [None if value is None else float(value) for value in values]))
+    return columns
 
 
-def write_csv(studied: Studied, path: Path) -> None:
-    """Write the rows as CSV; what is not known is empty. Raises OSError."""
-    told = columns(studied)
+def write_csv(columns: Sequence[FlightColumn], path: Path) -> None:
+    """Write the flights as CSV; unknown values are empty. Raises OSError."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([column.name for column in told])
-        writer.writerows(zip(*(map(_plain, column.values) for column in told), strict=True))
+        writer.writerow([column.name for column in columns])
+        writer.writerows(zip(*(map(_csv_value, column.values) for column in columns), strict=True))
 
 
-def write_parquet(studied: Studied, path: Path) -> None:
-    """Write the rows as Parquet. Raises ImportError without the extra `query`, OSError where they cannot be."""
-    import duckdb
-
-    from dronecats.report.results.database import literal
-
-    told = columns(studied)
+def write_parquet(columns: Sequence[FlightColumn], path: Path) -> Path | None:
+    """Write the flights as Parquet and return the path; None without the extra `query`. Raises OSError."""
+    try:
+        import duckdb
+    except ImportError:
+        return None
     connection = duckdb.connect(":memory:")
     try:
-        names = ", ".join(f'"{column.name}" {column.type}' for column in told)
+        names = ", ".join(f'"{column.name}" {column.type}' for column in columns)
         connection.execute(f"CREATE TABLE flights ({names})")
-        arrays = {column.name: array(column.values, column.type) for column in told}
+        arrays = {column.name: array(column.values, column.type) for column in columns}
         connection.register("rows", arrays)
         connection.execute("INSERT INTO flights SELECT * FROM rows")
         try:
@@ -175,7 +159,97 @@ def write_parquet(studied: Studied, path: Path) -> None:
             raise OSError(None, str(fault)) from None
     finally:
         connection.close()
+    return path
 
 
-def _plain(value: Any) -> str:
+def _csv_value(value: Any) -> str:
     return "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+
+
+LONG = 10  # rows; a table with more is folded
+# colour of a drawing → variable of the page
+COLOURS = {
+    style.INK: "ink", style.GREY: "mute", style.LIGHT: "line", "#000000": "ink", style.BLUE: "blue",
+    style.VERMILION: "vermilion", style.GREEN: "green", style.PURPLE: "purple", style.ORANGE: "orange",
+    style.SKY: "sky", "#FFFFFF": "panel",
+}  # fmt: skip
+HEAD = re.compile(r"^.*?(?=<svg\b)", re.DOTALL)
+METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+STYLE = re.compile(r"<style\b.*?</style>", re.DOTALL)
+OPENING = re.compile(r"<svg\b[^>]*>")
+VIEW = re.compile(r'viewBox="([^"]*)"')
+ID = re.compile(r'\bid="([^"]+)"')
+BACKGROUND = re.compile(r'<g id="patch_1">.*?</g>', re.DOTALL)
+
+
+def html_page(content: ReportContent) -> str:
+    """Return the HTML page, with the opening sentences at the top and the summary below them."""
+    page = shell.PageContent(
+        title=content.title,
+        folder=__package__ or "",
+        trail=f"<li>{html.escape(content.title)}</li>",
+        main="\n".join(_body(content)),
+        has_drawings=True,
+    )
+    return "".join(shell.page(page))
+
+
+def _body(content: ReportContent) -> Iterator[str]:
+    yield f"<h1>{html.escape(content.title)}</h1>"
+    yield from _paragraphs(content.opening)
+    if content.summary:
+        items = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in content.summary)
+        yield f'<ul class="short">{items}</ul>'
+    yield f"<pre>{html.escape(content.command)}</pre>"
+    links = (f'<li><a href="#{section.key}">{html.escape(section.title)}</a></li>' for section in content.sections)
+    yield f'<nav aria-label="Sections"><ul>{"".join(links)}</ul></nav>'
+    for section in content.sections:
+        yield f'<section id="{section.key}"><h2>{html.escape(section.title)}</h2>'
+        yield from _paragraphs(section.sentences)
+        for block in section.blocks:
+            yield from (_figure(figure, content.command) for figure in block.figures)
+            for table in block.tables:
+                yield from _table(table)
+        yield "</section>"
+
+
+def _table(table: ReportTable) -> Iterator[str]:
+    """Yield a table with its title; a long one is folded, except in print."""
+    title = html.escape(table.title)
+    if len(table.rows) <= LONG:
+        yield f"<h3>{title}</h3>{as_html(table)}"
+    else:
+        yield f"<details><summary>{title}: {len(table.rows)} lines</summary>{as_html(table)}</details>"
+
+
+def _paragraphs(sentences: Iterable[str]) -> Iterator[str]:
+    return (f"<p>{html.escape(sentence)}</p>" for sentence in sentences)
+
+
+def _figure(figure: StudyFigure, command: str) -> str:
+    drawing = inline(
+        figure.path.with_suffix(".svg").read_text(encoding="utf-8"), figure.name, html.escape(figure.caption)
+    )
+    stem = html.escape(figure.path.stem)
+    return (
+        f'<figure><div class="drawing">{drawing}</div><figcaption>{html.escape(figure.caption)}'
+        f" <code>{html.escape(command)}</code> writes it as figures/{stem}.svg, .pdf and .png.</figcaption></figure>"
+    )
+
+
+def inline(svg: str, key: str, label: str) -> str:
+    """Return an SVG figure as an element of the page; `key` is the prefix of its ids, `label` is for screen readers.
+
+    Its colours become variables of the page, so it fits both themes. Text without a colour is black in SVG and takes
+    the ink of the page. Numbers on coloured fields keep their white and black.
+    """
+    body = STYLE.sub("", METADATA.sub("", HEAD.sub("", svg)))
+    body = BACKGROUND.sub("", body, count=1)
+    box = VIEW.search(body)
+    size = box[1] if box else "0 0 100 100"
+    body = OPENING.sub("", body, count=1)
+    body = ID.sub(lambda match: f'id="{key}-{match[1]}"', body)
+    body = body.replace('="#', f'="#{key}-').replace("url(#", f"url(#{key}-")
+    for colour, name in COLOURS.items():
+        body = re.sub(rf"{colour}(?![0-9a-fA-F])", f"var(--{name})", body, flags=re.IGNORECASE)
+    return f'<svg role="img" aria-label="{label}" viewBox="{size}" xmlns:xlink="http://www.w3.org/1999/xlink">{body}'

@@ -1,24 +1,33 @@
-"""The sections of a study's report: what they hold and in which order, on the page and in Markdown alike."""
+"""The sections of a study's report and its summary, the same for the page and for Markdown."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from dronecats.judge.statistics.paired import ALPHA
 from dronecats.report.table import ReportTable, TableColumn, in_blocks, row, words
-from dronecats.study.analysis.paired_flights import SUCCESS, PairedDifference
-from dronecats.study.analysis.studied import ALL
-from dronecats.study.report import difference_tables, level_tables
-from dronecats.study.report.figures.drawing import StudyFigure
-from dronecats.study.report.findings import FactorFindings, Findings
-from dronecats.study.report.words import PERCENT, cell_title, half_sentence, points, probability
+from dronecats.study.analysis.differences import SUCCESS, PairedDifference
+from dronecats.study.analysis.study_results import ALL
+from dronecats.study.report import tables
+from dronecats.study.report.drawing import StudyFigure
+from dronecats.study.report.findings import (
+    PERCENT,
+    FactorFindings,
+    Findings,
+    cell_title,
+    equals_p,
+    half_sentence,
+    in_cell,
+    points,
+    probability,
+)
 
-FEW = 4  # factors, of more than which the summary tells what is told apart alone
-PLACED = ("within", "between")  # where half succeed at a place among the levels
+FACTORS_FEW = 4  # factors; with more the summary names only significant results
+PLACED = ("within", "between")  # half-success results with a place among the levels
 
 
 @dataclass(frozen=True, slots=True)
-class SectionPart:
-    """Figures with the tables that tell their numbers."""
+class SectionBlock:
+    """Figures with the tables of their numbers."""
 
     figures: tuple[StudyFigure, ...]
     tables: tuple[ReportTable, ...]
@@ -26,214 +35,221 @@ class SectionPart:
 
 @dataclass(frozen=True, slots=True)
 class StudySection:
-    """A section."""
+    """A section of the report."""
 
-    key: str  # of its address
+    key: str  # of its link
     title: str
-    said: tuple[str, ...]  # sentences above its parts
-    parts: tuple[SectionPart, ...]
+    sentences: tuple[str, ...]  # above its blocks
+    blocks: tuple[SectionBlock, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ReportContent:
+    """The content of a study's report, the same for the page and for Markdown."""
+
+    title: str
+    opening: tuple[str, ...]  # sentences that precede all numbers
+    summary: tuple[str, ...]  # the main results in a few sentences
+    sections: tuple[StudySection, ...]
+    command: str  # command line that makes the report
 
     @property
     def tables(self) -> tuple[ReportTable, ...]:
-        """All tables of it."""
-        return tuple(table for part in self.parts for table in part.tables)
+        """The tables of all sections."""
+        return tuple(table for section in self.sections for block in section.blocks for table in block.tables)
 
 
-def sections(found: Findings, figures: Sequence[StudyFigure]) -> list[StudySection]:
-    """Return the sections, those that there is something to tell in."""
-    drawn = {figure.name: figure for figure in figures}
-    made = []
-    if table := difference_tables.at_points(found):
-        over = tuple(_over(found, found.studied.groups))
-        made.append(StudySection("points", table.title, over, (_part(drawn, [table], "at_points"),)))
-    made += [section for along in found.factors for section in _along(found, along, drawn)]
-    if table := difference_tables.effects(found):
-        said = ("What each factor does by itself, from one fit over all of them.",)
-        made.append(StudySection("main-effects", "Main effects", said, (_part(drawn, [table], "main_effects"),)))
-    maps = [_part(drawn, [table], table.name) for table in difference_tables.interactions(found)]
-    if maps:
-        said = (
-            "Two factors together: where both hurt more than each by itself, the map is darker than its edges say.",
-        )
-        made.append(StudySection("interactions", "Interactions", said, tuple(maps)))
-    made.append(StudySection("setup", "How it was flown", (), (_part(drawn, [setup(found)]),)))
-    return made
+def report_content(findings: Findings, figures: Sequence[StudyFigure]) -> ReportContent:
+    """Return the content of the report with these figures; sections without content are left out."""
+    return ReportContent(
+        title=f"Study: {findings.results.name}",
+        opening=tuple(opening(findings)),
+        summary=tuple(summary(findings)),
+        sections=tuple(_sections(findings, figures)),
+        command=findings.command,
+    )
 
 
-def opening(found: Findings) -> list[str]:
-    """Return what is to be known before any number, sentences."""
-    studied = found.studied
-    scored, flown = len(studied.scored), len(studied.flights)
-    said = [
-        f"{flown} flights of {len({each.scored.episode for each in studied.flights})} episodes,"
-        f" {scored} of them scored; {studied.design}."
+def _sections(findings: Findings, figures: Sequence[StudyFigure]) -> list[StudySection]:
+    by_name = {figure.name: figure for figure in figures}
+    section_list = []
+    if table := tables.point_differences(findings):
+        sentences = tuple(_pooled_sentences(findings, findings.results.groups))
+        section_list.append(StudySection("points", table.title, sentences, (_block(by_name, [table], "at_points"),)))
+    for along in findings.factors:
+        section_list += _factor_sections(findings, along, by_name)
+    if table := tables.effects(findings):
+        text = "The effect of each factor by itself, from one fit over all factors."
+        section_list.append(StudySection("main-effects", table.title, (text,), (_block(by_name, [table], table.name),)))
+    if maps := [_block(by_name, [table], table.name) for table in tables.interactions(findings)]:
+        text = "If two factors reduce success more together than each alone, the map is darker than its edges suggest."
+        section_list.append(StudySection("interactions", "Interactions", (text,), tuple(maps)))
+    table = setup(findings)
+    return [*section_list, StudySection("setup", table.title, (), (_block(by_name, [table]),))]
+
+
+def opening(findings: Findings) -> list[str]:
+    """Return the sentences that precede all numbers: flights, design, and limits of the comparison."""
+    results = findings.results
+    scored, flights = len(results.scored), len(results.flights)
+    sentences = [
+        f"{flights} flights of {len({flight.scored.episode for flight in results.flights})} episodes,"
+        f" {scored} of them scored; {results.design}."
     ]
-    if studied.planned > flown:
-        said.append(
-            f"The study is not flown to its end: {studied.planned - flown} of {studied.planned} flights are missing."
+    if results.planned > flights:
+        sentences.append(
+            f"The study is not flown to its end: {results.planned - flights} of {results.planned} flights are missing."
         )
-    return [*said, *studied.notes]
+    return [*sentences, *results.notes]
 
 
-def short(found: Findings) -> list[str]:
-    """Return what the study says in a few sentences: who is better, what levels cost, and where half succeed.
+def summary(findings: Findings) -> list[str]:
+    """Return the main results in a few sentences: differences between entrants, costs of levels, half-success levels.
 
-    Of many factors only what is told apart from chance is told of each, and the rest in one sentence.
+    With many factors only significant results are named, and the other factors in one sentence.
     """
-    said, few = [*_over(found, found.studied.groups[:1])], len(found.factors) <= FEW
-    for along in found.factors:
-        groups = [cell for cell in found.studied.groups if cell != ALL] or list(found.studied.groups)
-        halves = [each for each in along.halves if each.cell in groups and not each.beside]
-        said += [half_sentence(found.studied, each) for each in halves if few or each.half.where in PLACED]
-        said += [told for told, apart in _costs(found, along) if few or apart]
+    few = len(findings.factors) <= FACTORS_FEW
+    sentences = [*_pooled_sentences(findings, findings.results.groups[:1])]
+    for along in findings.factors:
+        groups = [cell for cell in findings.results.groups if cell != ALL] or list(findings.results.groups)
+        halves = [fit for fit in along.halves if fit.cell in groups and not fit.beside]
+        sentences += [half_sentence(findings.results, fit) for fit in halves if few or fit.half.where in PLACED]
+        sentences += [text for text, is_significant in _cost_sentences(findings, along) if few or is_significant]
     if not few:
-        said += _quiet(found)
-    effects = [e for e in found.effects if e.cell == found.studied.groups[0] and (few or e.p_holm <= ALPHA)]
-    for effect in effects:
-        factor = found.studied.factors[effect.factor]
-        said.append(
-            f"{effect.entrant}: {factor.name.replace('_', ' ')} from {factor.told(effect.begin)} to"
-            f" {factor.told(effect.end)} moves success from {PERCENT * effect.share_begin:.0f} to"
-            f" {PERCENT * effect.share_end:.0f} % (fitted; p {_equals(effect.p_holm)} after Holm's correction)."
-        )
-    return said
-
-
-def _over(found: Findings, cells: Sequence[str]) -> Iterator[str]:
-    """Yield what those who fly come to over all points alike."""
-    count = len({each.title for each in found.points})
-    for each in (each for each in found.over_points if each.cell in cells):
-        yield (
-            f"{each.first} less {each.second}, {cell_title(each.cell).lower()}, over all {count} points alike:"
-            f" {_success(each)}; p {_equals(each.difference.p)}."
-        )
-
-
-def _quiet(found: Findings) -> Iterator[str]:
-    """Yield for each entrant the factors that do nothing that is told apart from chance."""
-    cell = found.studied.groups[0]
-    for entrant in found.studied.entrants:
-        names = []
-        for along in found.factors:
-            told = _against_reference(along, entrant, cell)
-            if told and not any(each.p_holm <= ALPHA for each in told):
-                alone = _alone(told)
-                names.append(along.factor.name.replace("_", " ") + (f" ({alone})" if alone else ""))
-        if names:
-            yield f"{entrant}, {cell_title(cell).lower()}: no level is told apart in success of {', '.join(names)}."
-
-
-def _costs(found: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
-    """Yield for each entrant what the nearest level that is told from the reference costs, and whether there is one."""
-    reference = along.factor.told(along.factor.reference)
-    name = "" if len(found.factors) <= FEW else f" along {along.factor.name.replace('_', ' ')}"
-    for entrant in found.studied.entrants:
-        cell = found.studied.groups[0]
-        told = _against_reference(along, entrant, cell)
-        apart = [each for each in told if each.p_holm <= ALPHA]
-        if not told:
-            continue
-        if not apart:
-            alone = _alone(told)
-            reason = f" after Holm's correction ({alone})" if alone else ""
-            yield (
-                f"{entrant}, {cell_title(cell).lower()}: no level is told apart from {reference} in success{reason}.",
-                False,
+        sentences += _insignificant_factors(findings)
+    for effect in findings.effects:
+        if effect.cell == findings.results.groups[0] and (few or effect.p_holm <= ALPHA):
+            factor = findings.results.factors[effect.factor]
+            sentences.append(
+                f"{effect.entrant}: {factor.words} from {factor.label(effect.begin)} to {factor.label(effect.end)}"
+                f" moves success from {PERCENT * effect.share_begin:.0f} to {PERCENT * effect.share_end:.0f} %"
+                f" (fitted; p {equals_p(effect.p_holm)} after Holm's correction)."
             )
-            continue
-        each = min(apart, key=_away)  # of words, which are no way off, the first
-        told_so = (
-            f"{entrant}, {cell_title(cell).lower()}{name}: {each.at.title} is the first level that is told apart from"
-            f" {reference}: {_success(each)}; p {_equals(each.p_holm)} after Holm's correction."
-        )
-        yield told_so, True
+    return sentences
+
+
+def _pooled_sentences(findings: Findings, cells: Sequence[str]) -> Iterator[str]:
+    """Yield the difference of each two entrants, pooled over all points."""
+    count = len({point.title for point in findings.points})
+    for difference in findings.pooled:
+        if difference.cell in cells:
+            entrants = in_cell(f"{difference.first} less {difference.second}", difference.cell)
+            p = equals_p(difference.difference.p)
+            yield f"{entrants}, over all {count} points: {_success_text(difference)}; p {p}."
+
+
+def _insignificant_factors(findings: Findings) -> Iterator[str]:
+    """Yield for each entrant the factors without a significant effect."""
+    cell = findings.results.groups[0]
+    for entrant in findings.results.entrants:
+        names = []
+        for along in findings.factors:
+            rows = _against_reference(along, entrant, cell)
+            if rows and not any(row.p_holm <= ALPHA for row in rows):
+                alone = _uncorrected(rows)
+                names.append(along.factor.words + (f" ({alone})" if alone else ""))
+        if names:
+            yield f"{in_cell(entrant, cell)}: no level differs significantly in success along {', '.join(names)}."
+
+
+def _cost_sentences(findings: Findings, along: FactorFindings) -> Iterator[tuple[str, bool]]:
+    """Yield for each entrant the cost of the nearest level with a significant difference, and whether there is one."""
+    reference = along.factor.label(along.factor.reference)
+    name = "" if len(findings.factors) <= FACTORS_FEW else f" along {along.factor.words}"
+    for entrant in findings.results.entrants:
+        cell = findings.results.groups[0]
+        rows = _against_reference(along, entrant, cell)
+        significant = [row for row in rows if row.p_holm <= ALPHA]
+        if significant:
+            nearest = min(significant, key=_distance)  # of words, whose distance is 0, the first
+            text = (
+                f"{in_cell(entrant, cell)}{name}: {nearest.at.title} is the first level that differs significantly from"
+                f" {reference}: {_success_text(nearest)}; p {equals_p(nearest.p_holm)} after Holm's correction."
+            )
+            yield text, True
+        elif rows:
+            alone = _uncorrected(rows)
+            reason = f" after Holm's correction ({alone})" if alone else ""
+            text = f"{in_cell(entrant, cell)}: no level differs significantly from {reference} in success{reason}."
+            yield text, False
 
 
 def _against_reference(along: FactorFindings, entrant: str, cell: str) -> list[PairedDifference]:
-    """Return each level's success less the reference's."""
-    return [e for e in along.between_levels if (e.first, e.cell, e.metric) == (entrant, cell, SUCCESS)]
+    """Return the success at each level minus that at the reference."""
+    return [row for row in along.between_levels if (row.first, row.cell, row.metric) == (entrant, cell, SUCCESS)]
 
 
-def _alone(told: Sequence[PairedDifference]) -> str:
-    """Return the level that would be told apart were it the only one, and what Holm's correction makes of it, or ''."""
-    each = min(told, key=lambda each: each.difference.p)
-    if each.difference.p > ALPHA:
+def _uncorrected(rows: Sequence[PairedDifference]) -> str:
+    """Return the level that is significant without Holm's correction, and its corrected p; empty: there is none."""
+    best = min(rows, key=lambda row: row.difference.p)
+    if best.difference.p > ALPHA:
         return ""
     return (
-        f"{each.at.title} by itself would be: {_success(each)}, p {_equals(each.difference.p)}; with {len(told)} levels"
-        f" compared, Holm's correction makes it {probability(each.p_holm)}"
+        f"{best.at.title} by itself is significant: {_success_text(best)}, p {equals_p(best.difference.p)}; with"
+        f" {len(rows)} levels compared, Holm's correction makes it {probability(best.p_holm)}"
     )
 
 
-def _success(told: PairedDifference) -> str:
-    """Return a difference of success in words: −4 points of success (−6 to −1)."""
-    known = told.difference
-    interval = "" if known.low is None or known.high is None else f" ({points(known.low)} to {points(known.high)})"
-    return f"{points(known.mean)} points of success{interval}"
+def _success_text(row: PairedDifference) -> str:
+    """Return a difference of success as text: −4 points of success (−6 to −1)."""
+    low, high = row.difference.low, row.difference.high
+    interval = "" if low is None or high is None else f" ({points(low)} to {points(high)})"
+    return f"{points(row.difference.mean)} points of success{interval}"
 
 
-def _away(told: PairedDifference) -> float:
-    """Return how far a level lies from the one it is compared with; 0 of words."""
-    at, against = told.at.at, told.against.at
+def _distance(row: PairedDifference) -> float:
+    """Return the distance of a level from the one it is compared with; 0 for words."""
+    at, against = row.at.at, row.against.at
     return 0.0 if at is None or against is None else abs(at - against)
 
 
-def _along(found: Findings, along: FactorFindings, drawn: dict[str, StudyFigure]) -> Iterator[StudySection]:
-    name, key = along.factor.name.replace("_", " "), along.factor.name.replace("_", "-")
-    success, *rest = level_tables.tables(found, along)
-    fits = [table for table in rest if table.name == along.named("half_success")]
-    every = [table for table in rest if table not in fits]
-    parts = (
-        _part(drawn, [success, *fits], along.named("success"), along.named("success_beside")),
-        _part(drawn, every, along.named("measures")),
+def _factor_sections(
+    findings: Findings, along: FactorFindings, figures: dict[str, StudyFigure]
+) -> Iterator[StudySection]:
+    name, key = along.factor.words, along.factor.name.replace("_", "-")
+    fits = tables.half_success(findings, along)
+    names = along.artifact_name("success"), along.artifact_name("success_beside")
+    blocks: tuple[SectionBlock, ...] = (
+        _block(figures, [tables.success(findings, along), *([fits] if fits else [])], *names),
+        _block(figures, [tables.measures(findings, along)], along.artifact_name("measures")),
     )
-    pooled = found.studied.groups[0]
-    several = [half_sentence(found.studied, e) for e in along.halves if e.beside and e.cell == pooled]
-    yield StudySection(key, f"Along {name}", tuple(several), parts)
-    pairs = [_part(drawn, [table], table.name) for table in difference_tables.tables(found, along)]
-    if pairs:
-        yield StudySection(f"{key}-pairs", f"Pairs along {name}", (), tuple(pairs))
-    steps = [
-        _part(drawn, [table], table.name)
-        for table in (level_tables.motion(found, along), level_tables.served(found, along))
-        if table
-    ]
-    if steps:
-        yield StudySection(f"{key}-steps", f"Decisions along {name}", (), tuple(steps))
+    cell = findings.results.groups[0]
+    sentences = [half_sentence(findings.results, fit) for fit in along.halves if fit.beside and fit.cell == cell]
+    yield StudySection(key, f"Along {name}", tuple(sentences), blocks)
+    pairs = tables.between_levels(findings, along), tables.between_entrants(findings, along)
+    steps = tables.target_motion(findings, along), tables.served_rates(findings, along)
+    for suffix, title, several in (("pairs", "Pairs", pairs), ("steps", "Decisions", steps)):
+        if blocks := tuple(_block(figures, [table], table.name) for table in several if table):
+            yield StudySection(f"{key}-{suffix}", f"{title} along {name}", (), blocks)
 
 
-def _part(drawn: dict[str, StudyFigure], tables: Sequence[ReportTable], *names: str) -> SectionPart:
-    return SectionPart(tuple(drawn[name] for name in names if name in drawn), tuple(tables))
+def _block(figures: dict[str, StudyFigure], block_tables: Sequence[ReportTable], *names: str) -> SectionBlock:
+    return SectionBlock(tuple(figures[name] for name in names if name in figures), tuple(block_tables))
 
 
-def _equals(p: float) -> str:
-    told = probability(p)
-    return told if told.startswith("<") else f"= {told}"
-
-
-def setup(found: Findings) -> ReportTable:
-    """Return how the study was laid out."""
-    studied = found.studied
-    scored, flown = len(studied.scored), len(studied.flights)
-    told = [
-        ("Study", studied.name),
-        ("Design", studied.design),
+def setup(findings: Findings) -> ReportTable:
+    """Return the table of the study's setup."""
+    results = findings.results
+    scored, flights = len(results.scored), len(results.flights)
+    lines = [
+        ("Study", results.name),
+        ("Design", results.design),
         *(
-            (factor.title, ", ".join(factor.told(level) for level in factor.levels) if len(factor.levels) <= 24
+            (factor.title, ", ".join(factor.label(level) for level in factor.levels) if len(factor.levels) <= 24
              else f"{len(factor.levels)} levels")
-            for factor in studied.factors
+            for factor in results.factors
         ),
-        ("Who flew", ", ".join(studied.entrants)),
-        ("Cells", ", ".join(cell_title(cell) for cell in studied.cells)),
-        ("Episodes", str(len({each.scored.episode for each in studied.flights}))),
-        ("Flights", f"{flown} of {studied.planned} flown, {scored} of them scored"),
+        ("Who flew", ", ".join(results.entrants)),
+        ("Cells", ", ".join(cell_title(cell) for cell in results.cells)),
+        ("Episodes", str(len({flight.scored.episode for flight in results.flights}))),
+        ("Flights", f"{flights} of {results.planned} flown, {scored} of them scored"),
         ("Seeds", "the same flight of an episode has the same seed at every level"),
     ]  # fmt: skip
     return ReportTable(
         name="setup",
         title="How it was flown",
-        caption="What the folder of the study tells.",
+        caption="The design and the flights, from the folder of the study.",
         columns=(words("What", "what"), TableColumn(name="told", title="", align="left")),
-        blocks=in_blocks(("", row(*line)) for line in told),
-        command=found.command,
+        blocks=in_blocks(("", row(*line)) for line in lines),
+        command=findings.command,
     )  # fmt: skip

@@ -5,22 +5,22 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.judge.metrics.page import filled, tables
 from dronecats.judge.metrics.registry import METRICS, own_metrics
+from dronecats.study.docs_tables import filled, tables
 
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"
 
 
 def test_the_tables_are_made_from_the_registry():
     page = PAGE.read_text(encoding="utf-8")
-    assert filled(page) == page, "run `make metrics`"
+    assert filled(page, tables("metrics.md")) == page, "run `make metrics`"
     assert all(f"| `{name}` |" in page for name in METRICS)
 
 
 def test_a_page_without_a_place_is_refused():
     with pytest.raises(ValueError, match="metrics"):
-        filled("# Metrics\n")
-    assert set(tables()) == {"metrics", "modes", "rules"}
+        filled("# Metrics\n", tables("metrics.md"))
+    assert set(tables("metrics.md")) == {"metrics", "modes", "rules"}
 
 
 def test_the_example_is_a_metric(tmp_path):

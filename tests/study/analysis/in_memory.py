@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from dronecats.study.analysis.studied import Studied, StudiedFactor, StudiedFlight, StudiedLevel
+from dronecats.study.analysis.study_results import StudiedFactor, StudiedFlight, StudiedLevel, StudyResults
 from tests.support.scores import a_run, an_episode
 
 Law = Callable[..., float]  # levels, in the order of the factors → log odds of the middle episode
@@ -20,7 +20,7 @@ def a_study(
     scatter: float = 1.0,
     entrants: Sequence[str] = ("vision",),
     seed: int = 0,
-) -> Studied:
+) -> StudyResults:
     """Return a study with every episode flown at every point, success drawn by the law."""
     rng = np.random.default_rng(seed)
     made = []
@@ -33,7 +33,7 @@ def a_study(
                     told = {"ne_m": 3.0 if won else 9.0, "dwell_s": 4.0, "longest_loss_s": 2.0}
                     scored = an_episode(run, f"campus-tracking-{k:02}", "success" if won else "failure", values=told)
                     made.append(StudiedFlight(entrant=entrant, levels=point, number=number, scored=scored))
-    return Studied(
+    return StudyResults(
         name="made-up", design="full factorial", factors=tuple(factors), entrants=tuple(entrants),
         cells=("tracking",), flights=tuple(made), planned=len(made),
     )  # fmt: skip

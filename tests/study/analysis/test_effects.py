@@ -6,8 +6,8 @@ from scipy import stats
 
 from dronecats.judge.statistics.mixed_logit import Trials, fit
 from dronecats.judge.statistics.paired import holm
-from dronecats.study.analysis.effects import heat_maps, main_effects
-from dronecats.study.analysis.studied import StudiedFactor
+from dronecats.study.analysis.study_results import StudiedFactor
+from dronecats.study.analysis.success_fits import heat_maps, main_effects
 from tests.study.analysis.in_memory import a_study, number_factor
 
 LATENCY, WIND = number_factor("latency", 0.0, 1.0, 2.0), number_factor("wind", 0.0, 4.0, 8.0, unit="m/s")

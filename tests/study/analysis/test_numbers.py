@@ -8,13 +8,11 @@ from fractions import Fraction
 import pytest
 
 from dronecats.judge.statistics.paired import holm
-from dronecats.study.analysis.effects import heat_maps, main_effects
-from dronecats.study.analysis.flown_study import flown_study
-from dronecats.study.analysis.halves import halves
-from dronecats.study.analysis.levels import at_levels, level_steps
-from dronecats.study.analysis.paired_flights import between_entrants, between_levels
-from dronecats.study.analysis.steps import motions, served
-from dronecats.study.analysis.studied import ALL, StudiedFactor
+from dronecats.study.analysis.differences import between_entrants, between_levels
+from dronecats.study.analysis.loading import load_results
+from dronecats.study.analysis.steps import served_rates, target_motions
+from dronecats.study.analysis.study_results import ALL, StudiedFactor, level_results, level_steps
+from dronecats.study.analysis.success_fits import half_success_fits, heat_maps, main_effects
 from tests.study.analysis.in_memory import a_study, number_factor
 from tests.study.studies import APPROACHING, SPEED, TRACKING, falling, write_study
 from tests.support.randomisation import randomised
@@ -31,11 +29,11 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def studied(folder):
-    return flown_study(folder)
+    return load_results(folder)
 
 
 def test_shares_and_means_are_those_of_the_flights(studied):
-    for each in at_levels(studied, 0):
+    for each in level_results(studied, 0):
         flown = [
             f.scored for f in studied.flights
             if f.entrant == each.entrant and f.levels == (each.step.at,) and each.cell in (ALL, f.scored.cell)
@@ -49,7 +47,7 @@ def test_shares_and_means_are_those_of_the_flights(studied):
 
 def test_what_broke_is_counted_and_not_scored(tmp_path):
     write_study(tmp_path, {"latency": (0.0, 1.0)}, falling(), episodes=TRACKING[:4], flights=3, errors=0.5)
-    told = at_levels(flown_study(tmp_path), 0)
+    told = level_results(load_results(tmp_path), 0)
     assert all(each.not_scored + each.success.trials == 12 for each in told)
     assert sum(each.not_scored for each in told) > 2
 
@@ -68,7 +66,7 @@ def test_what_broke_is_in_no_pair_and_no_fit():
     assert broken
     for found in (between_levels, between_entrants):
         assert found(lost, 0) == found(without, 0)
-    assert [each.half for each in halves(lost, 0)] == [each.half for each in halves(without, 0)]
+    assert [each.half for each in half_success_fits(lost, 0)] == [each.half for each in half_success_fits(without, 0)]
     assert (main_effects(lost), heat_maps(lost)) == (main_effects(without), heat_maps(without))
 
 
@@ -105,7 +103,7 @@ def test_intervals_hold_only_what_can_be_and_agree_with_the_tests_beside_them(ep
         }
         far.append(replace(each, scored=replace(each.scored, values=values)))
     flown = replace(flown, flights=tuple(far))
-    for at in at_levels(flown, 0):
+    for at in level_results(flown, 0):
         for metric, told in zip(("ne_m", "dwell_s", "longest_loss_s"), at.measures, strict=True):
             there = [float(f.scored.values[metric] or 0.0) for f in flown.flights if f.levels == (at.step.at,)]
             ends = [end for end in (told.low, told.high) if end is not None]
@@ -146,7 +144,7 @@ def test_a_reference_flight_beside_several_is_one_pair():
 def test_a_flight_without_its_partner_is_in_no_pair(folder, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "s")
     shutil.rmtree(copy / "vision-latency-0-f1" / TRACKING[0])
-    told = between_levels(flown_study(copy), 0)
+    told = between_levels(load_results(copy), 0)
     pairs = {(e.first, e.at.title): e.pairs for e in told if e.cell == "tracking" and e.metric == "success"}
     assert pairs["vision", "1 s"] == 7
     assert pairs["oracle", "1 s"] == 8
@@ -158,7 +156,7 @@ def test_entrants_are_beside_one_another_at_every_level(studied):
         ("oracle", "vision", title) for title in ("0 s", "1 s", "2 s")
     ]
     means = {
-        (each.entrant, each.step.title): each.measures[0].mean for each in at_levels(studied, 0) if each.cell == ALL
+        (each.entrant, each.step.title): each.measures[0].mean for each in level_results(studied, 0) if each.cell == ALL
     }
     for each in told:
         difference = means["oracle", each.at.title] - means["vision", each.at.title]
@@ -166,7 +164,7 @@ def test_entrants_are_beside_one_another_at_every_level(studied):
 
 
 def test_a_target_moves_by_its_speed_times_the_period(studied):
-    told = [each for each in motions(studied, 0) if each.entrant == "vision"]
+    told = [each for each in target_motions(studied, 0) if each.entrant == "vision"]
     assert {each.cell for each in told} == {ALL, "tracking"}  # what is approached stands still
     for each in told:
         period = 2.5 + float(each.step.at or 0.0)
@@ -179,7 +177,7 @@ def test_a_target_moves_by_its_speed_times_the_period(studied):
 
 
 def test_the_rate_is_the_one_that_was_served(studied):
-    for each in served(studied, 0):
+    for each in served_rates(studied, 0):
         assert each.rate_hz.at == pytest.approx([1 / (2.5 + float(each.step.at or 0.0))] * 5)
         assert each.latency_s.at == pytest.approx([each.step.at] * 5)
 
@@ -189,12 +187,12 @@ def test_the_half_of_a_known_law_is_found():
     latency = number_factor("latency", 0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
     points = [(level,) for level in latency.levels]
     told = a_study([latency], points, lambda s: -1.5 * (s - 1.2), episodes=40, seed=3)
-    [found] = halves(told, 0)
+    [found] = half_success_fits(told, 0)
     assert found.half.where == "within"
     assert found.half.low < 1.2 < found.half.high
     mixed = replace(told, flights=tuple(reversed(told.flights)), entrants=("other",))
     mixed = replace(mixed, flights=tuple(replace(each, entrant="other") for each in mixed.flights))
-    [again] = halves(mixed, 0)
+    [again] = half_success_fits(mixed, 0)
     assert again.half.value == pytest.approx(found.half.value, abs=1e-3)
 
 
@@ -202,7 +200,7 @@ def test_beside_other_factors_each_choice_has_its_own_half():
     latency, wind = number_factor("latency", 0.0, 1.0, 2.0, 4.0), number_factor("wind", 0.0, 8.0, unit="m/s")
     points = [(s, v) for s in latency.levels for v in wind.levels]
     told = a_study([latency, wind], points, lambda s, v: -2.0 * (s - 2.0 + float(v) / 8.0), episodes=60)
-    still, blown = halves(told, 0)
+    still, blown = half_success_fits(told, 0)
     assert (still.beside, blown.beside) == ((0.0,), (8.0,))
     assert still.half.value == pytest.approx(2.0, abs=0.5)
     assert blown.half.value == pytest.approx(1.0, abs=0.5)

@@ -6,9 +6,16 @@ from fractions import Fraction
 import pytest
 
 from dronecats.judge.statistics.paired import holm
-from dronecats.study.analysis.effects import heat_maps, main_effects
-from dronecats.study.analysis.paired_flights import SUCCESS, between_entrants
-from dronecats.study.analysis.points import POINTS_MAX, UNDISTURBED, at_points, over_points, title
+from dronecats.study.analysis.differences import (
+    POINTS_MAX,
+    SUCCESS,
+    UNDISTURBED,
+    between_entrants,
+    point_differences,
+    point_title,
+    pooled_differences,
+)
+from dronecats.study.analysis.success_fits import heat_maps, main_effects
 from tests.study.analysis.in_memory import a_study, number_factor
 from tests.support.randomisation import randomised
 
@@ -39,7 +46,7 @@ def apart(one: list[list[bool]], two: list[list[bool]]) -> list[Fraction]:
 
 def test_each_point_has_its_own_flights_and_is_named_by_what_is_unusual_there():
     studied = study()
-    told = at_points(studied)
+    told = point_differences(studied)
     assert [each.title for each in told] == [
         UNDISTURBED.capitalize(), "Latency 1 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",
     ]  # fmt: skip
@@ -59,7 +66,7 @@ def test_each_point_has_its_own_flights_and_is_named_by_what_is_unusual_there():
 
 def test_over_all_points_an_episode_is_one_number():
     studied = study()
-    [over] = over_points(studied, at_points(studied))
+    [over] = pooled_differences(studied, point_differences(studied))
     one, two = (
         [list(itertools.chain(*some)) for some in zip(*(flown(studied, who, at) for at in ALONE), strict=True)]
         for who in ("one", "two")
@@ -95,18 +102,18 @@ def test_a_latin_hypercube_has_effects_though_no_level_comes_twice():
 
 
 def test_where_nobody_is_beside_or_nobody_would_read_it_nothing_is_told():
-    assert at_points(study(entrants=("one",))) == []
-    assert at_points(study([(0.0,), (1.0,)], (LATENCY,))) == []
+    assert point_differences(study(entrants=("one",))) == []
+    assert point_differences(study([(0.0,), (1.0,)], (LATENCY,))) == []
     drawn = number_factor("latency", *(0.01 * k for k in range(POINTS_MAX + 1)))
     many = study([(level, 0.0) for level in drawn.levels], (drawn, WIND), episodes=1, flights=1)
-    assert at_points(many) == []
-    assert over_points(many, []) == []
+    assert point_differences(many) == []
+    assert pooled_differences(many, []) == []
 
 
 def test_the_usual_level_is_that_of_most_points_and_of_a_grid_the_reference():
     points = [(1.0, 0.0), (0.0, 0.0), (2.0, 0.0), (1.0, 5.0), (1.0, 10.0)]
-    assert [each.title for each in at_points(study(points))] == [
+    assert [each.title for each in point_differences(study(points))] == [
         UNDISTURBED.capitalize(), "Latency 0 s", "Latency 2 s", "Wind 5 m/s", "Wind 10 m/s",
     ]  # fmt: skip
-    assert at_points(study(GRID))[-1].title == "Latency 2 s, wind 10 m/s"
-    assert title((LATENCY, WIND), (0.0, 5.0), (0.0, 0.0)) == "Wind 5 m/s"
+    assert point_differences(study(GRID))[-1].title == "Latency 2 s, wind 10 m/s"
+    assert point_title((LATENCY, WIND), (0.0, 5.0), (0.0, 0.0)) == "Wind 5 m/s"

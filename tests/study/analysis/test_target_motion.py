@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.study.analysis.target_motion import view_width
+from dronecats.study.analysis.steps import view_width
 from tests.judge.episode_logs import decision, frame
 from tests.judge.metrics.episodes import BEGIN, CAP_S, flown
 

@@ -10,7 +10,7 @@ from numba import njit
 from autopilot.control.flight_core import FlightCore
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY
 from dronecats.flight.sitl.fused import Fused
-from dronecats.study.loop.feedback import CHANNELS, COLUMNS, LINE, RATE, fly_late, late
+from dronecats.study.loop.feedback import CHANNELS, COLUMNS, LINE, RATE, delayed, fly_late
 from dronecats.study.loop.linear import delay_margin
 from dronecats.study.loop.margins import injected_margin, oscillation
 from foundation.errors import UsageError
@@ -26,7 +26,7 @@ def test_a_line_gives_back_what_went_in_so_long_ago():
             line = np.zeros((64, 1))
             for age in range(64):
                 line[(newest - age) % 64, 0] = -age  # a ramp: what went in `age` samples ago is -age
-            assert late(line, newest, 0, delay) == pytest.approx(-delay, abs=1e-12), (newest, delay)
+            assert delayed(line, newest, 0, delay) == pytest.approx(-delay, abs=1e-12), (newest, delay)
 
 
 def flown(compiled):
@@ -70,7 +70,7 @@ def second_order(delay, rows):
     place = speed = 0.0
     for k in range(rows):
         line[k % 1024, 0] = place
-        push = WN**2 * (1.0 - late(line, k % 1024, 0, delay)) - 2.0 * ZETA * WN * speed
+        push = WN**2 * (1.0 - delayed(line, k % 1024, 0, delay)) - 2.0 * ZETA * WN * speed
         place += 1e-3 * speed + 0.5e-6 * push
         speed += 1e-3 * push
         out[k] = place

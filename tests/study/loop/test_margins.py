@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.study.loop.cascade_loops import LOOPS, chosen
-from dronecats.study.loop.hover import SAMPLE_S, Hover, StepAnswer
-from dronecats.study.loop.margins import step_figures, study
+from dronecats.study.loop.hover import LOOPS, SAMPLE_S, Hover, StepResponse, select_loops
+from dronecats.study.loop.margins import step_figures, study_loops
 from foundation.errors import UsageError
 from vehicles.airframe import load, names
 from vehicles.sensors import Suite
@@ -24,7 +23,7 @@ def hovers():
 @pytest.mark.parametrize("name", [SMALL, LARGE])
 @pytest.mark.parametrize("loop", LOOPS, ids=lambda loop: loop.name)
 def test_the_predicted_margin_is_what_is_flown(hovers, name, loop):
-    (found,) = study(hovers[name], (loop,))
+    (found,) = study_loops(hovers[name], (loop,))
     assert found.injected.delay_s == pytest.approx(found.predicted.delay_s, rel=WITHIN)
     assert found.injected.frequency == pytest.approx(found.predicted.frequency, rel=WITHIN)
 
@@ -32,19 +31,19 @@ def test_the_predicted_margin_is_what_is_flown(hovers, name, loop):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 def test_the_predicted_margins_of_every_airframe(name):
-    for found in study(Hover(load(name))):
-        assert abs(found.off) < WITHIN, found.loop.name
+    for found in study_loops(Hover(load(name))):
+        assert abs(found.prediction_error) < WITHIN, found.loop.name
 
 
 @pytest.mark.parametrize("loop", [LOOPS[0], LOOPS[3], LOOPS[6]], ids=lambda loop: loop.name)
 def test_sensors_that_err_leave_the_margin_where_it_is(loop):
     """A tenth below it the oscillation has faded into the noise after twenty periods, a tenth above it has grown."""
-    (found,) = study(Hover(load("x500")), (loop,))
+    (found,) = study_loops(Hover(load("x500")), (loop,))
     noisy = Hover(load("x500"), suite=Suite())
     period_s = 2.0 * math.pi / found.injected.frequency
 
     def left(share):
-        value = noisy.answer(loop, share * found.injected.delay_s, 20.0 * period_s).value
+        value = noisy.step_response(loop, share * found.injected.delay_s, 20.0 * period_s).value
         return np.ptp(value[-round(period_s / SAMPLE_S) :]) / loop.step
 
     assert left(0.9) < 1.0
@@ -53,7 +52,7 @@ def test_sensors_that_err_leave_the_margin_where_it_is(loop):
 
 def test_the_step_figures_are_those_of_the_answer():
     time = np.linspace(1e-3, 10.0, 10_000)
-    found = step_figures(StepAnswer(time, 0.2 * (1.0 - np.exp(-2.0 * time)), 0.2))  # T = 0.5 s
+    found = step_figures(StepResponse(time, 0.2 * (1.0 - np.exp(-2.0 * time)), 0.2))  # T = 0.5 s
     assert found.rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
     assert found.delay_s == pytest.approx(0.5 * math.log(2.0), abs=2e-3)
     assert found.overshoot_percent == 0.0
@@ -63,16 +62,16 @@ def test_the_step_figures_are_those_of_the_answer():
 def test_what_rings_is_settled_when_it_stays_and_not_when_it_first_is_there():
     time = np.linspace(1e-3, 10.0, 10_000)
     value = 1.0 - np.exp(-time) * np.cos(12.0 * time)
-    found = step_figures(StepAnswer(time, value, 1.0))
+    found = step_figures(StepResponse(time, value, 1.0))
     assert found.delay_s < 0.1
     assert 2.0 < found.settled_s < math.log(10.0) + 0.01  # the envelope is within a tenth from ln 10 on
     assert np.all(np.abs(value[time >= found.settled_s] - 1.0) <= 0.1)
-    assert math.isnan(step_figures(StepAnswer(time[:100], value[:100], 1.0)).settled_s)
+    assert math.isnan(step_figures(StepResponse(time[:100], value[:100], 1.0)).settled_s)
 
 
 def test_loops_are_chosen_by_group_or_name():
-    assert [loop.name for loop in chosen(["velocity"])] == ["horizontal velocity", "vertical velocity"]
-    assert [loop.group for loop in chosen(["yaw rate", "attitude"])] == ["rate", *["attitude"] * 3]
-    assert chosen(None) == LOOPS
+    assert [loop.name for loop in select_loops(["velocity"])] == ["horizontal velocity", "vertical velocity"]
+    assert [loop.group for loop in select_loops(["yaw rate", "attitude"])] == ["rate", *["attitude"] * 3]
+    assert select_loops(None) == LOOPS
     with pytest.raises(UsageError, match=r"--loops position.*velocity"):
-        chosen(["position"])
+        select_loops(["position"])

@@ -42,11 +42,11 @@ def test_what_is_borne_is_read_between_levels():
         (trials(0.0, 0.3, None, None), trials(0.5, 0.5, None, None), trials(1.0, 0.9, None, None),
          trials(1.5, math.nan, 0.9, None)),
     )  # fmt: skip
-    assert found.perfect == 0.3
-    assert found.doubled == pytest.approx(0.625)
-    assert found.left == 1.5
-    assert Tolerance("x500", "loss", found.trials[:2]).doubled is None
-    assert Tolerance("x500", "loss", found.trials[:2]).left is None
+    assert found.perfect_error == 0.3
+    assert found.doubled_at == pytest.approx(0.625)
+    assert found.left_offboard_at == 1.5
+    assert Tolerance("x500", "loss", found.trials[:2]).doubled_at is None
+    assert Tolerance("x500", "loss", found.trials[:2]).left_offboard_at is None
 
 
 def test_the_trace_is_flown_through_the_link():

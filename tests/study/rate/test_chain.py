@@ -36,15 +36,15 @@ def through(begins_s: float, spans: list[float]) -> QuestionTimes:
         clock.now_s += seconds
         call()
 
-    chain.picture_asked()
-    after(wait, lambda: chain.picture_came(0.25))
+    chain.picture_requested()
+    after(wait, lambda: chain.picture_arrived(0.25))
     after(seen_tick, chain.picture_seen)
     after(encoding + failed + model + unpacking, lambda: chain.answered(Reply("{}", model, waited_s=failed)))
     after(reply_tick, chain.ticked)
     after(parsing / 2, lambda: chain.decided(decision(3)))
-    after(parsing / 2, chain.flown)
+    after(parsing / 2, chain.controller_done)
     assert told == []
-    after(last_tick, chain.setpoint_made)
+    after(last_tick, chain.setpoint_ready)
     (times,) = told
     return times
 
@@ -70,30 +70,30 @@ def test_the_next_picture_may_be_asked_for_before_the_setpoint_is_there():
     clock, told = HandClock(), list[QuestionTimes]()
     chain = ChainClock(clock, told.append)
     for step in (0, 1):
-        chain.picture_asked()
-        chain.setpoint_made()  # of the action before, which is streamed again
+        chain.picture_requested()
+        chain.setpoint_ready()  # of the action before, which is streamed again
         clock.now_s += 1.0
-        chain.picture_came(0.0)
+        chain.picture_arrived(0.0)
         chain.picture_seen()
         chain.answered(Reply("{}", 0.0))
         chain.decided(decision(step))
-        chain.setpoint_made()  # of the action before still
-        chain.flown()
+        chain.setpoint_ready()  # of the action before still
+        chain.controller_done()
         clock.now_s += 0.25
-        chain.flown()  # it is steered on
-    chain.picture_asked()
-    chain.setpoint_made()
+        chain.controller_done()  # it is steered on
+    chain.picture_requested()
+    chain.setpoint_ready()
     assert [(each.step, each.step_s, each.tick_s) for each in told] == [(0, 1.25, 0.25), (1, 1.25, 0.25)]
 
 
 def test_a_question_that_leads_to_no_setpoint_is_not_told():
     told = list[QuestionTimes]()
     chain = ChainClock(HandClock(), told.append)
-    chain.picture_asked()
-    chain.picture_came(0.0)
+    chain.picture_requested()
+    chain.picture_arrived(0.0)
     chain.picture_seen()
-    chain.flown()
-    chain.setpoint_made()  # the hold that the question was asked in
-    chain.picture_asked()  # its model failed
-    chain.setpoint_made()
+    chain.controller_done()
+    chain.setpoint_ready()  # the hold that the question was asked in
+    chain.picture_requested()  # its model failed
+    chain.setpoint_ready()
     assert told == []

@@ -13,8 +13,15 @@ from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight_spec import read_trace
 from dronecats.report.writers import as_terminal
-from dronecats.study.rate.chain import QuestionTimes, summarised, table
-from dronecats.study.rate.files import COLUMNS, ChainLog, next_commands, write_replay
+from dronecats.study.rate.chain import (
+    COLUMNS,
+    ChainLog,
+    QuestionTimes,
+    next_commands,
+    summarize,
+    summary_table,
+    write_replay,
+)
 from foundation.errors import InfrastructureError
 from tests.docs.pages import ROOT
 
@@ -102,7 +109,7 @@ def test_a_folder_that_takes_nothing_is_told(tmp_path):
 
 def test_the_summary_says_how_many_and_what_the_median_costs():
     times = measured(20)
-    found = summarised(times, "local/m", camera_stamps=False)
+    found = summarize(times, "local/m", camera_stamps=False)
     ordered = sorted(each.model_s for each in times)
     model = found.links["model_s"]
     assert (model.min, model.max) == (ordered[0], ordered[-1])
@@ -111,13 +118,13 @@ def test_the_summary_says_how_many_and_what_the_median_costs():
     assert found.chain_hz.max == pytest.approx(1 / min(each.step_s for each in times), abs=1e-6)
     assert found.served_hz
     assert found.served_hz.median == 0.3
-    assert summarised(measured(21), "m", camera_stamps=True).frame_delay_s == 0.21
-    assert summarised(measured(20, wait_s=0.7), "m", camera_stamps=True).frame_delay_s == 0.7
-    said = as_terminal(table(found, 30))
+    assert summarize(measured(21), "m", camera_stamps=True).frame_delay_s == 0.21
+    assert summarize(measured(20, wait_s=0.7), "m", camera_stamps=True).frame_delay_s == 0.7
+    said = as_terminal(summary_table(found, 30))
     assert "20 of 30" in said
     assert "local/m" in said
-    assert said != as_terminal(table(summarised(times, "local/m", camera_stamps=True), 30))
-    assert summarised(times[:1], "m", camera_stamps=True).served_hz is None
+    assert said != as_terminal(summary_table(summarize(times, "local/m", camera_stamps=True), 30))
+    assert summarize(times[:1], "m", camera_stamps=True).served_hz is None
 
 
 def test_the_study_is_a_file_that_is_toml(rig):

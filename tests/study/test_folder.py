@@ -9,7 +9,7 @@ from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.matrix import suite_of
 from dronecats.flight.disturbances import Disturbances, VehicleFaults
 from dronecats.flight.spec.flight_spec import Simulated
-from dronecats.study import continued, folder
+from dronecats.study import folder
 from foundation.errors import UsageError
 from tests.study.test_plan import BLIND, LATENCY, ORACLE, TWO, fly, planned
 
@@ -35,16 +35,16 @@ def test_other_flights_are_told_by_what_differs_of_another_pilot_too(begun):
         for pilot in ("oracle", "blind"):
             flown = replace(ORACLE if pilot == "oracle" else BLIND, **changes)
             with pytest.raises(UsageError) as no:
-                continued.joined(begun, planned(pilots=[(pilot, flown)], flights=1))
+                folder.merge_earlier_runs(begun, planned(pilots=[(pilot, flown)], flights=1))
             assert re.search(parts, str(no.value)), (pilot, changes)
             assert str(no.value).startswith(f"{begun / 'oracle-latency-0-f1'} "), (pilot, changes)
 
 
 def test_it_goes_on_as_it_was_and_with_other_pilots_and_more_flights(begun):
     for made in (planned(flights=1), planned(flights=2), planned(pilots=[("ring", BLIND)], flights=1)):
-        continued.joined(begun, made)
+        folder.merge_earlier_runs(begun, made)
     vision = replace(BLIND, pilot="vision", simulated=Simulated(speed=None, rendered=True))
-    assert len(continued.joined(begun, planned(pilots=[("vision", vision)], flights=1)).runs) == 6
+    assert len(folder.merge_earlier_runs(begun, planned(pilots=[("vision", vision)], flights=1)).runs) == 6
 
 
 def test_a_run_of_the_same_name_at_other_levels_is_another_one(begun, tmp_path):
@@ -53,7 +53,7 @@ def test_a_run_of_the_same_name_at_other_levels_is_another_one(begun, tmp_path):
     folder.write(tmp_path, replace(study, runs=(replace(one, levels={"latency": 2.0}), *others)))
     (tmp_path / "bench.json").write_bytes((begun / "bench.json").read_bytes())
     with pytest.raises(UsageError, match=r"oracle-latency-0-f1 .* levels .*oracle-latency-0-f1 .*--out"):
-        continued.joined(tmp_path, planned(flights=1))
+        folder.merge_earlier_runs(tmp_path, planned(flights=1))
 
 
 def test_nothing_is_flown_or_written_of_a_study_that_is_refused(begun):
@@ -62,6 +62,6 @@ def test_nothing_is_flown_or_written_of_a_study_that_is_refused(begun):
     with pytest.raises(UsageError, match=r"seed, 5 .* 6 "):
         Bench(
             begun, suite_of(TWO, ()), made.entries, retry=False,
-            first=lambda: folder.write(begun, continued.joined(begun, made)),
+            first=lambda: folder.write(begun, folder.merge_earlier_runs(begun, made)),
         )  # fmt: skip
     assert {path: path.read_bytes() for path in begun.rglob("*.json")} == before

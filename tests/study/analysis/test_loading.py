@@ -10,7 +10,7 @@ import pytest
 from dronecats.agent.latency import trace_name
 from dronecats.report.results.exclusion import parse_exclusion
 from dronecats.study import design
-from dronecats.study.analysis.flown_study import flown_study
+from dronecats.study.analysis.loading import load_results
 from foundation.errors import UsageError
 from tests.study.studies import APPROACHING, TRACKING, changed_run, falling, other_flight, write_study
 
@@ -32,7 +32,7 @@ def changed(flown, tmp_path):
 
 
 def test_every_flight_has_its_levels_and_its_pair(flown):
-    studied = flown_study(flown)
+    studied = load_results(flown)
     assert len(studied.flights) == studied.planned == 2 * 3 * 2 * 3
     assert studied.cells == ("approaching", "tracking")
     assert set(studied.entrants) == {"oracle", "vision"}
@@ -53,25 +53,25 @@ def test_every_flight_has_its_levels_and_its_pair(flown):
 def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, told, parts):
     changed_run(changed / "vision-latency-1-f2", **told)
     with pytest.raises(UsageError, match=f"vision-latency-1-f2.*{parts}"):
-        flown_study(changed)
+        load_results(changed)
 
 
 def test_so_are_flights_that_differ_in_what_was_asked_for(changed):
     other_flight(changed / "vision-latency-0.5-f1", parser="lenient")
     with pytest.raises(UsageError, match=r"vision-latency-0.5-f1.*parser.*strict.*lenient"):
-        flown_study(changed)
+        load_results(changed)
 
 
 def test_levels_that_were_not_flown_are_not_believed(changed):
     other_flight(changed / "vision-latency-0.5-f1", latency="fixed:0.6")
     with pytest.raises(UsageError, match=r"vision-latency-0\.5-f1.*study\.json.*latency 0\.5"):
-        flown_study(changed)
+        load_results(changed)
 
 
 def test_pairs_of_other_seeds_are_none(changed):
     other_flight(changed / "oracle-latency-1-f2", seed=7)
     with pytest.raises(UsageError, match=r"oracle-latency-1-f2.*seeds.*7"):
-        flown_study(changed)
+        load_results(changed)
 
 
 def test_a_flight_under_two_names_is_not_counted_twice(changed):
@@ -82,31 +82,31 @@ def test_a_flight_under_two_names_is_not_counted_twice(changed):
     )
     shutil.copytree(changed / "vision-latency-1-f2", changed / "vision-point-3-f2")
     with pytest.raises(UsageError, match=r"vision-latency-1-f2.*vision-point-3-f2.*study\.json"):
-        flown_study(changed)
+        load_results(changed)
 
 
 def test_entrants_that_were_not_flown_alike_are_told(changed):
     for run in changed.glob("oracle-*"):
         changed_run(run, code_sha256="b" * 64)
-    [said] = flown_study(changed).notes
+    [said] = load_results(changed).notes
     assert re.search("oracle.*vision.*code", said)
 
 
 def test_what_is_missing_is_counted(changed):
     shutil.rmtree(changed / "vision-latency-1-f2")
-    studied = flown_study(changed)
+    studied = load_results(changed)
     assert studied.planned - len(studied.flights) == 3
 
 
 def test_a_folder_that_is_no_study_is_refused(tmp_path):
     with pytest.raises(UsageError, match=r"study\.json"):
-        flown_study(tmp_path)
+        load_results(tmp_path)
 
 
 def test_a_rate_is_compared_with_the_fastest_and_an_agent_is_an_entrant(tmp_path):
     write_study(tmp_path, {"rate": (0.5, 1.0, 2.0), "agent": ("paper", "steady")}, lambda pilot, levels: 1.0,
                 episodes=TRACKING[:1])  # fmt: skip
-    studied = flown_study(tmp_path)
+    studied = load_results(tmp_path)
     assert [(factor.name, factor.reference) for factor in studied.factors] == [("rate", 2.0)]
     assert studied.entrants == ("vision · paper", "vision · steady")
 
@@ -122,7 +122,7 @@ def test_a_rate_is_compared_with_the_fastest_and_an_agent_is_an_entrant(tmp_path
 )
 def test_the_reference_is_the_level_that_is_the_easiest_to_fly(tmp_path, name, levels, easiest):
     write_study(tmp_path, {name: levels}, lambda pilot, levels: 1.0, episodes=TRACKING[:1])
-    assert [factor.reference for factor in flown_study(tmp_path).factors] == [easiest]
+    assert [factor.reference for factor in load_results(tmp_path).factors] == [easiest]
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_the_reference_is_the_level_that_is_the_easiest_to_fly(tmp_path, name, l
 )
 def test_what_refines_something_else_is_read_back(tmp_path, axes, held):
     write_study(tmp_path, axes, lambda pilot, levels: 1.0, episodes=TRACKING[:1], held=held)
-    studied = flown_study(tmp_path)
+    studied = load_results(tmp_path)
     assert [factor.levels for factor in studied.factors] == list(axes.values())
     assert len(studied.flights) == studied.planned
     assert studied.entrants == ("vision",)
@@ -151,7 +151,7 @@ def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
     Path("s").rename(tmp_path / "s")
     monkeypatch.chdir(tmp_path)
     shutil.rmtree("here")
-    studied = flown_study(tmp_path / "s")
+    studied = load_results(tmp_path / "s")
     assert studied.factors[0].levels == (
         f"trace:fast.csv@{trace_name((0.5, 0.25))}", f"stall:0.1,2+trace:slow.csv@{trace_name((2.0, 3.0))}", "fixed:1",
     )  # fmt: skip
@@ -159,32 +159,32 @@ def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
     slow = next((tmp_path / "s").glob("*slow.csv*"))
     other_flight(slow, latency=f"stall:0.1,2+trace:{trace_name((2.0,))}", latency_trace=[2.0])
     with pytest.raises(UsageError, match=r"slow.csv@"):  # nor are other latencies taken for them
-        flown_study(tmp_path / "s")
+        load_results(tmp_path / "s")
 
 
 def test_of_one_factor_at_a_time_the_other_stays_at_its_base(tmp_path):
-    from dronecats.study.analysis.levels import at_levels
-    from dronecats.study.analysis.steps import motions, served
+    from dronecats.study.analysis.steps import served_rates, target_motions
+    from dronecats.study.analysis.study_results import level_results
 
     write_study(tmp_path, {"latency": (0.0, 1.0), "wind": (0.0, 5.0, 8.0)}, lambda pilot, levels: 1.0,
                 episodes=TRACKING[:2], made=design.one_at_a_time)  # fmt: skip
-    studied = flown_study(tmp_path)
-    assert [(each.step.title, each.success.trials) for each in at_levels(studied, 0)] == [("0 s", 2), ("1 s", 2)]
-    assert [each.success.trials for each in at_levels(studied, 1)] == [2, 2, 2]
+    studied = load_results(tmp_path)
+    assert [(each.step.title, each.success.trials) for each in level_results(studied, 0)] == [("0 s", 2), ("1 s", 2)]
+    assert [each.success.trials for each in level_results(studied, 1)] == [2, 2, 2]
     flown = [[each.scored.steps["latency_s"] for each in studied.of("vision") if each.levels == (s, 0.0)]
              for s in (0.0, 1.0)]  # fmt: skip
     decisions = [sum(len(steps) for steps in some) for some in flown]
-    assert [each.latency_s.steps for each in served(studied, 0)] == decisions
-    assert [each.width_m.steps for each in motions(studied, 0)] == decisions
+    assert [each.latency_s.steps for each in served_rates(studied, 0)] == decisions
+    assert [each.width_m.steps for each in target_motions(studied, 0)] == decisions
 
 
 def test_held_factors_are_the_flights_own(tmp_path):
     write_study(tmp_path, {"latency": (0.0, 1.0)}, falling(), episodes=TRACKING[:1], held={"wind": 3.0})
-    assert len(flown_study(tmp_path).flights) == 2
+    assert len(load_results(tmp_path).flights) == 2
     told = json.loads((tmp_path / "study.json").read_text())
     (tmp_path / "study.json").write_text(json.dumps({**told, "held": {"wind": 4.0}}))
     with pytest.raises(UsageError, match=r"study\.json.*wind 4"):
-        flown_study(tmp_path)
+        load_results(tmp_path)
 
 
 def tell_resets(episode, count):
@@ -201,9 +201,9 @@ def test_flights_with_many_resets_are_left_out_where_that_is_asked_for_and_the_s
     for run in sorted(changed.glob("vision-latency-*")):
         for episode in run.glob("*-*"):
             tell_resets(episode, 3 * (run.name == "vision-latency-1-f1"))
-    every = flown_study(changed)
+    every = load_results(changed)
     assert every.scored == every.flights
-    chosen = flown_study(changed, exclusions=[parse_exclusion("estimator_resets=2")])
+    chosen = load_results(changed, exclusions=[parse_exclusion("estimator_resets=2")])
     out = [each for each in chosen.flights if each not in chosen.scored]
     assert {each.scored.run.folder.name for each in out} == {"vision-latency-1-f1"}
     assert len(out) == len(EPISODES)
@@ -211,7 +211,7 @@ def test_flights_with_many_resets_are_left_out_where_that_is_asked_for_and_the_s
     assert re.search(r"3 of 36 .*estimator_resets above 2", told)
     assert re.search(r"0 of 12 at 0 s.* 0 of 12 at 0\.5 s.* 3 of 12 at 1 s", told)
     assert re.search(r"18 flights .*estimator_resets", told)  # the oracle's, whose logs tell no resets
-    [said, _] = flown_study(changed, exclusions=[parse_exclusion("estimator_resets=3")]).notes
+    [said, _] = load_results(changed, exclusions=[parse_exclusion("estimator_resets=3")]).notes
     assert re.search(r"0 of 36 .*estimator_resets above 3", said)
 
 

@@ -1,0 +1,209 @@
+"""The results of a study: every flight with its levels, and shares and means at each level (unit: the episode)."""
+
+import statistics
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from dronecats.judge.metrics.metric import Better, known_values
+from dronecats.judge.statistics.differences import KnownMean, known_mean
+from dronecats.judge.statistics.shares import KnownShare, known_share
+from dronecats.report.results.collection import ScoredEpisode
+
+StudiedLevel = float | str  # of a factor: a number in its unit, or a word
+ALL = "all cells"
+MANY = 12  # levels of a factor; of more, as in a Latin hypercube, neighbours are grouped
+
+
+@dataclass(frozen=True, slots=True)
+class StudiedFactor:
+    """A factor that the study varies."""
+
+    name: str  # latency, wind, …
+    unit: str  # of its levels; empty: a ratio, a count or words
+    levels: tuple[StudiedLevel, ...]  # in the order of study.json
+    reference: StudiedLevel  # the level that all others are compared with
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its levels are numbers, along which a line can be fitted."""
+        return all(isinstance(level, float) for level in self.levels)
+
+    @property
+    def words(self) -> str:
+        """Its name in words: frame delay."""
+        return self.name.replace("_", " ")
+
+    @property
+    def title(self) -> str:
+        """Its name as a heading, with its unit: Latency (s)."""
+        name = self.words.replace(".", " ")
+        return f"{name[:1].upper()}{name[1:]}{f' ({self.unit})' if self.unit else ''}"
+
+    def label(self, level: StudiedLevel) -> str:
+        """Return a level with its unit: 0.5 s."""
+        return level if isinstance(level, str) else f"{self.short(level)}{f' {self.unit}' if self.unit else ''}"
+
+    def short(self, level: float) -> str:
+        """Return a level without its unit; with three digits if there are many levels, as drawn from a range."""
+        return f"{float(f'{level:.3g}') if len(self.levels) > MANY else level:g}"
+
+
+@dataclass(frozen=True, slots=True)
+class StudiedFlight:
+    """One flight of one episode under one choice of levels."""
+
+    entrant: str  # label of the pilot or model
+    levels: tuple[StudiedLevel, ...]  # one per factor, in the order of the factors
+    number: int  # of the flight: flights with the same number have the same seed at every level
+    scored: ScoredEpisode
+
+    @property
+    def pair(self) -> tuple[str, int]:
+        """The key of paired flights at other levels or of other entrants: the episode and the number."""
+        return self.scored.episode, self.number
+
+
+@dataclass(frozen=True)
+class StudyResults:
+    """All flights of a study."""
+
+    name: str
+    design: str
+    factors: tuple[StudiedFactor, ...]
+    entrants: tuple[str, ...]  # labels, in the order in which they were flown
+    cells: tuple[str, ...]  # that were flown, in the grid's order
+    flights: tuple[StudiedFlight, ...]
+    planned: int  # flights of the plan; fewer may be flown
+    notes: tuple[str, ...] = ()  # limits of the comparison between entrants, a sentence each
+
+    @cached_property
+    def scored(self) -> tuple[StudiedFlight, ...]:
+        """The scored flights."""
+        return tuple(flight for flight in self.flights if flight.scored.scored)
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups that numbers are reported for: all cells together if there are several, and each cell."""
+        return (ALL, *self.cells) if len(self.cells) > 1 else self.cells
+
+    def of(self, entrant: str, cell: str = ALL) -> tuple[StudiedFlight, ...]:
+        """Return the scored flights of one entrant, in one cell or in all."""
+        return tuple(f for f in self.scored if f.entrant == entrant and cell in (ALL, f.scored.cell))
+
+    def lines(self) -> Iterator[tuple[str, str]]:
+        """Yield each (entrant, cell or ALL) that has scored flights."""
+        for entrant in self.entrants:
+            for cell in self.groups:
+                if self.of(entrant, cell):
+                    yield entrant, cell
+
+
+def comparable(flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
+    """Return the flights whose levels of the other factors were flown at several levels of this one; all if none were.
+
+    In a full design these are all flights, with one factor at a time those at the base of the others. In a fraction or
+    a Latin hypercube they are all flights, since the design or chance balances the other factors.
+    """
+    levels_at: dict[tuple[StudiedLevel, ...], set[StudiedLevel]] = {}
+    for flight in flights:
+        levels_at.setdefault(levels_besides(flight, factor), set()).add(flight.levels[factor])
+    varied = [flight for flight in flights if len(levels_at[levels_besides(flight, factor)]) > 1]
+    return varied or list(flights)
+
+
+def levels_besides(flight: StudiedFlight, factor: int) -> tuple[StudiedLevel, ...]:
+    """Return the levels of all factors but one."""
+    return flight.levels[:factor] + flight.levels[factor + 1 :]
+
+
+def by_episode(flights: Sequence[StudiedFlight]) -> dict[str, list[StudiedFlight]]:
+    """Return the flights of each episode, by its id, episodes by name and flights by number."""
+    episodes: dict[str, list[StudiedFlight]] = {}
+    for flight in sorted(flights, key=lambda flight: (*flight.pair, str(flight.levels))):
+        episodes.setdefault(flight.scored.episode, []).append(flight)
+    return episodes
+
+
+STEPS = 6  # groups that many levels are put into
+
+
+@dataclass(frozen=True, slots=True)
+class LevelMeasure:
+    """A metric of a flight that is reported beside success, as a mean."""
+
+    metric: str  # its name in the registry
+    title: str
+    unit: str
+    better: Better
+
+
+MEASURES = (
+    LevelMeasure("ne_m", "NE", "m", "less"),
+    LevelMeasure("dwell_s", "Dwell", "s", "more"),
+    LevelMeasure("longest_loss_s", "Longest loss", "s", "less"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class LevelStep:
+    """Levels that are reported together: one, or neighbours of a factor with many levels."""
+
+    title: str  # 0.5 s, or 0.2–0.4 s
+    at: float | None  # its place on an axis, the mean of its levels; None: they are words
+    members: frozenset[StudiedLevel]
+
+
+@dataclass(frozen=True, slots=True)
+class LevelResult:
+    """Success and measures of one entrant in one cell, or in all, at a level."""
+
+    entrant: str
+    cell: str
+    step: LevelStep
+    success: KnownShare
+    measures: tuple[KnownMean, ...]  # in the order of MEASURES
+    not_scored: int  # flights that are neither success nor failure
+
+
+def level_steps(factor: StudiedFactor) -> tuple[LevelStep, ...]:
+    """Return the steps of a factor, numbers in rising order."""
+    if not factor.numeric:
+        return tuple(LevelStep(factor.label(level), None, frozenset({level})) for level in factor.levels)
+    levels = sorted(float(level) for level in factor.levels)
+    if len(levels) <= MANY:
+        return tuple(LevelStep(factor.label(level), level, frozenset({level})) for level in levels)
+    steps = []
+    for part in range(STEPS):
+        members = levels[part * len(levels) // STEPS : (part + 1) * len(levels) // STEPS]
+        title = f"{factor.short(members[0])}–{factor.label(members[-1])}"
+        steps.append(LevelStep(title, statistics.fmean(members), frozenset(members)))
+    return tuple(steps)
+
+
+def level_results(results: StudyResults, factor: int) -> list[LevelResult]:
+    """Return the result of every entrant and cell at each level of a factor, pooled over the other factors."""
+    steps = level_steps(results.factors[factor])
+    return [_level_result(results, factor, entrant, cell, step) for entrant, cell in results.lines() for step in steps]
+
+
+def successes(flights: Sequence[StudiedFlight]) -> KnownShare:
+    """Return the share of successes with its interval; the episode is the unit."""
+    return known_share([[flight.scored.success for flight in group] for group in by_episode(flights).values()])
+
+
+def metric_mean(flights: Sequence[StudiedFlight], metric: str) -> KnownMean:
+    """Return the mean of a metric over episodes; the value of an episode is the mean of its flights that have one."""
+    means = []
+    for group in by_episode(flights).values():
+        if values := known_values(flight.scored.values.get(metric) for flight in group):
+            means.append(statistics.fmean(values))
+    return known_mean(means)
+
+
+def _level_result(results: StudyResults, factor: int, entrant: str, cell: str, step: LevelStep) -> LevelResult:
+    flights = comparable([f for f in results.flights if f.entrant == entrant], factor)
+    at_step = [f for f in flights if f.levels[factor] in step.members and cell in (ALL, f.scored.cell)]
+    scored = [flight for flight in at_step if flight.scored.scored]
+    measures = tuple(metric_mean(scored, measure.metric) for measure in MEASURES)
+    return LevelResult(entrant, cell, step, successes(scored), measures, len(at_step) - len(scored))

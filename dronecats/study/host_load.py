@@ -1,0 +1,320 @@
+"""The effect of a busy host: the same episodes in lockstep and in real time beside computing processes, compared."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from dronecats.agent.latency import LatencyPolicy
+from dronecats.bench.campaign import Batch, fly_run
+from dronecats.flight.run.fly import settings
+from dronecats.flight.spec.flight import look_up
+from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
+from dronecats.judge.statistics.shares import wilson
+from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
+from dronecats.report.writers import as_markdown, as_shell
+from foundation.errors import InfrastructureError
+from foundation.run_folder import layout
+from foundation.run_folder.reading import stored_result
+from foundation.run_folder.results import SCORED
+
+# ends soon after its parent process, however that ended
+BUSY_PROGRAM = """
+import os, sys
+parent = int(sys.argv[1])
+while os.getppid() == parent:
+    for _ in range(1_000_000):
+        pass
+"""
+
+
+@contextmanager
+def busy(count: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """Run `count` computing processes during the block.
+
+    Each is a session of its own: Linux may share the processor by sessions (sched(7), autogroup), and then all of them
+    in one session would weigh no more than one process.
+    """
+    command = [sys.executable, "-c", BUSY_PROGRAM, str(os.getpid())]
+    started = [subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True) for _ in range(count)]
+    try:
+        yield started
+    finally:
+        for process in started:
+            process.kill()
+        for process in started:
+            process.wait()
+
+
+Clock = Literal["lockstep", "real time"]
+CLOCKS: tuple[Clock, ...] = ("lockstep", "real time")
+LOGS = (layout.DECISIONS, layout.TRUTH, layout.VERDICT)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadedFlight:
+    """One flight beside computing processes."""
+
+    episode: str
+    clock: Clock
+    busy: int  # computing processes
+    flight: int  # number within its episode, from 1; each has its own seed
+    success: bool
+    ne_m: float | None  # m, navigation error of the verdict
+    steps: int
+    stalled_steps: int  # delayed by the host, as `bench` marks them
+    digest: str  # SHA-256 of decisions, truth and verdict
+
+    @property
+    def marked(self) -> bool:
+        """Whether `bench --drop-stalled` leaves it out."""
+        return self.stalled_steps > 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadPlan:
+    """The flights of a study of the host's load."""
+
+    pilot: str
+    episodes: Sequence[str]
+    levels: Sequence[int]  # computing processes; the first level is the reference
+    flights: int = 1
+    seconds: float = 60.0  # s of vehicle time
+    latency: str = "fixed:0.1"
+    jobs: int = 1  # flights in the air at a time
+    speed: float = 1.0  # × real time, of those in real time
+    rendered: bool = False
+
+
+def fly(plan: LoadPlan, out: Path, progress: Callable[[str], None]) -> list[LoadedFlight]:
+    """Fly the missing flights into a folder, level after level, and return all flights. Raises DronecatsError.
+
+    Both clocks are checked before the first flight.
+    """
+    for clock in CLOCKS:
+        look_up(flight_spec(plan, clock, 1))
+    flights: list[LoadedFlight] = []
+    for level in plan.levels:
+        for clock in CLOCKS:
+            progress(f"{clock}, {level} busy processes beside it …")
+            for number in range(1, plan.flights + 1):
+                flights += _fly_level(plan, out, clock, level, number)
+    return flights
+
+
+def _fly_level(plan: LoadPlan, out: Path, clock: Clock, level: int, number: int) -> Iterator[LoadedFlight]:
+    flight = flight_spec(plan, clock, number)
+    assembled = look_up(flight)
+    batch = Batch(out / f"{clock.replace(' ', '-')}-busy-{level}-f{number}", settings(assembled, assembled.camera))
+    try:
+        if batch.left(plan.episodes):
+            with busy(level):
+                fly_run(batch, flight, plan.episodes, plan.jobs)
+        for episode in plan.episodes:
+            folder = batch.folder(episode)
+            result = stored_result(folder.name, folder)
+            if result.outcome not in SCORED:
+                raise InfrastructureError(
+                    f"{folder} was not flown to its end: {result.error or result.outcome}; repeat the command"
+                )
+            yield LoadedFlight(
+                episode=folder.name,
+                clock=clock,
+                busy=level,
+                flight=number,
+                success=bool(result.success),
+                ne_m=result.ne_m,
+                steps=result.steps,
+                stalled_steps=result.host_stalls if isinstance(result.host_stalls, int) else 0,
+                digest=log_digest(folder),
+            )
+    finally:
+        batch.close()
+
+
+def flight_spec(plan: LoadPlan, clock: Clock, number: int) -> FlightSpec:
+    """Return the flights of a run, without their episode."""
+    speed = None if clock == "lockstep" else plan.speed
+    return FlightSpec(
+        pilot=plan.pilot,
+        simulated=Simulated(speed=speed, rendered=plan.rendered),
+        latency=LatencyPolicy.parse(plan.latency),
+        seconds=plan.seconds,
+        seed=number - 1,
+        full=True,
+    )
+
+
+def log_digest(folder: Path) -> str:
+    """Return the SHA-256 of the logs and the verdict of an episode's folder."""
+    sha256 = hashlib.sha256()
+    for name in LOGS:
+        sha256.update((folder / name).read_bytes())
+    return sha256.hexdigest()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LevelRow:
+    """The flights of one clock at one level."""
+
+    clock: Clock
+    busy: int  # processes
+    flights: int
+    solved: int
+    moved: int  # flights with another verdict than the reference
+    other_bytes: int  # flights with other logs than the reference; in real time all of them
+    ne_moved_m: float | None  # m, median difference in NE from the reference
+    marked: int  # flights that `bench` marks as delayed by the host
+    stalled_steps: int
+    steps: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Marking:
+    """The agreement between marked flights and moved ones, in real time."""
+
+    moved: int
+    marked: int
+    both: int  # marked and moved
+
+    @property
+    def precision(self) -> tuple[float, float, float] | None:
+        """The share of the marked flights that moved, with Wilson's interval; None without marked flights."""
+        return _share(self.both, self.marked)
+
+    @property
+    def recall(self) -> tuple[float, float, float] | None:
+        """The share of the moved flights that are marked, with Wilson's interval; None without moved flights."""
+        return _share(self.both, self.moved)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadFindings:
+    """The findings of a study of the host's load."""
+
+    rows: Sequence[LevelRow]
+    of_verdicts: Marking  # moved: with another verdict
+    of_errors: Marking  # moved: NE differs by more than idle_error_m
+    idle_error_m: float | None  # m, largest difference in NE at the first level
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the findings as JSON values."""
+        return {
+            "rows": [asdict(row) for row in self.rows],
+            "marking_of_verdicts": _marking_json(self.of_verdicts),
+            "marking_of_errors": _marking_json(self.of_errors),
+            "idle_error_m": self.idle_error_m,
+        }
+
+
+def compare(flights: Sequence[LoadedFlight]) -> LoadFindings:
+    """Return the findings. The reference of a flight is its lockstep flight at the first level."""
+    first = flights[0].busy
+    reference = {(f.episode, f.flight): f for f in flights if f.clock == "lockstep" and f.busy == first}
+    groups: dict[tuple[Clock, int], list[LoadedFlight]] = {}
+    for flight in flights:
+        groups.setdefault((flight.clock, flight.busy), []).append(flight)
+    rows = [_level_row(clock, busy, members, reference) for (clock, busy), members in groups.items()]
+    real = [flight for flight in flights if flight.clock == "real time"]
+    errors_m = {id(flight): ne_difference_m(flight, reference[flight.episode, flight.flight]) for flight in real}
+    idle = [m for flight in real if flight.busy == first and (m := errors_m[id(flight)]) is not None]
+    farthest = max(idle, default=None)
+    strayed = [f for f in real if farthest is not None and (errors_m[id(f)] or 0.0) > farthest]
+    return LoadFindings(
+        rows=rows,
+        of_verdicts=_marking(real, [f for f in real if f.success != reference[f.episode, f.flight].success]),
+        of_errors=_marking([f for f in real if f.busy != first], strayed),
+        idle_error_m=farthest,
+    )
+
+
+def ne_difference_m(first: LoadedFlight, second: LoadedFlight) -> float | None:
+    """Return the difference (m) in NE of two flights; None if one has no NE."""
+    if first.ne_m is None or second.ne_m is None:
+        return None
+    return abs(first.ne_m - second.ne_m)
+
+
+def _level_row(
+    clock: Clock, busy: int, members: Sequence[LoadedFlight], reference: dict[tuple[str, int], LoadedFlight]
+) -> LevelRow:
+    pairs = [(flight, reference[flight.episode, flight.flight]) for flight in members]
+    moved_m = sorted(m for first, second in pairs if (m := ne_difference_m(first, second)) is not None)
+    return LevelRow(
+        clock=clock,
+        busy=busy,
+        flights=len(members),
+        solved=sum(flight.success for flight in members),
+        moved=sum(first.success != second.success for first, second in pairs),
+        other_bytes=sum(first.digest != second.digest for first, second in pairs),
+        ne_moved_m=round(moved_m[len(moved_m) // 2], 3) if moved_m else None,
+        marked=sum(flight.marked for flight in members),
+        stalled_steps=sum(flight.stalled_steps for flight in members),
+        steps=sum(flight.steps for flight in members),
+    )
+
+
+def _marking(flights: Sequence[LoadedFlight], moved: Sequence[LoadedFlight]) -> Marking:
+    return Marking(
+        moved=len(moved), marked=sum(flight.marked for flight in flights), both=sum(flight.marked for flight in moved)
+    )
+
+
+def _share(part: int, total: int) -> tuple[float, float, float] | None:
+    return (part / total, *wilson(part, total)) if total else None
+
+
+def _marking_json(marking: Marking) -> dict[str, Any]:
+    return {**asdict(marking), "precision": marking.precision, "recall": marking.recall}
+
+
+NAME = "host-load"
+TEXT = """Each episode is flown in lockstep and in real time beside several processes that only compute. Every flight
+is compared with the same episode and seed in lockstep at the first level: *moved* flights have another verdict, *other
+bytes* another log (in real time all of them, since steps fall on other instants). The last column is the median
+difference in navigation error. *Marked* flights are those that `bench` marks as delayed by the host; `--drop-stalled`
+leaves them out."""
+
+
+def tables(findings: LoadFindings) -> list[ReportTable]:
+    """Return the table of the levels, and that of marked and moved flights."""
+    levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "moved", "other bytes", "marked",
+                                             "steps held up", "NE differs by"))]  # fmt: skip
+    rows = (
+        (r.clock, r.busy, r.flights, r.solved, r.moved, r.other_bytes, r.marked, f"{r.stalled_steps} of {r.steps}",
+         None if r.ne_moved_m is None else f"{r.ne_moved_m:.2f} m")
+        for r in findings.rows
+    )  # fmt: skip
+    marks = [words("the mark, in real time"), *map(numbers, ("moved", "marked", "both", "precision", "recall"))]
+    lines = [_mark_cells("another verdict", findings.of_verdicts)]
+    if findings.idle_error_m is not None:
+        error = f"NE off by more than {findings.idle_error_m:.2f} m, the most at the first level"
+        lines.append(_mark_cells(error, findings.of_errors))
+    return [table_of(levels, rows), table_of(marks, lines)]
+
+
+def _mark_cells(case: str, marking: Marking) -> tuple[CellValue, ...]:
+    shares = (
+        None if share is None else f"{100 * share[0]:.0f} % ({100 * share[1]:.0f} … {100 * share[2]:.0f})"
+        for share in (marking.precision, marking.recall)
+    )
+    return case, marking.moved, marking.marked, marking.both, *shares
+
+
+def write(findings: LoadFindings, out: Path, command: str, machine: str) -> Sequence[Path]:
+    """Write page and JSON into a folder and return their paths. Raises InfrastructureError."""
+    page, data = out / f"{NAME}.md", out / f"{NAME}.json"
+    try:
+        made = "\n".join(map(as_markdown, tables(findings)))
+        head = f"# A busy host\n\n{as_shell([command])}\n{TEXT}\n\n"
+        page.write_text(f"{head}{made}\n{machine}\n", encoding="utf-8")
+        data.write_text(json.dumps({"command": command, **findings.as_json()}, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise InfrastructureError(f"{out} cannot be written: {error.strerror}") from None
+    return page, data

@@ -1,0 +1,364 @@
+"""The tables of a study's report: measures along a factor, differences on the same seeds, effects, interactions."""
+
+from collections.abc import Iterable, Sequence
+
+from dronecats.judge.statistics.differences import KnownMean
+from dronecats.judge.statistics.shares import KnownShare
+from dronecats.report.table import (
+    CellValue,
+    ReportTable,
+    TableCell,
+    TableColumn,
+    TableRow,
+    in_blocks,
+    numbers,
+    row,
+    words,
+)
+from dronecats.study.analysis.differences import NE, SUCCESS, PairedDifference
+from dronecats.study.analysis.steps import QUANTILES, StepQuantiles
+from dronecats.study.analysis.study_results import MEASURES, LevelResult
+from dronecats.study.report.findings import (
+    PERCENT,
+    FactorFindings,
+    Findings,
+    cell_title,
+    half_interval,
+    half_place,
+    in_cell,
+    other_levels,
+    scatter_value,
+)
+
+UNIT = "the episode is the unit, so several flights of one count as one (95 % intervals)"
+
+
+def success(findings: Findings, along: FactorFindings) -> ReportTable:
+    """Return a row per entrant and cell: the share of successes at each level, and the place where half succeed."""
+    lines: dict[tuple[str, str], list[LevelResult]] = {}
+    for level in along.levels:
+        lines.setdefault((level.entrant, level.cell), []).append(level)
+    columns = [words("Cell", "cell")]
+    columns += [
+        TableColumn(name=f"success_{k}_percent", title=level.step.title, group=along.factor.title, unit="%",
+                    better="more")
+        for k, level in enumerate(next(iter(lines.values()), []))
+    ]  # fmt: skip
+    columns += [words("Half succeed at", "half"), words("Interval", "half_interval")]
+    rows = []
+    for (entrant, cell), levels in lines.items():
+        fits = [fit.half for fit in along.halves if (fit.entrant, fit.cell) == (entrant, cell)]
+        half = fits[0] if len(fits) == 1 else None  # with other factors there are several
+        place = (half_place(along.factor, half), half_interval(along.factor, half)) if half else (None, None)
+        shares = (percent(level.success) for level in levels)
+        rows.append((entrant, row(cell_title(cell), *shares, *place, entrant=entrant)))
+    caption = f"Success rate, % of the scored flights; {UNIT}. Half succeed at: the fit's."
+    return _table(
+        findings, along.artifact_name("success"), f"Success along {along.factor.words}", caption, columns, rows
+    )
+
+
+def measures(findings: Findings, along: FactorFindings) -> ReportTable:
+    """Return a row per entrant, cell and level, with every measure."""
+    columns = [
+        words(along.factor.title, "level"),
+        numbers("Flights", "flights"),
+        numbers("Not scored", "not_scored"),
+        TableColumn(name="success_percent", title="SR", unit="%", decimals=1, better="more"),
+        *(TableColumn(name=m.metric, title=m.title, unit=m.unit, decimals=1, better=m.better) for m in MEASURES),
+    ]
+    rows = [
+        (in_cell(entrant, cell),
+         row(level.step.title, level.success.trials, level.not_scored, percent(level.success),
+             *map(mean, level.measures), entrant=entrant))
+        for entrant, cell in findings.results.lines()
+        for level in along.levels
+        if (level.entrant, level.cell) == (entrant, cell)
+    ]  # fmt: skip
+    caption = (
+        "SR: success rate. NE: distance at the decisive measurement. Dwell: time within the radius with the target"
+        f" in view. Longest loss: longest time without it in view. Means over episodes; {UNIT}."
+    )
+    title = f"All measures along {along.factor.words}"
+    return _table(findings, along.artifact_name("measures"), title, caption, columns, rows)
+
+
+def half_success(findings: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return a row per fit: the place where half succeed, slope, scatter of the episodes, and the tests of the line."""
+    if not along.halves:
+        return None
+    unit = f" per {along.factor.unit}" if along.factor.unit else ""
+    has_choices = any(fit.beside for fit in along.halves)
+    columns = [
+        words("Cell", "cell"),
+        *([words("Other factors", "beside")] if has_choices else []),
+        words("Half succeed at", "half"),
+        words("Interval", "half_interval"),
+        numbers(f"Slope, log odds{unit}", "slope", decimals=2),
+        numbers("Scatter of episodes, log odds", "scatter", decimals=2),
+        _p_column("p of no slope", "p_slope"),
+        _p_column("p of a straight line", "p_straight"),
+        numbers("Episodes", "episodes"),
+        numbers("Flights", "flights"),
+    ]
+    rows = []
+    for fit in sorted(along.halves, key=lambda fit: findings.results.entrants.index(fit.entrant)):
+        half = fit.half
+        choice = [other_levels(findings.results, fit)] if has_choices else []
+        place = half_place(along.factor, half), half_interval(along.factor, half)
+        fitted = half.slope, scatter_value(half), half.p_slope, half.p_straight, half.groups, half.trials
+        rows.append((fit.entrant, row(cell_title(fit.cell), *choice, *place, *fitted, entrant=fit.entrant)))
+    caption = (
+        "A logistic regression of success on the factor with a random intercept an episode, by marginal likelihood."
+        " Half succeed at: where the fitted share over all episodes is 50 %, with its 95 % profile-likelihood"
+        " interval (limit: F with 1 and episodes less one degrees of freedom); a place outside of the flown levels"
+        " is not given. Where episodes decide almost all by themselves, scatter and slope grow together"
+        " and only the place is given. p of a straight line: against a separate share for each level; where it is"
+        " small, the logistic line does not fit the flights, and the place is a rough one."
+    )
+    title = f"Half-success {along.factor.words}"
+    return _table(findings, along.artifact_name("half_success"), title, caption, columns, rows)
+
+
+def percent(share: KnownShare) -> TableCell:
+    """Return a share in % with its interval."""
+    if not share.trials:
+        return TableCell(value=None)
+    return TableCell(value=PERCENT * share.share, low=PERCENT * share.low, high=PERCENT * share.high,
+                     count=share.successes, of=share.trials)  # fmt: skip
+
+
+def mean(estimate: KnownMean, scale: float = 1.0) -> TableCell:
+    """Return a mean with its interval."""
+    if not estimate.episodes:
+        return TableCell(value=None)
+    low, high = (None if end is None else scale * end for end in (estimate.low, estimate.high))
+    return TableCell(value=scale * estimate.mean, low=low, high=high, of=estimate.episodes)
+
+
+def _table(
+    findings: Findings,
+    name: str,
+    title: str,
+    caption: str,
+    columns: Iterable[TableColumn],
+    rows: Iterable[tuple[str, TableRow]],
+    notes: tuple[str, ...] = (),
+) -> ReportTable:
+    """Return a table of (block, row)."""
+    return ReportTable(name=name, title=title, caption=caption, columns=tuple(columns), blocks=in_blocks(rows),
+                       notes=notes, command=findings.command)  # fmt: skip
+
+
+def _p_column(title: str, name: str, group: str = "") -> TableColumn:
+    return TableColumn(name=name, title=title, group=group, decimals=3, floor=0.001)
+
+
+LEAST, MIDDLE, MOST = (QUANTILES.index(share) for share in (0.05, 0.5, 0.95))
+
+
+def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return the quantiles of the served rate and latency, a row per entrant and level; None without them."""
+    if not along.served:
+        return None
+    columns = [words(along.factor.title, "level"), numbers("Steps", "steps")]
+    for name, unit, group in (("rate", "hz", "Control rate (Hz)"), ("latency", "s", "Latency (s)")):
+        columns += [numbers(f"{100 * q:g} %", f"{name}_{100 * q:g}_{unit}", group=group, decimals=2) for q in QUANTILES]
+    rows = [
+        (at.entrant, row(at.step.title, at.rate_hz.steps, *_quantiles(at.rate_hz), *_quantiles(at.latency_s),
+                         entrant=at.entrant))
+        for at in along.served
+    ]  # fmt: skip
+    caption = (
+        "Decisions per second of vehicle time, and the vehicle time that replies took: quantiles over the steps of"
+        " all scored flights."
+    )
+    return _table(findings, along.artifact_name("served"), "Control rate that was served", caption, columns, rows)
+
+
+def target_motion(findings: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return the motion of targets during one decision and the width of the view, a row per entrant, cell and level."""
+    if not along.motions:
+        return None
+    columns = (
+        words(along.factor.title, "level"),
+        numbers("Episodes", "episodes"),
+        numbers("Steps", "steps"),
+        numbers("Decision period", "period_s", unit="s", decimals=2),
+        numbers("Target moved", "moved_m", unit="m", decimals=2),
+        numbers("Width of the view", "width_m", unit="m", decimals=1),
+        numbers("Moved, of the width", "share_percent", unit="%", decimals=1),
+    )
+    rows = [
+        (in_cell(at.entrant, at.cell),
+         row(at.step.title, at.episodes, at.moved_m.steps, _spread(at.period_s), _spread(at.moved_m),
+             _spread(at.width_m), _spread(at.share, PERCENT)))
+        for at in along.motions
+    ]  # fmt: skip
+    caption = (
+        "Of flights whose target moves: the time from one picture to the drone's next, the metres between the"
+        " target's places at both, and the width of the picture at the target's depth (90° across). Medians, with"
+        " what 90 % of the steps lie between."
+    )
+    title = "What the target moves during one decision"
+    return _table(findings, along.artifact_name("target_motion"), title, caption, columns, rows)
+
+
+def _quantiles(quantiles: StepQuantiles) -> Sequence[float | None]:
+    return quantiles.at or [None] * len(QUANTILES)
+
+
+def _spread(quantiles: StepQuantiles, scale: float = 1.0) -> TableCell:
+    """Return a median with its 5 and 95 % quantiles."""
+    if not quantiles.at:
+        return TableCell(value=None)
+    return TableCell(
+        value=scale * quantiles.at[MIDDLE], low=scale * quantiles.at[LEAST], high=scale * quantiles.at[MOST]
+    )
+
+
+TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}
+TESTS = (
+    "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: points of 100,"
+    " Agresti and Min's interval. p: randomisation test of the mean of the episodes' differences, which of one flight"
+    " an episode is McNemar's exact test; the interval holds 0 where this p is above 0.05. Of fewer than six episodes,"
+    " means have no interval. p, Holm: corrected for all rows of the block and measure, so a difference whose"
+    " interval excludes 0 may still not be significant."
+)
+
+
+def between_levels(findings: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return each level minus the reference, a row per level, a group of columns per measure; None without a pair."""
+    reference = along.factor.label(along.factor.reference)
+    differences = ((in_cell(d.first, d.cell), d) for d in along.between_levels)
+    title, caption = f"Each level against {reference}", f"The level less {reference}, of the same entrant. {TESTS}"
+    return _difference_table(findings, along, differences, "against_reference", title, caption)
+
+
+def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable | None:
+    """Return the difference of each two entrants at each level; None with a single entrant."""
+    differences = ((in_cell(f"{d.first} less {d.second}", d.cell), d) for d in along.between_entrants)
+    title = f"Who flies, at each level of {along.factor.words}"
+    caption = f"The first less the second, at the same level. {TESTS}"
+    return _difference_table(findings, along, differences, "between_entrants", title, caption)
+
+
+def point_differences(findings: Findings) -> ReportTable | None:
+    """Return the difference of each two entrants at every point of the design, a row per point; None without points."""
+    if not findings.points:
+        return None
+    rows = [
+        (in_cell(f"{point.first} and {point.second}", point.cell),
+         row(point.title, point.success.pairs, *map(percent, point.shares),
+             *_difference_cells(point.success, SUCCESS), *_difference_cells(point.ne, NE)))
+        for point in findings.points
+    ]  # fmt: skip
+    columns = [words("Where", "point"), numbers("Pairs", "pairs")]
+    columns += [
+        numbers(side.capitalize(), f"{side}_percent", group="Success", unit="%") for side in ("first", "second")
+    ]
+    columns += [column for metric in (SUCCESS, NE) for column in _difference_columns(metric)]
+    caption = (
+        "Success of the first and of the second, and the first less the second, at every point of the design; a row"
+        f" names the factors that are not at their usual level. {TESTS}"
+    )
+    return _table(findings, "at_points", "Who flies, at every point", caption, columns, rows)
+
+
+def _difference_table(
+    findings: Findings,
+    along: FactorFindings,
+    differences: Iterable[tuple[str, PairedDifference]],
+    name: str,
+    title: str,
+    caption: str,
+) -> ReportTable | None:
+    """Return a table of (block, difference), a row per level, a group of columns per measure; None without any."""
+    by_row: dict[tuple[str, str], dict[str, PairedDifference]] = {}
+    for block, difference in differences:
+        by_row.setdefault((block, difference.at.title), {})[difference.metric] = difference
+    if not by_row:
+        return None
+    columns = [words(along.factor.title, "level"), numbers("Pairs", "pairs")]
+    columns += [column for metric in TITLES for column in _difference_columns(metric)]
+    rows = []
+    for (block, level), by_metric in by_row.items():
+        cells = [cell for metric in TITLES for cell in _difference_cells(by_metric.get(metric), metric)]
+        rows.append((block, row(level, max(difference.pairs for difference in by_metric.values()), *cells)))
+    return _table(findings, along.artifact_name(name), title, caption, columns, rows)
+
+
+def _difference_columns(metric: str) -> list[TableColumn]:
+    title, unit = TITLES[metric]
+    group = f"{title} ({unit})"
+    return [
+        numbers("Difference", f"{metric}_difference", group=group, decimals=1),
+        _p_column("p", f"{metric}_p", group),
+        _p_column("p, Holm", f"{metric}_p_holm", group),
+    ]
+
+
+def _difference_cells(row: PairedDifference | None, metric: str) -> Sequence[CellValue | TableCell]:
+    if row is None:
+        return None, None, None
+    return mean(row.difference, PERCENT if metric == SUCCESS else 1.0), row.difference.p, row.p_holm
+
+
+def effects(findings: Findings) -> ReportTable | None:
+    """Return the main effects, a row per factor; None without any."""
+    if not findings.effects:
+        return None
+    columns = (
+        words("Factor", "factor"),
+        words("From", "begin"),
+        words("To", "end"),
+        numbers("From", "success_begin_percent", group="SR, fitted", unit="%"),
+        numbers("To", "success_end_percent", group="SR, fitted", unit="%"),
+        numbers("Change of log odds", "log_odds", decimals=1),
+        _p_column("p", "p"),
+        _p_column("p, Holm", "p_holm"),
+        numbers("Episodes", "episodes"),
+    )
+    rows = []
+    for effect in findings.effects:
+        factor = findings.results.factors[effect.factor]
+        fitted = PERCENT * effect.share_begin, PERCENT * effect.share_end
+        change = TableCell(value=effect.log_odds, low=effect.low, high=effect.high)
+        ends = factor.label(effect.begin), factor.label(effect.end)
+        cells = row(factor.words, *ends, *fitted, change, effect.p, effect.p_holm, effect.episodes)
+        rows.append((in_cell(effect.entrant, effect.cell), cells))
+    caption = (
+        "One logistic regression on all factors with a random intercept an episode. Each line is a factor from its"
+        " lowest to its highest level while the others stay at their middle: the fitted success rates, the change"
+        " of the log odds with its 95 % profile-likelihood interval, and the p of the likelihood ratio."
+    )
+    note = "In a fraction, effects are confounded with interactions according to its resolution."
+    notes = (note,) if "fraction" in findings.results.design else ()
+    return _table(findings, "main_effects", "Main effects", caption, columns, rows, notes)
+
+
+def interactions(findings: Findings) -> Sequence[ReportTable]:
+    """Return a table for each two factors: the shares at all of their levels, and the p of no interaction."""
+    tables = []
+    for (row_factor, column_factor), maps in findings.maps_by_pair():
+        columns = [words(row_factor.title, "level")]
+        columns += [
+            TableColumn(name=f"success_{k}_percent", title=step.title, group=column_factor.title, unit="%",
+                        better="more")
+            for k, step in enumerate(maps[0].column_steps)
+        ]  # fmt: skip
+        columns.append(_p_column("p of no interaction", "p_added"))
+        rows = [
+            (in_cell(heat_map.entrant, heat_map.cell),
+             row(step.title, *map(percent, shares), heat_map.p if k == 0 else None, entrant=heat_map.entrant))
+            for heat_map in maps
+            for k, (step, shares) in enumerate(zip(heat_map.row_steps, heat_map.shares, strict=True))
+        ]  # fmt: skip
+        caption = (
+            "Success rate, % of the scored flights, with 95 % intervals. p of no interaction: likelihood ratio of the"
+            " two factors' product, in log odds."
+        )
+        name = f"interaction_{row_factor.name}_{column_factor.name}"
+        title = f"{row_factor.words.capitalize()} with {column_factor.words}"
+        tables.append(_table(findings, name, title, caption, columns, rows))
+    return tables
