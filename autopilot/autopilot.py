@@ -4,17 +4,15 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from autopilot.commander.calibration import SensorCalibration
 from autopilot.commander.commander import Commander
-from autopilot.commander.plan.plans import Plans
-from autopilot.estimator.estimated_state import EstimatedState
-from autopilot.estimator.vibration import Vibration
-from autopilot.logging.directory import LogDirectory, make_folder
-from autopilot.logging.flight_log import FlightLogWriter
+from autopilot.commander.health import SensorCalibration
+from autopilot.commander.plans import Plans
+from autopilot.estimator.estimated_state import EstimatedState, Vibration
+from autopilot.logging.flight_log import FlightLogWriter, LogDirectory, make_folder
 from autopilot.mavlink import dispatch, mission
 from autopilot.mavlink.node import Inject, Node, Uploads
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.telemetry_source import TelemetrySource
+from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.parameters import ParameterTable
 from autopilot.records import SetpointWriter
 from foundation.airframe import Airframe
@@ -62,15 +60,15 @@ class Autopilot:
         inject: Inject | None = None,
     ) -> None:
         self._core = core
-        self._told_landed: bool | None = None
+        self._core_landed: bool | None = None
         self._commanded_us = -COMMANDER_US
         self.parameters = ParameterTable(core.parameter_defaults(), core.set_parameter, parameter_file)
         self.parameters.set("MAV_SYS_ID", system_id)
         self.parameters.set("MAV_TYPE", airframe.mav_type)
         self.state = EstimatedState(core.estimate, sensors)
-        self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._say)
+        self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._send_text)
         self._keep_plans(Plans(plan_file))
-        self.calibration = SensorCalibration(self.state, self._say)
+        self.calibration = SensorCalibration(self.state, self._send_text)
         self.vibration = Vibration()
         vehicle = TelemetrySource(
             airframe, self.state, self.commander, self.parameters, actuators, self.calibration, self.vibration
@@ -89,7 +87,7 @@ class Autopilot:
             self._commanded_us = now
             self.vibration.take(self.state)
             self.commander.tick()
-            self._tell_core()
+            self._update_core()
         if self.log is not None:
             self.log.tick()
         self.node.show_mode()
@@ -145,10 +143,10 @@ class Autopilot:
         if plans.current:
             self.commander.mission.rewind(plans.current)
 
-    def _tell_core(self) -> None:
+    def _update_core(self) -> None:
         landed = self.commander.landed
-        if landed != self._told_landed:
-            self._core.state["landed"] = self._told_landed = landed
+        if landed != self._core_landed:
+            self._core.state["landed"] = self._core_landed = landed
 
-    def _say(self, severity: int, text: str) -> None:
-        self.node.say(severity, text)
+    def _send_text(self, severity: int, text: str) -> None:
+        self.node.send_text(severity, text)

@@ -1,7 +1,8 @@
-"""What the compiled inner loop and the Python commander tell each other, field by field, and the setpoint as a value.
+"""Records that the compiled inner loop and the commander exchange, the setpoint as a value, and compiled conversions.
 
 The inner loop writes ESTIMATE a thousand times a simulated second; the commander reads it at its own rate and writes
-SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not controlled".
+SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not controlled". The conversions are those of
+`foundation.frames`.
 """
 
 import math
@@ -9,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from foundation import frames
+from foundation.compiled import njit
 from foundation.frames import Quat, Vec3
 
 # SETPOINT.kind: which level of the cascade the setpoint enters at
@@ -123,3 +126,33 @@ class SetpointWriter:
             record[name] = value
         record["armed"] = armed
         self._last = (setpoint, armed)
+
+
+rotate = njit(cache=True)(frames.rotate)
+rotate_inverse = njit(cache=True)(frames.rotate_inverse)
+quat_multiply = njit(cache=True)(frames.quat_multiply)
+quat_conjugate = njit(cache=True)(frames.quat_conjugate)
+quat_normalized = njit(cache=True)(frames.quat_normalized)
+quat_from_euler = njit(cache=True)(frames.quat_from_euler)
+quat_yaw = njit(cache=True)(frames.quat_yaw)
+wrap_pi = njit(cache=True)(frames.wrap_pi)
+geodetic_to_ned = njit(cache=True)(frames.geodetic_to_ned)
+
+
+@njit(cache=True)
+def quat_advance(q: Quat, x: float, y: float, z: float) -> Quat:
+    """Return q ⊗ exp((x, y, z)/2): q after a small body-frame rotation vector (rad).
+
+    Third-order series instead of sin and cos, one Newton step instead of a square root: exact to 1e-9 for the 0.05 rad
+    that a fast multirotor turns in one millisecond.
+    """
+    h = 0.25 * (x * x + y * y + z * z)
+    s = 0.5 - h / 12.0
+    c = 1.0 - 0.5 * h
+    dx, dy, dz = s * x, s * y, s * z
+    w = q[0] * c - q[1] * dx - q[2] * dy - q[3] * dz
+    i = q[0] * dx + q[1] * c + q[2] * dz - q[3] * dy
+    j = q[0] * dy - q[1] * dz + q[2] * c + q[3] * dx
+    k = q[0] * dz + q[1] * dy - q[2] * dx + q[3] * c
+    n = 1.5 - 0.5 * (w * w + i * i + j * j + k * k)
+    return (w * n, i * n, j * n, k * n)

@@ -56,42 +56,42 @@ class ReplayedFlight:
 
 def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
     """Write a recording, and other arrays beside it, as a compressed npz file."""
-    found: dict[str, Any] = {"airframe": np.array(recording.airframe), "time_us": recording.sensors["time_us"]}
+    arrays: dict[str, Any] = {"airframe": np.array(recording.airframe), "time_us": recording.sensors["time_us"]}
     for name, (clock, fields, single) in GROUPS.items():
         times = recording.sensors[clock]
         rows = np.flatnonzero(np.diff(times, prepend=0) != 0)
-        found[f"{name}.row"], found[f"{name}.{clock}"] = rows.astype(np.int32), times[rows]
+        arrays[f"{name}.row"], arrays[f"{name}.{clock}"] = rows.astype(np.int32), times[rows]
         for field in fields:
             values = recording.sensors[field][rows]
-            found[f"{name}.{field}"] = values.astype(np.float32) if single else values
+            arrays[f"{name}.{field}"] = values.astype(np.float32) if single else values
     raw = recording.setpoints.view(np.uint8).reshape(len(recording.setpoints), -1)
     rows = np.flatnonzero(np.r_[True, (raw[1:] != raw[:-1]).any(axis=1)])
-    found["setpoint.row"] = rows.astype(np.int32)
+    arrays["setpoint.row"] = rows.astype(np.int32)
     for field in SETPOINT.names or ():
-        found[f"setpoint.{field}"] = recording.setpoints[field][rows]
-    found["landed"] = np.packbits(recording.landed)
-    np.savez_compressed(path, **(found | extra))
+        arrays[f"setpoint.{field}"] = recording.setpoints[field][rows]
+    arrays["landed"] = np.packbits(recording.landed)
+    np.savez_compressed(path, **(arrays | extra))
 
 
 def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
     """Return a recording and the other arrays of its file. Raises UsageError when it is none."""
     try:
         with np.load(path) as file:
-            found = dict(file)
-        count = len(found["time_us"])
+            arrays = dict(file)
+        count = len(arrays["time_us"])
         sensors = np.zeros(count, SENSORS)
-        sensors["time_us"], sensors["range_m"] = found.pop("time_us"), np.nan
+        sensors["time_us"], sensors["range_m"] = arrays.pop("time_us"), np.nan
         for name, (clock, fields, _) in GROUPS.items():
-            held = _held(found.pop(f"{name}.row"), count)
+            held = _held(arrays.pop(f"{name}.row"), count)
             for field in (clock, *fields):
-                values = found.pop(f"{name}.{field}")
+                values = arrays.pop(f"{name}.{field}")
                 sensors[field][held >= 0] = values[held[held >= 0]]
         setpoints = np.zeros(count, SETPOINT)
-        held = _held(found.pop("setpoint.row"), count)
+        held = _held(arrays.pop("setpoint.row"), count)
         for field in SETPOINT.names or ():
-            setpoints[field] = found.pop(f"setpoint.{field}")[held]
-        landed = np.unpackbits(found.pop("landed"), count=count).astype(bool)
-        return Recording(str(found.pop("airframe")), sensors, setpoints, landed), found
+            setpoints[field] = arrays.pop(f"setpoint.{field}")[held]
+        landed = np.unpackbits(arrays.pop("landed"), count=count).astype(bool)
+        return Recording(str(arrays.pop("airframe")), sensors, setpoints, landed), arrays
     except (OSError, KeyError, ValueError, EOFError) as error:
         raise UsageError(
             f"{path} is not a recording of a flight ({error}): make one with tests/autopilot/replay/record.py"

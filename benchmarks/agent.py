@@ -1,4 +1,4 @@
-"""What the agent itself costs beside its model, and how many flights two cores keep waiting for theirs.
+"""Measures the agent's own time of a step, and the cost of many flights that wait for their models.
 
     python -m benchmarks.agent [--json] [--steps N] [--jobs N] [--seconds S] [--short]
 
@@ -11,8 +11,6 @@ question: its `wall_over_model` is the wall time of all of them by that which th
 `rss_mb` the greatest sum of the resident memory of all processes (`pss_mb`: what they share counted once).
 """
 
-import argparse
-import json
 import math
 import statistics
 import subprocess
@@ -28,7 +26,7 @@ from typing import Any
 import httpx
 import psutil
 
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, children_cpu_s, print_figures
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
@@ -58,7 +56,7 @@ UNCOUNTED = 5  # steps at the beginning, in which connections are made and cache
 
 @contextmanager
 def stand_in(seconds: float, reply: str) -> Iterator[str]:
-    """Run a model that takes `seconds` to say `reply`, in a process of its own, and return its address."""
+    """Run a model that sends `reply` after `seconds`, in a process of its own, and return its address."""
     command = [sys.executable, "-m", "benchmarks.stand_in", str(seconds), reply]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
@@ -72,30 +70,30 @@ def stand_in(seconds: float, reply: str) -> Iterator[str]:
 
 
 class StandInAircraft:
-    """A vehicle whose time passes at once. Keeps when it was last told what to fly."""
+    """A vehicle whose time passes at once. Keeps the time of its last command."""
 
     steady = True
 
     def __init__(self) -> None:
         self.time_us = 0
-        self.told_s = 0.0  # monotonic
+        self.commanded_s = 0.0  # monotonic
 
     def sight(self, time_us: int) -> Sight:
         return Sight((0.0, 0.0, 0.0), 0.0)
 
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
         if seen is not None:
-            self.told_s = time.monotonic()
+            self.commanded_s = time.monotonic()
 
     def listen(self) -> None:
-        """Nothing has come."""
+        """No message arrives."""
 
     def tick(self) -> None:
         self.time_us += TICK_US
 
 
 class StandInCamera:
-    """Gives the same frames again and again. Keeps when the last of a question's was in hand."""
+    """Delivers the same frames again and again. Keeps the time of the last one."""
 
     def __init__(self, frames: Sequence[Frame], aircraft: Sequence[StandInAircraft]) -> None:
         self._frames, self._aircraft = frames, aircraft
@@ -103,7 +101,7 @@ class StandInCamera:
         self.in_hand_s = 0.0  # monotonic
 
     def close(self) -> None:
-        """There is nothing to let go of."""
+        """Nothing to close."""
 
     def newest(self, drone: int = 0) -> Frame:
         self._taken += 1
@@ -113,19 +111,19 @@ class StandInCamera:
 
 
 def frames() -> list[Frame]:
-    """Return what the four drones of an episode see first."""
+    """Return the first frames of the four drones of an episode."""
     world, camera = World(catalogue.load(EPISODE)), CameraModel()
     renderer = Renderer(world.filmed, camera)
-    found = []
+    pictures = []
     for drone, start in enumerate(world.record.starts):
         pose = camera_pose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)), camera)
-        found.append(Frame(0, drone, 0, renderer.render(pose, world.moved(0.0)).rgb))
+        pictures.append(Frame(0, drone, 0, renderer.render(pose, world.moved(0.0)).rgb))
     renderer.close()
-    return found
+    return pictures
 
 
 def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
-    """Return our own milliseconds of a step, as many drones under one decider as there are frames."""
+    """Return our own milliseconds of a step, for one decider of as many drones as there are frames."""
     reply = ACTION if len(seen) == 1 else "[" + ", ".join([ACTION] * len(seen)) + "]"
     aircraft = [StandInAircraft() for _ in seen]
     camera = StandInCamera(seen, aircraft)
@@ -143,15 +141,15 @@ def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
             executor=InlineExecutor(), t0_us=0,
         )  # fmt: skip
 
-        def flown(decision: Decision) -> bool:
-            """Note the times of a step when it has been flown."""
+        def note_step(decision: Decision) -> bool:
+            """Note the times of a step after it was commanded."""
             if decision.drone == 0:
                 times = looker.get(f"{address}/times").json()
                 before.append(times["asked"] - camera.in_hand_s)
-                after.append(max(one.told_s for one in aircraft) - times["answered"])
+                after.append(max(vehicle.commanded_s for vehicle in aircraft) - times["answered"])
             return len(before) == UNCOUNTED + steps
 
-        PaperAgent(questions, cockpit).fly(1e6, flown)
+        PaperAgent(questions, cockpit).fly(1e6, note_step)
         log.close()
         model.close()
     own_ms = [1e3 * (b + a) for b, a in zip(before, after, strict=True)][UNCOUNTED:]
@@ -165,7 +163,7 @@ def own_time(seen: Sequence[Frame], steps: int) -> dict[str, float]:
 
 
 class Memory:
-    """Looks twice a second how much this process and all below it hold."""
+    """Samples the memory of this process and of all its children twice a second."""
 
     def __init__(self) -> None:
         self.rss, self.pss = 0, 0  # bytes, the most at a time
@@ -185,7 +183,7 @@ class Memory:
 
 
 def _held(process: psutil.Process) -> tuple[int, int] | None:
-    """Return a process's resident bytes, all and with what is shared counted once; None for one that has ended."""
+    """Return the resident bytes of a process, and the same with shared bytes counted once; None after its end."""
     try:
         full = process.memory_full_info()
     except psutil.Error:
@@ -207,16 +205,16 @@ def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
             full=True,
         )
         batch = Batch(Path(folder) / "run", {"flight": as_kept(flight)})
-        began, cpu = time.monotonic(), _cpu_s()
+        began, cpu = time.monotonic(), children_cpu_s()
         results = fly_run(batch, flight, episodes, jobs)
-        wall_s, cpu_s = time.monotonic() - began, _cpu_s() - cpu
+        wall_s, cpu_s = time.monotonic() - began, children_cpu_s() - cpu
         memory.close()
         batch.close()
-    flown = [r for r in results if r.outcome != "error"]
-    steps = [r.steps for r in flown]
+    finished = [r for r in results if r.outcome != "error"]
+    steps = [r.steps for r in finished]
     alone_s = MODEL_S * max(steps)
     return {
-        "flights": len(flown),
+        "flights": len(finished),
         "steps": sum(steps),
         "wall_s": round(wall_s, 1),
         "model_alone_s": round(alone_s, 1),
@@ -227,34 +225,22 @@ def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
     }
 
 
-def _cpu_s() -> float:
-    """Return the processor seconds of all children that have ended."""
-    used = psutil.Process().cpu_times()
-    return float(used.children_user + used.children_system)
-
-
 def main() -> None:
     """Print the figures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser = benchmark_parser(__doc__, short="quick check that every figure can be measured")
     parser.add_argument("--steps", type=int, default=100, metavar="N", help="steps that are timed (100)")
     parser.add_argument("--jobs", type=int, default=16, metavar="N", help="episodes in flight (16)")
     parser.add_argument("--seconds", type=float, default=300.0, metavar="S", help="vehicle time of each (300)")
-    parser.add_argument("--short", action="store_true", help="only show that every figure can be had")
     args = parser.parse_args()
     if args.short:
         args.steps, args.jobs, args.seconds = 3, 2, 10.0
     machine, seen = Machine(), frames()
-    found: dict[str, Any] = {**own_time(seen[:1], args.steps), **own_time(seen, args.steps)}
+    figures: dict[str, Any] = {**own_time(seen[:1], args.steps), **own_time(seen, args.steps)}
     machine.look()
-    found["in_flight"] = in_flight(args.jobs, args.seconds)
+    figures["in_flight"] = in_flight(args.jobs, args.seconds)
     machine.look()
-    found["machine"] = machine.figures()
-    if args.json:
-        print(json.dumps(found))
-        return
-    for name, value in found.items():
-        print(f"{name:34} {value}")
+    figures["machine"] = machine.figures()
+    print_figures(figures, args.json)
 
 
 if __name__ == "__main__":

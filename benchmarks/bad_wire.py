@@ -24,6 +24,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from benchmarks.machine import benchmark_parser
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.bus import Listener
 from dronecats.flight.sitl.config import SimulatorConfig
@@ -64,22 +65,24 @@ class Row:
     cut: bool = False
 
 
-def both(name: str, cut: bool = False, **impairment: Any) -> Row:
+def symmetric(name: str, cut: bool = False, **impairment: Any) -> Row:
     return Row(name, Impairment(**impairment), Impairment(**impairment), cut)
 
 
 ROWS = (
-    both("perfect"),
-    both("10 % loss", loss=0.10),
-    both("30 % loss", loss=0.30),
-    both("300 ms delay", delay_s=0.15),
-    both("600 ms delay", delay_s=0.30),
-    both("jitter 200 ms", jitter_s=0.2),
-    both("reordered, doubled", reorder=0.1, duplicate=0.1),
-    both("57,600 baud", baud=57_600),
-    both("1 byte in 1000 wrong", corrupt=0.001),
-    both("10 s cut", cut=True),
-    both("all of them", cut=True, loss=0.10, delay_s=0.15, jitter_s=0.05, baud=57_600, reorder=0.02, duplicate=0.02),
+    symmetric("perfect"),
+    symmetric("10 % loss", loss=0.10),
+    symmetric("30 % loss", loss=0.30),
+    symmetric("300 ms delay", delay_s=0.15),
+    symmetric("600 ms delay", delay_s=0.30),
+    symmetric("jitter 200 ms", jitter_s=0.2),
+    symmetric("reordered, doubled", reorder=0.1, duplicate=0.1),
+    symmetric("57,600 baud", baud=57_600),
+    symmetric("1 byte in 1000 wrong", corrupt=0.001),
+    symmetric("10 s cut", cut=True),
+    symmetric(
+        "all of them", cut=True, loss=0.10, delay_s=0.15, jitter_s=0.05, baud=57_600, reorder=0.02, duplicate=0.02
+    ),
 )
 
 
@@ -248,11 +251,9 @@ def astray(path: Path3, reference: Path3) -> dict[str, float]:
 
 def main() -> None:
     """Fly the rows and print a line for each."""
-    parser = argparse.ArgumentParser(description="a minute of flight over bad wires")
-    parser.add_argument("--json", action="store_true")
+    parser = benchmark_parser(__doc__, short="fly one leg over two wires, to check that it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", help="rows to fly; the perfect wire is flown first anyway")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--short", action="store_true", help="a leg over two wires: whether it runs")
     parser.add_argument(
         "--px4", metavar="COMMAND", help="starts a real PX4, which flies in our physics; see `fly --px4`"
     )
@@ -278,8 +279,8 @@ def main() -> None:
 
 def line(figures: dict[str, Any]) -> str:
     keys = ("astray_m", "end_m", "cut_speed_mps", "heading_off_deg")
-    told = " ".join(f"{key} {figures[key]:.2f}" for key in keys if key in figures)
-    return f"{figures['wire']:22} {'survived' if figures['survived'] else 'LOST':9} {told}  {figures['why']}"
+    text = " ".join(f"{key} {figures[key]:.2f}" for key in keys if key in figures)
+    return f"{figures['wire']:22} {'survived' if figures['survived'] else 'LOST':9} {text}  {figures['why']}"
 
 
 if __name__ == "__main__":

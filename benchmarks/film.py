@@ -1,14 +1,11 @@
-"""How long a film takes: `python -m benchmarks.film --json`.
+"""Measures how long a film takes: `python -m benchmarks.film --json`.
 
 An episode is flown by the oracle in lockstep, without pictures, and filmed as `dronecats film` does it. Processor times
 are those of all processes, their beginnings and the encoder included; `shared_out_s` is that by `jobs`: what is left of
 the wall where nothing else runs.
 """
 
-import argparse
-import json
 import os
-import resource
 import tempfile
 import time
 from dataclasses import replace
@@ -17,7 +14,7 @@ from typing import Any
 
 import cv2
 
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, print_figures, total_cpu_s
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.view.film.film import make
@@ -28,23 +25,17 @@ SIZE, FPS = (1280, 720), 30
 SHORT_SIZE, SHORT_FPS = (320, 180), 10
 
 
-def processor_s() -> float:
-    """Return the processor time of this process and of those that it has waited for, s."""
-    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(each.ru_utime + each.ru_stime for each in used)
-
-
 def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
-    """Return what a film of that many seconds of a flight costs, and what it reads back as."""
-    wanted = plan(filmable(folder), size=size, fps=fps, speed=1.0, from_s=0.0, to_s=seconds, drone=None)
-    wanted = replace(wanted, closing=0)
+    """Return the cost of a film of that many seconds of a flight, and its length as read back."""
+    film_plan = plan(filmable(folder), size=size, fps=fps, speed=1.0, from_s=0.0, to_s=seconds, drone=None)
+    film_plan = replace(film_plan, closing=0)
     film = folder.parent / "film.mp4"
-    began, before = time.monotonic(), processor_s()
-    codec = make(wanted, film, jobs)
-    wall, cpu = time.monotonic() - began, processor_s() - before
+    began, before = time.monotonic(), total_cpu_s()
+    codec = make(film_plan, film, jobs)
+    wall, cpu = time.monotonic() - began, total_cpu_s() - before
     reader = cv2.VideoCapture(str(film))
     read = int(reader.get(cv2.CAP_PROP_FRAME_COUNT))
-    return {"pictures": wanted.pictures, "read_back": read, "film_s": round(read / reader.get(cv2.CAP_PROP_FPS), 2),
+    return {"pictures": film_plan.pictures, "read_back": read, "film_s": round(read / reader.get(cv2.CAP_PROP_FPS), 2),
             "wall_s": round(wall, 1), "cpu_s": round(cpu, 1), "megabytes": round(film.stat().st_size / 1e6, 2),
             "codec": codec}  # fmt: skip
 
@@ -52,20 +43,20 @@ def filmed(folder: Path, size: tuple[int, int], fps: int, seconds: float, jobs: 
 def figures(scratch: Path, size: tuple[int, int], fps: int, seconds: float, jobs: int) -> dict[str, Any]:
     """Return the cost of a film of so many seconds, and of a picture of it."""
     machine = Machine()
-    flown = FlightSpec(
+    flight = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )
-    fly(flown, scratch / "run", lambda words: None)
+    fly(flight, scratch / "run", lambda words: None)
     folder = scratch / "run" / EPISODE
-    whole = filmed(folder, size, fps, seconds, jobs)
+    cost = filmed(folder, size, fps, seconds, jobs)
     machine.look()
-    per_picture = 1e3 * whole["cpu_s"] / whole["pictures"]
+    per_picture = 1e3 * cost["cpu_s"] / cost["pictures"]
     return {
         "machine": machine.figures(),
         "size": f"{size[0]}x{size[1]}",
         "jobs": jobs,
-        **whole,
-        "shared_out_s": round(whole["cpu_s"] / jobs, 1),
+        **cost,
+        "shared_out_s": round(cost["cpu_s"] / jobs, 1),
         "cpu_ms_per_picture": round(per_picture, 1),
         "cpu_per_picture_per_loop": machine.per_loop(per_picture),
     }
@@ -73,20 +64,14 @@ def figures(scratch: Path, size: tuple[int, int], fps: int, seconds: float, jobs
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.film", description="How long a film takes.")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser = benchmark_parser(__doc__, short="make a small film of one second, to check that it works")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of film (default 60)")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), metavar="N", help="processes (2)")
-    parser.add_argument("--short", action="store_true", help="a second of it, small: that it works, not how fast")
     args = parser.parse_args()
     size, fps, seconds = (SHORT_SIZE, SHORT_FPS, 1.0) if args.short else (SIZE, FPS, args.seconds)
     with tempfile.TemporaryDirectory() as scratch:
-        told_of = figures(Path(scratch), size, fps, seconds, 1 if args.short else args.jobs)
-    if args.json:
-        print(json.dumps(told_of))
-    else:
-        for name, value in told_of.items():
-            print(f"{name:>24}  {value}")
+        measured = figures(Path(scratch), size, fps, seconds, 1 if args.short else args.jobs)
+    print_figures(measured, args.json)
     return 0
 
 

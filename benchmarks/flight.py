@@ -12,7 +12,6 @@ times `machine.python_loop_ms`, which tells little of the machine (`benchmarks/m
 seconds, that every figure can be had.
 """
 
-import argparse
 import json
 import os
 import statistics
@@ -28,7 +27,7 @@ from typing import Any
 
 from autopilot.records import FREE, NAN, CascadeSetpoint
 from benchmarks import flight_peers
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, print_figures
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.pace import RateKeeper
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle, Simulation
@@ -49,7 +48,7 @@ FLIGHTS = ("core", "mavlink", "mavlink_onboard", "fleet4")
 class Stretch:
     """One timed stretch of flight."""
 
-    flown_s: float  # vehicle time
+    vehicle_s: float  # vehicle time
     wall_s: float
     cpu_s: float
 
@@ -170,8 +169,8 @@ class LinkedFlight:
 def figures(name: str, runs: list[Stretch]) -> dict[str, float]:
     """Return the medians of times-real-time, by the wall and by the processor."""
     return {
-        f"{name}_rtf": round(statistics.median(r.flown_s / r.wall_s for r in runs), 1),
-        f"{name}_rtf_cpu": round(statistics.median(r.flown_s / r.cpu_s for r in runs), 1),
+        f"{name}_rtf": round(statistics.median(r.vehicle_s / r.wall_s for r in runs), 1),
+        f"{name}_rtf_cpu": round(statistics.median(r.vehicle_s / r.cpu_s for r in runs), 1),
     }
 
 
@@ -220,8 +219,8 @@ def child(cache: str | None) -> dict[str, float]:
         text=True,
         check=True,
     )
-    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
-    return found
+    measured: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return measured
 
 
 def processes() -> dict[str, float]:
@@ -239,31 +238,36 @@ def processes() -> dict[str, float]:
 
 def measure(repeat: int, seconds: float, quick: bool) -> dict[str, Any]:
     """Return every figure of our own stack."""
-    found: dict[str, Any] = {"seconds": seconds, "repeat": repeat, "airframe": "x500", "task": "hover and 1 m/s steps"}
+    results: dict[str, Any] = {
+        "seconds": seconds,
+        "repeat": repeat,
+        "airframe": "x500",
+        "task": "hover and 1 m/s steps",
+    }
     machine = Machine()
     core = CoreFlight(1)
-    found |= figures("core", [core.run(seconds) for _ in range(repeat)])
+    results |= figures("core", [core.run(seconds) for _ in range(repeat)])
     linked = LinkedFlight(1, 1)
     linked.messages = 0
-    found |= figures("mavlink", [linked.run(seconds) for _ in range(repeat)])
-    found["mavlink_messages_per_s"] = round(linked.messages / (repeat * seconds))
-    found |= figures("mavlink_onboard", _runs(LinkedFlight(1, 1, "onboard"), repeat, seconds))
-    found |= figures("fleet4", _runs(LinkedFlight(4, 1), repeat, seconds / 2))
+    results |= figures("mavlink", [linked.run(seconds) for _ in range(repeat)])
+    results["mavlink_messages_per_s"] = round(linked.messages / (repeat * seconds))
+    results |= figures("mavlink_onboard", _runs(LinkedFlight(1, 1, "onboard"), repeat, seconds))
+    results |= figures("fleet4", _runs(LinkedFlight(4, 1), repeat, seconds / 2))
     machine.look()
     for name in FLIGHTS:
-        found[f"{name}_rtf_x_loop"] = machine.rtf_x_loop(found[f"{name}_rtf_cpu"])
+        results[f"{name}_rtf_x_loop"] = machine.rtf_x_loop(results[f"{name}_rtf_cpu"])
     if not quick:
-        found |= processes()
+        results |= processes()
         vehicle, port = linked.clock.simulation.vehicles[0], linked.clock.simulation.vehicles[0].autopilot.node.ports[0]
 
         def turn() -> None:
             vehicle.advance()
             port.take()
 
-        found["pace_10ms"] = pace(10.0, TICK_US / 1e6, turn)
-        found["pace_4ms"] = pace(10.0, 0.004, lambda: vehicle._fused.advance(4))
-    found["machine"] = machine.figures()
-    return found
+        results["pace_10ms"] = pace(10.0, TICK_US / 1e6, turn)
+        results["pace_4ms"] = pace(10.0, 0.004, lambda: vehicle._fused.advance(4))
+    results["machine"] = machine.figures()
+    return results
 
 
 def _runs(flight: LinkedFlight, repeat: int, seconds: float) -> list[Stretch]:
@@ -271,25 +275,19 @@ def _runs(flight: LinkedFlight, repeat: int, seconds: float) -> list[Stretch]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = benchmark_parser(__doc__, short="fly one second of each, to check that it runs")
     parser.add_argument("--repeat", type=int, default=5, help="repetitions of which the median is given")
     parser.add_argument("--seconds", type=float, default=20.0, help="vehicle seconds of one repetition")
     parser.add_argument("--quick", action="store_true", help="only how many times faster than real time")
-    parser.add_argument("--short", action="store_true", help="a second of each: whether it runs, not how fast")
     parser.add_argument("--peers", action="store_true", help="also the same task in other simulators, as ratios")
     parser.add_argument("--peers-dir", type=Path, default=Path(".peers"), help="folder with one venv per peer")
-    chosen = parser.parse_args()
-    if chosen.short:
-        chosen.repeat, chosen.seconds, chosen.quick = 1, 1.0, True
-    found = measure(max(1, chosen.repeat), max(1.0, chosen.seconds), chosen.quick)
-    if chosen.peers:
-        found["peers"] = flight_peers.compare(chosen.peers_dir, found["core_rtf"], found["core_rtf_cpu"])
-    if chosen.json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name:24} {value}")
+    args = parser.parse_args()
+    if args.short:
+        args.repeat, args.seconds, args.quick = 1, 1.0, True
+    results = measure(max(1, args.repeat), max(1.0, args.seconds), args.quick)
+    if args.peers:
+        results["peers"] = flight_peers.compare(args.peers_dir, results["core_rtf"], results["core_rtf_cpu"])
+    print_figures(results, args.json)
 
 
 if __name__ == "__main__":

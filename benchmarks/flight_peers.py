@@ -47,10 +47,10 @@ def timed(step: Callable[[int], Place], dt: float, seconds: float) -> dict[str, 
         cpus.append(time.process_time() - cpu)
         number += steps
     _check(places)
-    flown = steps * dt
+    vehicle_s = steps * dt
     return {
-        "rtf": round(flown / statistics.median(walls), 2),
-        "rtf_cpu": round(flown / statistics.median(cpus), 2),
+        "rtf": round(vehicle_s / statistics.median(walls), 2),
+        "rtf_cpu": round(vehicle_s / statistics.median(cpus), 2),
         "control_hz": round(1.0 / dt),
     }
 
@@ -60,8 +60,8 @@ def _check(places: list[Place]) -> None:
     (near, far), (left, right), (low, high) = spans
     stepped = -0.5 < near < 0.3 and 0.7 < far < 1.5
     if not (stepped and left > -0.5 and right < 0.5 and low > HEIGHT_M - 0.5 and high < HEIGHT_M + 0.5):
-        said = ", ".join(f"{least:.2f} to {most:.2f} m" for least, most in spans)
-        raise RuntimeError(f"it did not fly the task: {said}")
+        ranges = ", ".join(f"{least:.2f} to {most:.2f} m" for least, most in spans)
+        raise RuntimeError(f"it did not fly the task: {ranges}")
 
 
 def rotorpy() -> dict[str, float]:
@@ -154,26 +154,26 @@ def compare(folder: Path, core_rtf: float, core_rtf_cpu: float) -> dict[str, Any
 
     Both by the wall and by the processor (`…_cpu`): where other programs run too, only the second ratio means much.
     """
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     this = Path(__file__).absolute()
     for name in PEERS:
         python = folder.absolute() / name / "bin" / "python"
         if not python.exists():
-            found[name] = {"note": f"skipped: no virtual environment at {folder / name}"}
+            results[name] = {"note": f"skipped: no virtual environment at {folder / name}"}
             continue
         try:
             done = subprocess.run(
                 [python, this, name], cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=True
             )  # some of them leave logs where they are started
-            found[name] = json.loads(done.stdout.splitlines()[-1])
-            found[name]["ours_over_it"] = round(core_rtf / found[name]["rtf"], 1)
-            found[name]["ours_over_it_cpu"] = round(core_rtf_cpu / found[name]["rtf_cpu"], 1)
+            results[name] = json.loads(done.stdout.splitlines()[-1])
+            results[name]["ours_over_it"] = round(core_rtf / results[name]["rtf"], 1)
+            results[name]["ours_over_it_cpu"] = round(core_rtf_cpu / results[name]["rtf_cpu"], 1)
         except subprocess.TimeoutExpired:
-            found[name] = {"note": f"skipped: took longer than {LIMIT_S} s"}
+            results[name] = {"note": f"skipped: took longer than {LIMIT_S} s"}
         except (subprocess.CalledProcessError, ValueError, IndexError, KeyError) as error:
-            said = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
-            found[name] = {"note": f"skipped: {said[-1] if said else error}"}
-    return found
+            lines = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
+            results[name] = {"note": f"skipped: {lines[-1] if lines else error}"}
+    return results
 
 
 if __name__ == "__main__":

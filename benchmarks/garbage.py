@@ -12,7 +12,6 @@ Sender and simulator want a core each, and a lag of a busy machine looks like on
 `--short` sends for one second: whether it runs, and nothing to quote.
 """
 
-import argparse
 import json
 import multiprocessing
 import random
@@ -23,9 +22,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import psutil
-
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, process_cpu_s
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.stages.stage import SIMULATOR
@@ -114,18 +111,18 @@ class Client:
         self._port = port
         self._packer, self._parser = Packer(245, 191), Parser()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._asked_s: dict[int, float] = {}
+        self._sent_s: dict[int, float] = {}
         self.answers_s: list[float] = []
 
-    def ask(self, seconds: float) -> None:
-        """Ask for so long, and take in the answers."""
+    def ping(self, seconds: float) -> None:
+        """Send pings for so many seconds, and note the answers."""
         ends_s, due_s, number = time.monotonic() + seconds, time.monotonic(), 0
         while time.monotonic() < ends_s + ANSWER_S:
             if due_s <= time.monotonic() < ends_s:
                 number, due_s = number + 1, due_s + PING_S
-                self._asked_s[number] = time.monotonic()
-                ping = dialect.MAVLink_ping_message(number, number, 0, 0)
-                self._socket.sendto(self._packer.pack(ping), (LOOPBACK, self._port))
+                self._sent_s[number] = time.monotonic()
+                message = dialect.MAVLink_ping_message(number, number, 0, 0)
+                self._socket.sendto(self._packer.pack(message), (LOOPBACK, self._port))
             self._take()
 
     def _take(self) -> None:
@@ -136,13 +133,13 @@ class Client:
             return
         for message in self._parser.feed(data):
             if message.get_type() == "PING" and message.target_system == 245:
-                took_s = time.monotonic() - self._asked_s.get(message.seq, 0.0)
+                took_s = time.monotonic() - self._sent_s.get(message.seq, 0.0)
                 if took_s < ANSWER_S:
                     self.answers_s.append(took_s)
 
     @property
-    def asked(self) -> int:
-        return len(self._asked_s)
+    def pings(self) -> int:
+        return len(self._sent_s)
 
     def close(self) -> None:
         self._socket.close()
@@ -160,9 +157,9 @@ def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
             sender = multiprocessing.Process(target=send, args=(ROWS[name], targets, seconds + ANSWER_S, seed, sent))
             if ROWS[name]:
                 sender.start()
-            before_s, began_s = _processor_s(simulator.pid), time.monotonic()
-            client.ask(seconds)
-            core = (_processor_s(simulator.pid) - before_s) / (time.monotonic() - began_s)
+            before_s, began_s = process_cpu_s(simulator.pid), time.monotonic()
+            client.ping(seconds)
+            core = (process_cpu_s(simulator.pid) - before_s) / (time.monotonic() - began_s)
             if ROWS[name]:
                 sender.join()
             pace = simulator.do("pace")
@@ -176,42 +173,35 @@ def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
         "late_share": pace["late_share"],
         "given_up_s": pace["skipped_s"],
         "core": round(core, 3),
-        "answered_share": round(len(answers_s) / client.asked, 3),
+        "answered_share": round(len(answers_s) / client.pings, 3),
         "answer_ms": round(1e3 * answers_s[int(0.95 * (len(answers_s) - 1))], 1) if answers_s else None,
         "datagrams": int(sent[0]),
         "megabytes": round(sent[1] / 1e6, 1),
     }
 
 
-def _processor_s(pid: int) -> float:
-    times = psutil.Process(pid).cpu_times()
-    return float(times.user + times.system)
-
-
-def line(found: dict[str, Any]) -> str:
-    answer = "–" if found["answer_ms"] is None else f"{found['answer_ms']:.0f} ms"
+def line(figures: dict[str, Any]) -> str:
+    answer = "–" if figures["answer_ms"] is None else f"{figures['answer_ms']:.0f} ms"
     return (
-        f"{found['garbage']:16} lag {found['lag_ms']:7.1f} ms  late {found['late_share']:6.1%}  "
-        f"given up {found['given_up_s']:6.2f} s  core {found['core']:4.2f}  "
-        f"answered {found['answered_share']:6.1%} in {answer:8} "
-        f"({found['datagrams']} datagrams, {found['megabytes']:.0f} MB)"
+        f"{figures['garbage']:16} lag {figures['lag_ms']:7.1f} ms  late {figures['late_share']:6.1%}  "
+        f"given up {figures['given_up_s']:6.2f} s  core {figures['core']:4.2f}  "
+        f"answered {figures['answered_share']:6.1%} in {answer:8} "
+        f"({figures['datagrams']} datagrams, {figures['megabytes']:.0f} MB)"
     )
 
 
 def main() -> None:
     """Measure the rows and print a line for each."""
-    parser = argparse.ArgumentParser(description="a simulator under garbage")
-    parser.add_argument("--json", action="store_true")
+    parser = benchmark_parser(__doc__, short="send one second of two rows, to check that it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(ROWS), help=", ".join(ROWS))
     parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help=f"a row (default {SECONDS:g})")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--short", action="store_true", help="one second of two rows: whether it runs")
     args = parser.parse_args()
     names = args.only or (("nothing", "all of these") if args.short else ROWS)
     machine = Machine()
     for name in names:
-        found = measure(name, 1.0 if args.short else args.seconds, args.seed)
-        print(json.dumps({**found, "machine": machine.figures()}) if args.json else line(found), flush=True)
+        figures = measure(name, 1.0 if args.short else args.seconds, args.seed)
+        print(json.dumps({**figures, "machine": machine.figures()}) if args.json else line(figures), flush=True)
 
 
 if __name__ == "__main__":

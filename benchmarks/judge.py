@@ -1,4 +1,4 @@
-"""How long judging a thousand episodes takes, replies and stored verdicts looked at, as `dronecats judge` does it.
+"""Measures how long `dronecats judge` takes for a thousand episodes, with their replies and stored verdicts.
 
     python -m benchmarks.judge [--json] [--episodes N] [--processes N] [--short]
 
@@ -8,17 +8,15 @@ each flown to its cap of 300 s with a decision every 2.6 s; random walks with th
 `…_per_loop` how many empty loops (`benchmarks/machine.py`) that is. `--short` only shows that every figure can be had.
 """
 
-import argparse
 import json
 import math
-import os
 import random
 import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, total_cpu_s
 from dronecats.judge.episode import write_verdict
 from dronecats.judge.metrics.judging import Judging, judged_episodes
 from foundation.frames import Vec3
@@ -45,9 +43,9 @@ def write_episode(folder: Path, number: int) -> None:
     for step in range(int(CAP_S / EVERY_S)):
         t = round(EVERY_S * step + 0.09, 6)
         truth += [walk.frame(step, t, drone) for drone, walk in enumerate(walks)]
-        told = [_action(rng, step) for _ in walks]
-        reply = json.dumps(told[0] if drones == 1 else told)
-        decisions += [_decision(step, drone, t, reply, action) for drone, action in enumerate(told)]
+        actions = [_action(rng, step) for _ in walks]
+        reply = json.dumps(actions[0] if drones == 1 else actions)
+        decisions += [_decision(step, drone, t, reply, action) for drone, action in enumerate(actions)]
     truth.append(End(t=CAP_S, reason="cap"))
     write_lines(folder / layout.TRUTH, truth)
     write_lines(folder / layout.DECISIONS, decisions)
@@ -110,12 +108,6 @@ def _decision(step: int, drone: int, t: float, reply: str, action: dict[str, Any
     )  # fmt: skip
 
 
-def _spent_s() -> float:
-    """Return the processor seconds of this process and of its children that have ended."""
-    spent = os.times()
-    return spent.user + spent.system + spent.children_user + spent.children_system
-
-
 def measured(episodes: int, processes: int | None) -> dict[str, Any]:
     """Return the figures."""
     with tempfile.TemporaryDirectory() as scratch:
@@ -124,9 +116,9 @@ def measured(episodes: int, processes: int | None) -> dict[str, Any]:
             write_episode(folder, number)
         megabytes = sum(path.stat().st_size for path in Path(scratch).glob("*/*")) / 1e6
         machine = Machine()
-        began, spent = time.perf_counter(), _spent_s()
-        doubtful = sum(each.judged.doubtful for each in judged_episodes(folders, Judging(), processes))
-        judge_s, cpu_ms = time.perf_counter() - began, 1e3 * (_spent_s() - spent) / episodes
+        began, spent = time.perf_counter(), total_cpu_s()
+        doubtful = sum(episode.judged.doubtful for episode in judged_episodes(folders, Judging(), processes))
+        judge_s, cpu_ms = time.perf_counter() - began, 1e3 * (total_cpu_s() - spent) / episodes
         machine.look()
     return {
         "episodes": episodes,
@@ -142,18 +134,18 @@ def measured(episodes: int, processes: int | None) -> dict[str, Any]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = benchmark_parser(__doc__, short="judge ten episodes, to check that it works")
     parser.add_argument("--episodes", type=int, default=1000, help="how many are judged (default 1000)")
     parser.add_argument("--processes", type=int, help="how many judge (default: as many as pay)")
-    parser.add_argument("--short", action="store_true", help="ten episodes: only shows that it works")
     args = parser.parse_args()
-    told = measured(10 if args.short else args.episodes, args.processes)
+    figures = measured(10 if args.short else args.episodes, args.processes)
     if args.json:
-        print(json.dumps(told))
+        print(json.dumps(figures))
     else:
-        print(f"{told['episodes']} episodes, {told['megabytes']} MB, in {told['judge_s']} s (goal {GOAL_S:g} s)")
-        print(f"{told['cpu_ms_per_episode']} ms of a processor each")
+        print(
+            f"{figures['episodes']} episodes, {figures['megabytes']} MB, in {figures['judge_s']} s (goal {GOAL_S:g} s)"
+        )
+        print(f"{figures['cpu_ms_per_episode']} ms of a processor each")
 
 
 if __name__ == "__main__":

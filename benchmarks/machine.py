@@ -1,12 +1,15 @@
-"""What a speed is laid beside so that machines can be compared: the processor time of a loop that does nothing.
+"""The speed of the machine of a benchmark, processor times, and the output of figures.
 
-`python_loop_ms` is the processor time of a million turns of an empty Python loop, and it is measured before and after
-what is timed, since a machine has moods. Two figures follow from it, which a machine three times slower prints alike:
+`python_loop_ms` is the processor time of a million turns of an empty Python loop. It is measured before and after the
+benchmark, since the speed of a machine varies. Two figures follow from it, which are equal on a machine three times
+slower:
 
     rtf × loop   how many milliseconds of flight pass in the time of one such loop; more is faster
     ms ÷ loop    how many such loops a frame lasts; less is faster
 """
 
+import argparse
+import json
 import os
 import platform
 import statistics
@@ -20,14 +23,14 @@ SAMPLES = 5  # at a time
 
 
 class Machine:
-    """The machine of a run of a benchmark. `look` before and after what is timed."""
+    """The machine of a benchmark. Call `look` before and after the timed part."""
 
     def __init__(self) -> None:
         self._loops_ms: list[float] = []
         self.look()
 
     def look(self) -> None:
-        """Time the loop, some more times."""
+        """Time the loop SAMPLES more times."""
         self._loops_ms += [python_loop_ms() for _ in range(SAMPLES)]
 
     @property
@@ -40,11 +43,11 @@ class Machine:
         return round(rtf_cpu * self.loop_ms)
 
     def per_loop(self, cpu_ms: float) -> float:
-        """Return how many loops a piece of work lasts, of its milliseconds of processor time."""
+        """Return the number of loops that take as long as `cpu_ms` of processor time."""
         return round(cpu_ms / self.loop_ms, 2)
 
     def figures(self) -> dict[str, Any]:
-        """Return python_loop_ms and what else one wants to know of a machine."""
+        """Return python_loop_ms, processors, load and the version of Python."""
         return {
             "python_loop_ms": round(self.loop_ms, 1),
             "cpus": os.cpu_count(),
@@ -59,3 +62,38 @@ def python_loop_ms() -> float:
     for _ in range(TURNS):
         pass
     return 1e3 * (time.process_time() - began)
+
+
+def children_cpu_s() -> float:
+    """Return the processor seconds of all children that have ended, and of their children."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
+def total_cpu_s() -> float:
+    """Return the processor seconds of this process and of all children that have ended."""
+    times = os.times()
+    return times.user + times.system + children_cpu_s()
+
+
+def process_cpu_s(pid: int) -> float:
+    """Return the processor seconds that a running process has used."""
+    times = psutil.Process(pid).cpu_times()
+    return float(times.user + times.system)
+
+
+def benchmark_parser(description: str | None, *, short: str) -> argparse.ArgumentParser:
+    """Return a parser with the options of every benchmark; `short` is the help of --short."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--short", action="store_true", help=short)
+    return parser
+
+
+def print_figures(figures: dict[str, Any], as_json: bool) -> None:
+    """Print the figures as one JSON object, or one on each line."""
+    if as_json:
+        print(json.dumps(figures))
+        return
+    for name, value in figures.items():
+        print(f"{name:34} {value}")

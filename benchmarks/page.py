@@ -1,4 +1,4 @@
-"""How fast the page of a large report opens in a real browser, and what it weighs.
+"""Measures how fast the page of a large report opens in a real browser, and its size.
 
     python -m benchmarks.page [--json] [--embed] [--flights N] [--keep DIR] [--short]
 
@@ -7,7 +7,6 @@ letters, writes their page and opens it from the disk in a headless Chromium. Th
 files under many names, which the page does not know. `--short` shows, in seconds, that every figure can be had.
 """
 
-import argparse
 import json
 import math
 import os
@@ -20,7 +19,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, print_figures
 from dronecats.agent.prompt import Prompt
 from dronecats.cli.exit_status import exit_status
 from dronecats.report.page.index import write_page
@@ -140,7 +139,7 @@ def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, An
     read = time.perf_counter()
     page = write_page(collection, [], folder / "report", embed=embed)
     written = time.perf_counter()
-    found = opened(page)
+    opening_times = opened(page)
     machine.look()
     data = sum(path.stat().st_size for path in (folder / "report/data").rglob("*.js"))
     pictures = sum(path.stat().st_size for path in (folder / "report/pictures").rglob("*.jpg"))
@@ -148,7 +147,7 @@ def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, An
         "machine": machine.figures(),
         "flights": len(collection.episodes),
         "embedded": embed,
-        **found,
+        **opening_times,
         "page_mb": round(page.stat().st_size / 1e6, 2),
         "data_mb": round(data / 1e6, 1),
         "pictures_mb": round(pictures / 1e6, 1),
@@ -159,22 +158,16 @@ def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, An
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.page", description="How fast the page opens.")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser = benchmark_parser(__doc__, short="use eighteen short flights, to check that it works")
     parser.add_argument("--embed", action="store_true", help="with flights and pictures in the page itself")
     parser.add_argument("--flights", type=int, default=720, metavar="N", help="how many (default 720)")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="leave runs and report there")
-    parser.add_argument("--short", action="store_true", help="eighteen short flights: that it works, not how fast")
     args = parser.parse_args()
     extras.require("selenium")
     flights, steps = (18, 6) if args.short else (args.flights, STEPS)
     with tempfile.TemporaryDirectory() as scratch:
-        told = figures(args.keep or Path(scratch), flights, steps, args.embed)
-    if args.json:
-        print(json.dumps(told))
-    else:
-        for name, value in told.items():
-            print(f"{name:>16}  {value}")
+        measured = figures(args.keep or Path(scratch), flights, steps, args.embed)
+    print_figures(measured, args.json)
     return 0
 
 

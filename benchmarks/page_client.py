@@ -1,4 +1,4 @@
-"""A browser's end of a page, without the browser: everything that the page sends, as it comes."""
+"""A client of a page without a browser: receives everything that the page sends."""
 
 import time
 from typing import Any
@@ -18,10 +18,10 @@ CAMERA = {
 
 
 class PageClient:
-    """Connects as a browser does, says where its camera is, and listens."""
+    """Connects as a browser does, sends its camera, and receives messages."""
 
     def __init__(self, url: str) -> None:
-        """`url` is the page's. Raises OSError where nobody serves it."""
+        """`url` is the page's. Raises OSError if it is not served."""
         address = url.replace("http://", "ws://")
         protocol = Subprotocol(f"viser-v{viser.__version__}")
         self._socket = connect(address, subprotocols=[protocol], max_size=None, compression=None)
@@ -29,11 +29,11 @@ class PageClient:
         self.send(CAMERA)
 
     def send(self, message: dict[str, Any]) -> None:
-        """Say something to the page."""
+        """Send a message to the page."""
         self._socket.send(msgspec.msgpack.encode(message))
 
     def receive(self, timeout_s: float) -> list[dict[str, Any]]:
-        """Return the messages of the next delivery; none where none has come. Raises OSError, ConnectionClosed."""
+        """Return the messages of the next delivery; empty if none has arrived. Raises OSError, ConnectionClosed."""
         try:
             data = self._socket.recv(timeout_s)
         except TimeoutError:
@@ -44,15 +44,15 @@ class PageClient:
 
     def until(self, wanted: Any, timeout_s: float) -> list[dict[str, Any]]:
         """Return all messages until one for which `wanted` is true. Raises TimeoutError."""
-        due_s, found = time.monotonic() + timeout_s, []
+        due_s, messages = time.monotonic() + timeout_s, []
         while True:
             left_s = due_s - time.monotonic()
             if left_s <= 0.0:
                 raise TimeoutError
-            came = self.receive(left_s)
-            found += came
-            if any(wanted(message) for message in came):
-                return found
+            new = self.receive(left_s)
+            messages += new
+            if any(wanted(message) for message in new):
+                return messages
 
     def close(self) -> None:
         self._socket.close()

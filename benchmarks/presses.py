@@ -7,7 +7,6 @@ names of the limits that it exceeds:
     python -m benchmarks.presses [--seeds N] [--only WORD] [--jobs N] [--json] [--px4 COMMAND]
 """
 
-import argparse
 import json
 import math
 import statistics
@@ -21,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.machine import benchmark_parser
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.sitl.lockstep import one_vehicle
@@ -34,7 +34,7 @@ from foundation.mavlink import dialect
 from foundation.obstacles import Obstacles
 from foundation.setpoints import Velocity
 from hil.link.link import Link
-from vehicles.nearest import in_triangle
+from vehicles.solids import in_triangle
 from vehicles.wind import Wind
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
@@ -159,32 +159,31 @@ class Outcome:
 
 
 def before(world: World, press: Press) -> tuple[BootPose, float]:
-    """Return where to boot, and the height (m) to fly at: on the side of the thing that has the most room."""
+    """Return the boot pose and the height (m) of the flight: on the side of the obstacle with the most room."""
     if press.thing == "ground":
         north, east, _ = world.record.starts[0].position_ned
         return BootPose(
             (north, east, world.ground_down(north, east)), math.radians(world.record.starts[0].yaw_deg)
         ), 1.2
-    things = {each.name: each for each in world.scene.instances}
-    thing = things[press.thing]
-    points = thing.mesh.vertices
-    cosine, sine = math.cos(thing.yaw), math.sin(thing.yaw)
+    instance = next(instance for instance in world.scene.instances if instance.name == press.thing)
+    points = instance.mesh.vertices
+    cosine, sine = math.cos(instance.yaw), math.sin(instance.yaw)
     turned = np.stack(
         [cosine * points[:, 0] - sine * points[:, 1], sine * points[:, 0] + cosine * points[:, 1]], axis=1
     )
     height = press.height_m or min(2.0, max(0.6, -0.67 * float(points[:, 2].min())))
     solid = obstacles(world.scene)
-    others = np.flatnonzero(solid.owner != solid.names.index(press.thing))
+    rest = np.flatnonzero(solid.owner != solid.names.index(press.thing))
     best: tuple[float, Vec3, float] = (-1.0, (0.0, 0.0, 0.0), 0.0)
-    for yaw in thing.yaw + np.radians(press.turn_deg + np.arange(0.0, 360.0, 90.0)):
+    for yaw in instance.yaw + np.radians(press.turn_deg + np.arange(0.0, 360.0, 90.0)):
         ahead, right = np.array([math.cos(yaw), math.sin(yaw)]), np.array([-math.sin(yaw), math.cos(yaw)])
         across = turned @ right
         middle = (across.max() + across.min()) / 2 + press.beside * (across.max() - across.min()) / 2
         reach = float(-(turned @ ahead).min())
-        place = np.array(thing.position_ned[:2]) - (reach + BEFORE_M) * ahead + middle * right
+        place = np.array(instance.position_ned[:2]) - (reach + BEFORE_M) * ahead + middle * right
         down = world.ground_down(float(place[0]), float(place[1]))
         way = [(*(place + k * ahead), down - up) for k in (0.0, 1.0, 2.0) for up in (0.2, height)]
-        room = min(_room(solid, others, point) for point in way)
+        room = min(_room(solid, rest, point) for point in way)
         if room > best[0] + 1e-9:
             best = room, (float(place[0]), float(place[1]), 0.0), float(yaw)
     _, (north, east, _), yaw = best
@@ -213,9 +212,9 @@ def lean_deg(attitude: NDArray[np.float64]) -> float:
     return math.degrees(math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * float(x**2 + y**2)))))
 
 
-def between_axes_deg(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
     """Return the angle between the vehicle's axes of two attitudes of almost the same heading."""
-    (w, x, y, z), (a, b, c, d) = one, other
+    (w, x, y, z), (a, b, c, d) = first, second
     down = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
     other_down = np.array([2 * (b * d + a * c), 2 * (c * d - a * b), 1 - 2 * (b**2 + c**2)])
     return math.degrees(math.acos(max(-1.0, min(1.0, float(down @ other_down)))))
@@ -285,8 +284,8 @@ class Watch:
             if self.met_another or self.away_m >= AWAY_M or self.ticks * TICK_S >= BACK_S:
                 self._begin("over")
 
-    def hear(self, message: dialect.MAVLink_message) -> None:
-        """Compare what the autopilot says with the truth of that time."""
+    def compare(self, message: dialect.MAVLink_message) -> None:
+        """Compare a message of the autopilot with the truth of that time."""
         kind = message.get_msgId()
         if kind == dialect.MAVLINK_MSG_ID_ATTITUDE_TARGET:
             self.target = np.array(message.q)
@@ -369,7 +368,7 @@ def fly(press: Press, seed: int, px4: str | None = None) -> Outcome:
         watch = Watch(press, vehicle, link, int(vehicle.plant.state["hits"]))
         for message_id in WATCHED:
             link.order("telemetry", dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, 50_000)
-        link.listeners.append(watch.hear)
+        link.listeners.append(watch.compare)
         clock.followers.append(watch.look)
         clipped = int(vehicle.plant.memory["accel_clipped"])
         grounded = press.thing == "ground"
@@ -393,13 +392,13 @@ def fly(press: Press, seed: int, px4: str | None = None) -> Outcome:
         )
 
 
-def _told(outcome: Outcome) -> str:
+def _line(outcome: Outcome) -> str:
     press = outcome.press
-    what = f"{press.thing} {press.turn_deg:.0f}° {press.beside:g} {press.seconds:.0f} s" + (
+    label = f"{press.thing} {press.turn_deg:.0f}° {press.beside:g} {press.seconds:.0f} s" + (
         " wind" if press.wind_n else ""
     )
     return (
-        f"{what:30} {outcome.seed} {outcome.hits:4} {outcome.attitude_deg:6.1f}° {outcome.velocity_error:5.2f} m/s"
+        f"{label:30} {outcome.seed} {outcome.hits:4} {outcome.attitude_deg:6.1f}° {outcome.velocity_error:5.2f} m/s"
         f" {outcome.position_error_m:5.2f} m {outcome.speed:5.2f} m/s {outcome.tilt_deg:4.0f}° {outcome.ratio:5.1f}"
         f" {outcome.resets} {outcome.clipped:3} {'crash' if outcome.crashed else '     '} {outcome.left_m:5.1f} m"
         f"  {' '.join(outcome.beyond)}"
@@ -420,27 +419,25 @@ def _summary(outcomes: list[Outcome]) -> list[str]:
 
 def main() -> None:
     """Fly the presses and print them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = benchmark_parser(__doc__, short="fly two presses of five seconds, to check that it runs")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each press")
     parser.add_argument("--only", default="", help="presses whose thing has this in its name")
     parser.add_argument("--px4", metavar="COMMAND", help="fly with the PX4 that it starts, as `fly --px4` has it")
-    parser.add_argument("--short", action="store_true", help="two presses of five seconds, to see that it runs")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--json", action="store_true", help="print JSON")
-    arguments = parser.parse_args()
-    presses = [each for each in PRESSES if arguments.only in each.thing]
-    if arguments.short:
-        presses = [replace(each, seconds=5.0) for each in presses if each.episode == BLOCKS][:2]
-    flights = list(product(presses, range(arguments.seeds)))
+    args = parser.parse_args()
+    presses = [press for press in PRESSES if args.only in press.thing]
+    if args.short:
+        presses = [replace(press, seconds=5.0) for press in presses if press.episode == BLOCKS][:2]
+    flights = list(product(presses, range(args.seeds)))
     outcomes = []
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        for outcome in pool.map(partial(fly, px4=arguments.px4), *zip(*flights, strict=True)):
+    with ProcessPoolExecutor(args.jobs) as pool:
+        for outcome in pool.map(partial(fly, px4=args.px4), *zip(*flights, strict=True)):
             outcomes.append(outcome)
-            if not arguments.json:
-                print(_told(outcome), flush=True)
+            if not args.json:
+                print(_line(outcome), flush=True)
     good = sum(not outcome.beyond for outcome in outcomes)
-    if arguments.json:
-        figures = {"within": good, "of": len(outcomes), "presses": [asdict(each) for each in outcomes]}
+    if args.json:
+        figures = {"within": good, "of": len(outcomes), "presses": [asdict(press) for press in outcomes]}
         print(json.dumps(figures))
     else:
         print(*_summary(outcomes), sep="\n")

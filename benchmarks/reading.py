@@ -1,4 +1,4 @@
-"""How well the built-in pilot reads signs and plates, against distance and angle.
+"""Measures how well the built-in pilot reads signs and plates, by distance and angle.
 
     python -m benchmarks.reading [--json] [--each N] [--short]
 
@@ -8,7 +8,6 @@ were read whole, and how many gave another text of the right length with the con
 the CPU milliseconds a line takes. `--short` only shows, in seconds, that every figure can be had.
 """
 
-import argparse
 import json
 import math
 import time
@@ -17,6 +16,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.machine import benchmark_parser
 from dronecats.cli.exit_status import exit_status
 from dronecats.pilots.vision import ocr, pilot
 from dronecats.pilots.vision.command import plain_text
@@ -36,7 +36,7 @@ CARS = ("sedan", "suv", "hatchback", "pickup", "van")
 
 @dataclass(frozen=True, slots=True)
 class LegibilityRow:
-    """What was read of one kind at one distance and angle."""
+    """The readings of one kind of inscription at one distance and angle."""
 
     kind: str
     distance_m: float
@@ -75,12 +75,14 @@ def line_of(
 
 
 def by_package(part: NDArray[np.uint8], angle_deg: float) -> ReadText:
-    """Return what the pilot's reader makes of a line, widened as it is when it is seen aslant."""
-    found = ocr.read_line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
-    return found[0] if found else ReadText("", 0.0)
+    """Return the pilot's reading of a line, widened as a line seen at an angle is."""
+    lines = ocr.read_line(part, min(1.0 / math.cos(math.radians(angle_deg)), 3.0))
+    return lines[0] if lines else ReadText("", 0.0)
 
 
-def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) -> tuple[list[LegibilityRow], float]:
+def measure(
+    distances: tuple[float, ...], angles: tuple[float, ...], pictures: int
+) -> tuple[list[LegibilityRow], float]:
     """Return the rows, and the CPU milliseconds of one reading by the package."""
     rng, taken = np.random.default_rng(11), probe.used_inscriptions()
     ocr.load_engine()
@@ -89,7 +91,7 @@ def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) 
         for distance in distances:
             for angle in angles:
                 package = wrong = 0
-                for k in range(each):
+                for k in range(pictures):
                     text = text_for(base.name, rng, taken)
                     asset = base.asset if base.name == "sign" else CARS[k % len(CARS)]
                     kind = probe.InscriptionKind(
@@ -99,22 +101,20 @@ def measure(distances: tuple[float, ...], angles: tuple[float, ...], each: int) 
                     if min(part.shape[:2]) < 2:
                         continue
                     began = time.process_time()
-                    said = by_package(part, angle)
+                    reading = by_package(part, angle)
                     spent_s, count = spent_s + time.process_time() - began, count + 1
                     plain = plain_text(text)
-                    read = plain_text(said.text)
+                    read = plain_text(reading.text)
                     package += read == plain
-                    wrong += read != plain and len(read) == len(plain) and said.confidence >= SURE_CONFIDENCE
-                rows.append(LegibilityRow(base.name, distance, angle, each, package, wrong))
+                    wrong += read != plain and len(read) == len(plain) and reading.confidence >= SURE_CONFIDENCE
+                rows.append(LegibilityRow(base.name, distance, angle, pictures, package, wrong))
     return rows, 1e3 * spent_s / max(1, count)
 
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.reading", description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser = benchmark_parser(__doc__, short="read one picture of each kind, near and square on")
     parser.add_argument("--each", type=int, default=10, help="pictures of each kind, distance and angle (default 10)")
-    parser.add_argument("--short", action="store_true", help="one picture of each kind, near and square on")
     args = parser.parse_args()
     rows, cpu_ms = measure((4.0,), (0.0,), 1) if args.short else measure(DISTANCES_M, ANGLES_DEG, args.each)
     if args.json:

@@ -10,7 +10,6 @@ from the same poses, with the software renderers of MuJoCo and PyBullet. `--shor
 figure can be had: one round over the simplest map, which is then what the peers draw.
 """
 
-import argparse
 import json
 import math
 import statistics
@@ -24,7 +23,7 @@ from typing import Any
 import psutil
 
 from benchmarks import render_peers
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser
 from benchmarks.render_export import export
 from episodes import maps
 from episodes.camera.renderer import Renderer
@@ -126,46 +125,44 @@ def compared(name: str, folder: Path, repeat: int, threads: int) -> dict[str, An
                 figures[f"ms_{w}x{h}"], figures[f"cpu_ms_{w}x{h}"] = frame_ms(renderer, poses, max(1, repeat // 2))
             return figures
 
-        found = render_peers.compare(folder, Path(kept), ours)
+        peers = render_peers.compare(folder, Path(kept), ours)
         for renderer in renderers.values():
             renderer.close()
-    return found
+    return peers
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = benchmark_parser(__doc__, short="draw one map once, to check that it runs")
     parser.add_argument("--map", metavar="NAME", help="this map alone")
     parser.add_argument("--repeat", type=int, default=4, help="rounds over the poses")
     parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--short", action="store_true", help="once over one map: whether it runs, not how fast")
     parser.add_argument("--peers", action="store_true", help="draw with MuJoCo and PyBullet as well")
     parser.add_argument("--peers-dir", type=Path, default=Path("peers"), metavar="DIR", help="their environments")
-    chosen = parser.parse_args()
-    repeat, drawn = max(1, chosen.repeat), MAPS[0]
-    if chosen.short:
-        repeat, chosen.map, drawn = 1, SIMPLEST, SIMPLEST
+    args = parser.parse_args()
+    repeat, drawn = max(1, args.repeat), MAPS[0]
+    if args.short:
+        repeat, args.map, drawn = 1, SIMPLEST, SIMPLEST
     machine = Machine()
-    if chosen.map:
-        found = {chosen.map: measure(chosen.map, repeat, chosen.threads)}
+    if args.map:
+        by_map = {args.map: measure(args.map, repeat, args.threads)}
     else:
-        found = {name: measured_apart(name, repeat, chosen.threads) for name in MAPS}
-    first = next(iter(found.values()))
+        by_map = {name: measured_apart(name, repeat, args.threads) for name in MAPS}
+    first = next(iter(by_map.values()))
     figures: dict[str, Any] = {
         **{name: first[name] for name in FIRST},
-        "threads": chosen.threads,
+        "threads": args.threads,
         "machine": machine.figures(),
-        "maps": found,
+        "maps": by_map,
     }
-    if chosen.peers:
-        figures["peers"] = compared(drawn, chosen.peers_dir, repeat, chosen.threads)
-    if chosen.json:
+    if args.peers:
+        figures["peers"] = compared(drawn, args.peers_dir, repeat, args.threads)
+    if args.json:
         print(json.dumps(figures))
         return
     for name, value in figures.items():
         rows = value.items() if isinstance(value, dict) else [("", value)]
-        for row, told in rows:
-            print(f"{name:18} {row:12} {told}")
+        for row, cell in rows:
+            print(f"{name:18} {row:12} {cell}")
 
 
 if __name__ == "__main__":

@@ -25,12 +25,12 @@ def export(scene: Scene, poses: list[CameraPose], camera: CameraModel, folder: P
     files: dict[int, list[dict[str, Any]]] = {}
     pieces: list[dict[str, Any]] = []
     triangles = 0
-    for thing in scene.instances:
-        if id(thing.mesh) not in files:
-            files[id(thing.mesh)] = _written(thing.mesh, len(files), folder)
-        n, e, d = thing.position_ned
-        place = {"position": (float(n), -float(e), -float(d)), "yaw": -float(thing.yaw)}
-        for piece in files[id(thing.mesh)]:
+    for instance in scene.instances:
+        if id(instance.mesh) not in files:
+            files[id(instance.mesh)] = _written(instance.mesh, len(files), folder)
+        n, e, d = instance.position_ned
+        place = {"position": (float(n), -float(e), -float(d)), "yaw": -float(instance.yaw)}
+        for piece in files[id(instance.mesh)]:
             pieces.append({**place, **piece})
             triangles += piece["triangles"]
     renderer = Renderer(scene, CameraModel(320, 180))
@@ -39,9 +39,9 @@ def export(scene: Scene, poses: list[CameraPose], camera: CameraModel, folder: P
     vfov = math.degrees(2.0 * math.atan(camera.height / camera.width * math.tan(math.radians(camera.hfov_deg / 2.0))))
     n, e, d = scene.sun.toward_ned
     views = [_view(pose, camera) for pose in poses]
-    told = {"pieces": pieces, "triangles": triangles, "views": views, "covered": covered, "vfov_deg": vfov}
-    told["sun"] = (float(n), -float(e), -float(d))
-    (folder / "scene.json").write_text(json.dumps(told), encoding="utf-8")
+    exported = {"pieces": pieces, "triangles": triangles, "views": views, "covered": covered, "vfov_deg": vfov}
+    exported["sun"] = (float(n), -float(e), -float(d))
+    (folder / "scene.json").write_text(json.dumps(exported), encoding="utf-8")
 
 
 def _view(pose: CameraPose, camera: CameraModel) -> dict[str, Any]:
@@ -57,7 +57,7 @@ def _view(pose: CameraPose, camera: CameraModel) -> dict[str, Any]:
 
 def _written(mesh: Mesh, number: int, folder: Path) -> list[dict[str, Any]]:
     """Write one OBJ per material of a mesh, and return file, colour and triangle count of each."""
-    found = []
+    pieces = []
     for k, material in enumerate(mesh.materials):
         chosen = mesh.triangles[mesh.material == k]
         corners = mesh.vertices[chosen].astype(float) * (1.0, -1.0, -1.0)
@@ -71,8 +71,8 @@ def _written(mesh: Mesh, number: int, folder: Path) -> list[dict[str, Any]]:
         lines += [f"f {a}//{a} {b}//{b} {c}//{c}" for a, b, c in at]
         name = f"mesh-{number}-{k}.obj"
         (folder / name).write_text("\n".join(lines) + "\n", encoding="ascii")
-        found.append({"file": name, "color": _mean_color(material), "triangles": len(chosen)})
-    return found
+        pieces.append({"file": name, "color": _mean_color(material), "triangles": len(chosen)})
+    return pieces
 
 
 def _mean_color(material: Material) -> tuple[float, float, float]:

@@ -112,21 +112,21 @@ def mujoco(scene: dict[str, Any], folder: Path) -> dict[str, float]:
 def _mjcf(scene: dict[str, Any], folder: Path) -> str:
     """Return the scene as MuJoCo's XML; nothing collides, so that no convex hull is looked for."""
 
-    def said(values: Any) -> str:
+    def text(values: Any) -> str:
         return " ".join(f"{v:.6f}" for v in values)
 
     names = {piece["file"]: None for piece in scene["pieces"]}
     meshes = "".join(f'<mesh name="{n}" file="{n}" inertia="shell"/>' for n in names)
     geoms = "".join(
-        f'<geom type="mesh" mesh="{g["file"]}" pos="{said(g["position"])}" euler="0 0 {g["yaw"]:.6f}" '
-        f'rgba="{said(g["color"])} 1" contype="0" conaffinity="0"/>'
+        f'<geom type="mesh" mesh="{g["file"]}" pos="{text(g["position"])}" euler="0 0 {g["yaw"]:.6f}" '
+        f'rgba="{text(g["color"])} 1" contype="0" conaffinity="0"/>'
         for g in scene["pieces"]
     )
     cameras = "".join(
-        f'<camera pos="{said(v["eye"])}" xyaxes="{said(v["right"])} {said(v["up"])}" fovy="{scene["vfov_deg"]:.4f}"/>'
+        f'<camera pos="{text(v["eye"])}" xyaxes="{text(v["right"])} {text(v["up"])}" fovy="{scene["vfov_deg"]:.4f}"/>'
         for v in scene["views"]
     )
-    light = said([-c for c in scene["sun"]])
+    light = text([-c for c in scene["sun"]])
     width, height = SIZES[0]
     return (
         f'<mujoco><compiler angle="radian" meshdir="{folder}"/><statistic extent="1" center="0 0 0"/>'
@@ -146,33 +146,33 @@ def compare(folder: Path, exported: Path, ours: Callable[[], dict[str, float]]) 
     `exported` holds what `render_export.export` wrote; `ours` times our renderer, just before each peer. What each
     peer saw first is left as `DIR/NAME.npy`, (720, 1280, 3).
     """
-    found: dict[str, Any] = {}
+    results: dict[str, Any] = {}
     this = Path(__file__).absolute()
     for name in PEERS:
         python = folder.absolute() / name / "bin" / "python"
         if not python.exists():
-            found[name] = {"note": f"absent: no virtual environment at {folder / name}"}
+            results[name] = {"note": f"absent: no virtual environment at {folder / name}"}
             continue
-        mine = ours()
+        our_ms = ours()
         try:
             done = subprocess.run(
                 [python, this, name, exported], cwd=folder, capture_output=True, text=True, timeout=LIMIT_S, check=True
             )
             figures = json.loads(done.stdout.splitlines()[-1])
             (exported / "picture.npy").replace(folder / f"{name}.npy")
-            for size, ms in mine.items():
+            for size, ms in our_ms.items():
                 figures[f"ours_{size}"] = round(ms, 1)
                 figures[f"over_ours_{size}"] = round(figures[size] / ms, 1)
-            found[name] = figures
+            results[name] = figures
         except subprocess.TimeoutExpired:
-            found[name] = {"note": f"absent: took longer than {LIMIT_S} s"}
+            results[name] = {"note": f"absent: took longer than {LIMIT_S} s"}
         except (subprocess.CalledProcessError, ValueError, IndexError, KeyError, OSError) as error:
             lines = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
-            found[name] = {"note": f"absent: {lines[-1] if lines else error}"}
-    return found
+            results[name] = {"note": f"absent: {lines[-1] if lines else error}"}
+    return results
 
 
 if __name__ == "__main__":
     where = Path(sys.argv[2])
-    told = json.loads((where / "scene.json").read_text(encoding="utf-8"))
-    print(json.dumps(PEERS[sys.argv[1]](told, where)))
+    scene = json.loads((where / "scene.json").read_text(encoding="utf-8"))
+    print(json.dumps(PEERS[sys.argv[1]](scene, where)))

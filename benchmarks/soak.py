@@ -32,7 +32,7 @@ from typing import Any
 
 import psutil
 
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser
 from dronecats.flight.processes.supervisor import Supervisor
 from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
 from dronecats.flight.stages.stage import CAMERA, SIMULATOR
@@ -62,12 +62,12 @@ LEAST_CHARGE = 0.5  # as in `dronecats sitl`
 
 
 @dataclass
-class Flown:
-    """What became of one vehicle's rounds."""
+class Rounds:
+    """The results of one vehicle's rounds."""
 
-    rounds: int = 0
+    count: int = 0
     failed: int = 0
-    refused: Counter[str] = field(default_factory=Counter)  # by what was ordered and why it was refused
+    refusals: Counter[str] = field(default_factory=Counter)  # by order and reason
     without_cause: int = 0
     hours: float = 0.0
     logs: int = 0  # the most in its folder
@@ -79,13 +79,13 @@ class Pilot(threading.Thread):
     def __init__(self, number: int, url: str, logs: Path, hours: float, rounds: int | None) -> None:
         """Fly until so many hours of vehicle time have passed, or so many rounds were flown."""
         super().__init__(daemon=True)
-        self.flown = Flown()
+        self.rounds = Rounds()
         self.over = threading.Event()
         self._number, self._url, self._logs = number, url, logs
         self._hours, self._most = hours, rounds
         self.client = Conversation(connect(url), silence_s=60.0)
         self._place: Vec3 = (0.0, 0.0, 0.0)
-        self._said_us = 0
+        self._order_us = 0
 
     def run(self) -> None:
         try:
@@ -94,18 +94,18 @@ class Pilot(threading.Thread):
             while failed < GIVEN_UP and not self._is_done(begun_us):
                 good = self._round()
                 failed = 0 if good else failed + 1
-                self.flown.rounds += 1
-                self.flown.failed += not good
-                self.flown.hours = (self.client.time_us - begun_us) / 3.6e9
-                self.flown.logs = max(self.flown.logs, len(list(self._logs.glob("*.ulg"))))
+                self.rounds.count += 1
+                self.rounds.failed += not good
+                self.rounds.hours = (self.client.time_us - begun_us) / 3.6e9
+                self.rounds.logs = max(self.rounds.logs, len(list(self._logs.glob("*.ulg"))))
         except DronecatsError as fault:
-            self.flown.refused[str(fault)] += 1
+            self.rounds.refusals[str(fault)] += 1
         finally:
             self.over.set()
 
     def _is_done(self, begun_us: int) -> bool:
         if self._most is not None:
-            return self.flown.rounds >= self._most
+            return self.rounds.count >= self._most
         return self.client.time_us - begun_us >= self._hours * 3.6e9
 
     def _prepare(self) -> None:
@@ -122,7 +122,7 @@ class Pilot(threading.Thread):
     def _round(self) -> bool:
         """Fly one round; return whether all of it was carried out. Raises LinkError when the vehicle is gone."""
         try:
-            self._said_us = self.client.time_us
+            self._order_us = self.client.time_us
             self.client.wait_for(lambda state: state.healthy, 60.0, "becoming ready to arm")
             self._order("arming", dialect.MAV_CMD_COMPONENT_ARM_DISARM, 1)
             self._order("take-off", dialect.MAV_CMD_NAV_TAKEOFF)
@@ -137,9 +137,9 @@ class Pilot(threading.Thread):
             return False
         return True
 
-    def _order(self, what: str, command: int, *parameters: float) -> None:
-        self._said_us = self.client.time_us
-        self.client.order(what, command, *parameters, insist_s=5.0)
+    def _order(self, name: str, command: int, *parameters: float) -> None:
+        self._order_us = self.client.time_us
+        self.client.order(name, command, *parameters, insist_s=5.0)
 
     def _go(self, place: Vec3) -> None:
         origin = self.client.state.origin
@@ -159,7 +159,7 @@ class Pilot(threading.Thread):
         self.client.wait_for(is_there, 60.0, "flying to a place")
 
     def _reposition(self, lat: float, lon: float, alt: float, yaw: float) -> None:
-        self._said_us = self.client.time_us
+        self._order_us = self.client.time_us
         message = dialect.MAVLink_command_int_message(
             self.client.system, self.client.component, dialect.MAV_FRAME_GLOBAL, dialect.MAV_CMD_DO_REPOSITION, 0, 0,
             -1.0, 1.0, 0.0, yaw, round(lat * 1e7), round(lon * 1e7), alt,
@@ -178,9 +178,9 @@ class Pilot(threading.Thread):
 
     def _note(self, fault: str) -> None:
         """Note what was not carried out; with no word of the autopilot it has no cause."""
-        if not self.client.texts.since(self._said_us):
-            self.flown.without_cause += 1
-        self.flown.refused[fault] += 1
+        if not self.client.texts.since(self._order_us):
+            self.rounds.without_cause += 1
+        self.rounds.refusals[fault] += 1
 
 
 class Photographer(threading.Thread):
@@ -238,7 +238,7 @@ class Watch:
         first, last = map(statistics.fmean, _thirds(self.files))
         return {
             "processes": grown,
-            "memory_percent": max((each["change_percent"] for each in grown.values()), key=abs, default=0.0),
+            "memory_percent": max((change["change_percent"] for change in grown.values()), key=abs, default=0.0),
             "files_fewest": min(files, default=0),
             "files_most": max(files, default=0),
             "files_grown": round(last - first, 2),
@@ -288,60 +288,61 @@ def soak(vehicles: int, args: argparse.Namespace) -> dict[str, Any]:
         photographer, watch, seen = Photographer(camera_url, pilots), Watch(), 0
         photographer.start()
         while not all(pilot.over.wait(0.2) for pilot in pilots):
-            if pilots[0].flown.rounds > seen:
-                seen = pilots[0].flown.rounds
+            if pilots[0].rounds.count > seen:
+                seen = pilots[0].rounds.count
                 watch.sample()
         photographer.close()
         watch.sample()
-        flown = [pilot.flown for pilot in pilots]
-        refused: Counter[str] = sum((each.refused for each in flown), Counter())
+        by_vehicle = [pilot.rounds for pilot in pilots]
+        hours = min(rounds.hours for rounds in by_vehicle)
+        refusals: Counter[str] = sum((rounds.refusals for rounds in by_vehicle), Counter())
         return {
             "vehicles": vehicles,
-            "hours": round(min(each.hours for each in flown), 3),
-            "rounds": sum(each.rounds for each in flown),
-            "failed": sum(each.failed for each in flown),
-            "refused": dict(refused.most_common()),
-            "without_cause": sum(each.without_cause for each in flown),
+            "hours": round(hours, 3),
+            "rounds": sum(rounds.count for rounds in by_vehicle),
+            "failed": sum(rounds.failed for rounds in by_vehicle),
+            "refused": dict(refusals.most_common()),
+            "without_cause": sum(rounds.without_cause for rounds in by_vehicle),
             "pictures": photographer.pictures,
             "pictures_failed": photographer.failed,
             **watch.figures(),
-            "logs_most": max(each.logs for each in flown),
-            "real_time_factor": round(3600.0 * min(each.hours for each in flown) / (time.monotonic() - begun_s), 1),
+            "logs_most": max(rounds.logs for rounds in by_vehicle),
+            "real_time_factor": round(
+                3600.0 * min(rounds.hours for rounds in by_vehicle) / (time.monotonic() - begun_s), 1
+            ),
         }
 
 
-def line(found: dict[str, Any]) -> str:
+def line(figures: dict[str, Any]) -> str:
     """Return the figures of a session as people read them."""
     return (
-        f"{found['vehicles']:8} {found['hours']:6.2f} {found['rounds']:6} {found['failed']:6}"
-        f" {sum(found['refused'].values()):7} {found['without_cause']:15} {found['memory_percent']:8.1f}"
-        f" {found['files_fewest']:5}–{found['files_most']:<5} {found['files_grown']:5.1f}"
-        f" {found['logs_most']:4} {found['pictures']:8}"
+        f"{figures['vehicles']:8} {figures['hours']:6.2f} {figures['rounds']:6} {figures['failed']:6}"
+        f" {sum(figures['refused'].values()):7} {figures['without_cause']:15} {figures['memory_percent']:8.1f}"
+        f" {figures['files_fewest']:5}–{figures['files_most']:<5} {figures['files_grown']:5.1f}"
+        f" {figures['logs_most']:4} {figures['pictures']:8}"
     )
 
 
 def main() -> None:
     """Fly the sessions and print a line for each."""
-    parser = argparse.ArgumentParser(description="hours of take-offs and landings")
-    parser.add_argument("--json", action="store_true")
+    parser = benchmark_parser(__doc__, short="fly one round each, to check that it runs")
     parser.add_argument("--hours", type=float, default=DEFAULT_H, help=f"of vehicle time (default {DEFAULT_H:g})")
     parser.add_argument("--full", action="store_true", help=f"{FULL_H:g} hours")
     parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N", help="default: 1 and 4")
     parser.add_argument("--speed", type=float, default=SPEED, help=f"factor on real time (default {SPEED:g})")
-    parser.add_argument("--short", action="store_true", help="a round each: whether it runs")
     args = parser.parse_args()
     args.hours = FULL_H if args.full else args.hours
     machine = Machine()
     if not args.json:
         print("vehicles  hours rounds failed refused without a cause memory %    files   grown logs pictures")
     for vehicles in args.vehicles:
-        found = soak(vehicles, args)
+        figures = soak(vehicles, args)
         if args.json:
             machine.look()
-            print(json.dumps({**found, "machine": machine.figures()}), flush=True)
+            print(json.dumps({**figures, "machine": machine.figures()}), flush=True)
             continue
-        print(line(found), flush=True)
-        for reason, count in found["refused"].items():
+        print(line(figures), flush=True)
+        for reason, count in figures["refused"].items():
             print(f"         {count} × {reason}")
 
 

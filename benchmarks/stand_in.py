@@ -1,4 +1,4 @@
-"""A model that says the same after the same time: what is left of a step's time is ours. No model, and no pilot.
+"""A server that sends one reply after a fixed time, in place of a model: the rest of a step's time is the agent's.
 
     python -m benchmarks.stand_in SECONDS REPLY
 
@@ -23,8 +23,10 @@ class StandIn(ThreadingHTTPServer):
     def __init__(self, seconds: float, reply: str) -> None:
         super().__init__(("127.0.0.1", 0), _Handler)
         self.seconds = seconds
-        said = {"choices": [{"index": 0, "message": {"role": "assistant", "content": reply}, "finish_reason": "stop"}]}
-        self.body = json.dumps({**said, "usage": {"prompt_tokens": 1000, "completion_tokens": 30}}).encode()
+        message = {
+            "choices": [{"index": 0, "message": {"role": "assistant", "content": reply}, "finish_reason": "stop"}]
+        }
+        self.body = json.dumps({**message, "usage": {"prompt_tokens": 1000, "completion_tokens": 30}}).encode()
         self.times = {"asked": 0.0, "answered": 0.0}
 
 
@@ -39,10 +41,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_POST(self) -> None:
         self.rfile.read(int(self.headers["Content-Length"]))
-        asked = time.monotonic()
+        arrived_s = time.monotonic()
         if self.server.seconds:
             time.sleep(self.server.seconds)
-        self.server.times = {"asked": asked, "answered": time.monotonic()}
+        self.server.times = {"asked": arrived_s, "answered": time.monotonic()}
         self._send(self.server.body)
 
     def _send(self, body: bytes) -> None:

@@ -9,7 +9,6 @@ the receiver and the barometer wander; the median and the largest of the five. `
 shows whether all of it runs and no more.
 """
 
-import argparse
 import json
 import math
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.records import FREE, NAN, CascadeSetpoint
+from benchmarks.machine import benchmark_parser
 from dronecats.flight.sitl.simulation import TICK_US, BootPose, SimulatedVehicle
 from foundation.frames import quat_yaw, wrap_pi
 from vehicles import airframe
@@ -147,41 +147,41 @@ def measure(name: str, seeds: tuple[int, ...] = SEEDS) -> tuple[dict[str, Any], 
     """Return an airframe's figures, and its answers by step for plotting."""
     flights = [Flight(name, seed) for seed in seeds]
     answers = {step.name: np.asarray(np.mean([flight.step(step) for flight in flights], axis=0)) for step in STEPS}
-    found: dict[str, Any] = {step.name: figures(step, answers[step.name]) for step in STEPS}
+    rows: dict[str, Any] = {step.name: figures(step, answers[step.name]) for step in STEPS}
     minutes = [flight.fly(60.0) for flight in flights]
     away = [float(np.hypot(*(m[:, :2] - m[0, :2]).T).max()) for m in minutes]
     lifted = [float(np.abs(m[:, 2] - m[0, 2]).max()) for m in minutes]
-    found["hover"] = {
+    rows["hover"] = {
         "drift_m": round(float(np.median(away)), 3),
         "drift_most_m": round(max(away), 3),
         "drift_vertical_m": round(float(np.median(lifted)), 3),
     }
-    return found, answers
+    return rows, answers
 
 
-def misses(found: dict[str, dict[str, Any]]) -> list[str]:
+def misses(airframes: dict[str, dict[str, Any]]) -> list[str]:
     """Return a sentence for each figure beyond its goal."""
-    told = []
-    for name, rows in found.items():
+    sentences = []
+    for name, rows in airframes.items():
         for step in STEPS:
             row = rows[step.name]
             if not row["overshoot_percent"] <= OVERSHOOT_MOST:
-                told.append(f"{name}, {step.name}: overshoots by {row['overshoot_percent']} %")
+                sentences.append(f"{name}, {step.name}: overshoots by {row['overshoot_percent']} %")
             if not row["steady_error_percent"] <= STEADY_MOST:
-                told.append(f"{name}, {step.name}: stays {row['steady_error_percent']} % off")
+                sentences.append(f"{name}, {step.name}: stays {row['steady_error_percent']} % off")
         if not rows["hover"]["drift_m"] <= DRIFT_MOST:
-            told.append(f"{name}: drifts {rows['hover']['drift_m']} m in a minute")
-    return told
+            sentences.append(f"{name}: drifts {rows['hover']['drift_m']} m in a minute")
+    return sentences
 
 
-def table(found: dict[str, dict[str, Any]]) -> str:
+def table(airframes: dict[str, dict[str, Any]]) -> str:
     """Return the figures as Markdown."""
     heads = " | ".join(step.name for step in STEPS)
     lines = [
         f"| airframe | {heads} | drift in a minute |",
         "| --- |" + " --- |" * (len(STEPS) + 1),
     ]
-    for name, rows in found.items():
+    for name, rows in airframes.items():
         cells = [
             f"{r['rise_s']:.2f} s · {r['overshoot_percent']:.1f} % · {r['steady_error_percent']:.2f} %"
             for r in (rows[step.name] for step in STEPS)
@@ -213,36 +213,36 @@ def draw(answers: dict[str, dict[str, Array]], folder: Path) -> Path:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser = benchmark_parser(__doc__, short="fly one airframe once, to check that it runs")
     parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the answers into this folder")
     parser.add_argument("--table", type=Path, metavar="FILE", help="put the table into this Markdown file")
     parser.add_argument("--airframe", action="append", choices=airframe.names(), help="only this one; may be repeated")
-    parser.add_argument("--short", action="store_true", help="one airframe once: whether it runs")
-    chosen = parser.parse_args()
-    found, answers = {}, {}
-    names = chosen.airframe or airframe.names()
+    args = parser.parse_args()
+    rows, answers = {}, {}
+    names = args.airframe or airframe.names()
     seeds: tuple[int, ...] = SEEDS
-    if chosen.short:
+    if args.short:
         names, seeds = names[:1], SEEDS[:1]
     for name in names:
-        found[name], answers[name] = measure(name, seeds)
-    told = misses(found)
-    if chosen.plots:
-        draw(answers, chosen.plots)
-    if chosen.table:
-        write(found, chosen.table)
-    print(json.dumps({"airframes": found, "misses": told}) if chosen.json else "\n".join([table(found), "", *told]))
+        rows[name], answers[name] = measure(name, seeds)
+    sentences = misses(rows)
+    if args.plots:
+        draw(answers, args.plots)
+    if args.table:
+        write(rows, args.table)
+    print(
+        json.dumps({"airframes": rows, "misses": sentences}) if args.json else "\n".join([table(rows), "", *sentences])
+    )
 
 
 BEGIN, END = "<!-- steps begin -->\n", "<!-- steps end -->"
 
 
-def write(found: dict[str, dict[str, Any]], path: Path) -> None:
+def write(airframes: dict[str, dict[str, Any]], path: Path) -> None:
     """Put the table between its marks in a Markdown file. Raises ValueError when the file has no marks."""
     text = path.read_text(encoding="utf-8")
     head, tail = text.index(BEGIN) + len(BEGIN), text.index(END)
-    path.write_text(text[:head] + table(found) + "\n" + text[tail:], encoding="utf-8")
+    path.write_text(text[:head] + table(airframes) + "\n" + text[tail:], encoding="utf-8")
 
 
 if __name__ == "__main__":

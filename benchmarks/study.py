@@ -1,4 +1,4 @@
-"""How many episodes an hour a study flies, drawn and not, what a second job brings, and where the time goes.
+"""Measures how many episodes an hour a study flies, the gain of a second job, and where the time goes.
 
     python -m benchmarks.study [--json] [--suite NAME] [--drawn NAME] [--short]
 
@@ -9,12 +9,10 @@ processes and their start included, and says something on a busy machine, too; `
 (of one drone), `minutes_for_2000_of_all` (four in five of them) and `two_jobs_over_one` count the wall's and want an
 idle one.
 `parts` and `phases` are shares of the processor's time of undrawn episodes that one process flies one after another,
-its own start left out: of the innermost of our functions that runs, and of what is being flown, looked at every
+its own start left out: of the innermost of our functions that runs, and of the phase of the flight, sampled every
 2 ms of processor time.
 """
 
-import argparse
-import json
 import signal
 import tempfile
 from collections import Counter
@@ -24,8 +22,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from benchmarks.bench import flown
-from benchmarks.machine import Machine
+from benchmarks.bench import run_bench
+from benchmarks.machine import Machine, benchmark_parser, print_figures
 from dronecats.bench import worker
 from dronecats.cli.exit_status import exit_status
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -37,7 +35,7 @@ from foundation.threads import expect_more
 ROOT = Path(__file__).parent.parent
 LOOK_S = 0.002  # s of processor time
 PROFILED = 12  # episodes of the suite, evenly over it
-PARTS = {  # folder or file → what is done there; the first that fits
+WORK = {  # folder or file → its work; the first match counts
     "dronecats/flight/sitl/fused.py": "plant, estimator and inner loops (compiled)",
     "foundation/wire.py": "MAVLink packed and parsed",
     "foundation/mavlink.py": "MAVLink packed and parsed",
@@ -53,7 +51,7 @@ PARTS = {  # folder or file → what is done there; the first that fits
     "dronecats/pilots": "agent and pilot",
     "dronecats/judge": "verdict",
 }
-PHASES = {  # function of dronecats/flight/run → what is flown then
+PHASES = {  # function of dronecats/flight/run → phase of the flight
     "ascend": "ascent to the start pose",
     "finish": "landing",
     "fly_and_judge": "making ready, verdict",
@@ -69,11 +67,11 @@ class Sampler:
     """Counts what runs whenever so much processor time has passed."""
 
     def __init__(self) -> None:
-        self.parts: Counter[str] = Counter()
+        self.work: Counter[str] = Counter()
         self.phases: Counter[str] = Counter()
 
     def look(self, number: int, frame: FrameType | None) -> None:
-        """Count the part of the innermost of our functions, and the phase."""
+        """Count the work of the innermost of our functions, and the phase."""
         part = phase = None
         while frame is not None:
             place = _place(frame.f_code.co_filename)
@@ -83,12 +81,12 @@ class Sampler:
             elif place.startswith("dronecats/flight/run/"):
                 phase = phase or PHASES.get(frame.f_code.co_name)
             frame = frame.f_back
-        self.parts[part or "else"] += 1
+        self.work[part or "else"] += 1
         self.phases[phase or PHASES["fly_and_judge"]] += 1
 
     @contextmanager
     def looking(self) -> Iterator[None]:
-        """Look every LOOK_S of this process's time."""
+        """Sample every LOOK_S of this process's time."""
         before = signal.signal(signal.SIGPROF, self.look)
         signal.setitimer(signal.ITIMER_PROF, LOOK_S, LOOK_S)
         try:
@@ -99,8 +97,8 @@ class Sampler:
 
 
 def part_of(place: str) -> str:
-    """Return what is done in a file of ours, by its path in the repository."""
-    return next((what for where, what in PARTS.items() if place.startswith(where)), "else")
+    """Return the work of one of our files, by its path in the repository."""
+    return next((name for folder, name in WORK.items() if place.startswith(folder)), "else")
 
 
 def _place(file: str) -> str:
@@ -128,20 +126,20 @@ def profiled(episodes: Sequence[str], folder: Path) -> Sampler:
 
 
 def shares(counted: Counter[str]) -> dict[str, float]:
-    """Return each one's share of all, the largest first."""
+    """Return the share of each name in the total, the largest first."""
     total = counted.total() or 1
-    return {what: round(count / total, 3) for what, count in counted.most_common()}
+    return {name: round(count / total, 3) for name, count in counted.most_common()}
 
 
 def benched(words: list[str], jobs: int) -> dict[str, Any]:
-    """Return the figures of a benchmark as it is typed."""
+    """Return the figures of one `dronecats bench`."""
     with tempfile.TemporaryDirectory() as folder:
-        told, wall_s, cpu_s = flown(Path(folder) / "bench", [*words, "--jobs", str(jobs)])
-    done = told["done"]
+        summary, wall_s, cpu_s = run_bench(Path(folder) / "bench", [*words, "--jobs", str(jobs)])
+    done = summary["done"]
     return {
         "jobs": jobs,
         "episodes": done,
-        "solved": sum(row["solved"] for row in told["rows"] if row["group"] == "all"),
+        "solved": sum(row["solved"] for row in summary["rows"] if row["group"] == "all"),
         "wall_s": round(wall_s, 1),
         "cpu_s_per_episode": round(cpu_s / done, 2),
         "episodes_per_core_hour": round(3600.0 * done / cpu_s),
@@ -156,16 +154,14 @@ def minutes(episodes: int, measured: dict[str, Any]) -> float:
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--json", action="store_true", help="one JSON object")
-    parser.add_argument("--suite", default="one-drone", metavar="NAME", help="whose episodes are flown undrawn")
-    parser.add_argument("--drawn", default="quick", metavar="NAME", help="whose episodes vision flies (quick)")
-    parser.add_argument("--short", action="store_true", help="only show that every figure can be had")
+    parser = benchmark_parser(__doc__, short="quick check that every figure can be measured")
+    parser.add_argument("--suite", default="one-drone", metavar="NAME", help="suite that is flown undrawn")
+    parser.add_argument("--drawn", default="quick", metavar="NAME", help="suite that vision flies (default quick)")
     args = parser.parse_args()
     ocr.check_installed()
     machine, few = Machine(), ["--limit", "2"] if args.short else []
     undrawn = ["--pilot", "noisy", *(few or ["--flights", "2"])]
-    one, two = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
+    one_job, two_jobs = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
     fleets = benched(["--suite", "commanding", *undrawn], 2)
     drawn = benched(["--suite", args.drawn, "--pilot", "vision", *few], 2)
     names = suites.ids(args.suite)
@@ -173,23 +169,19 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         sampler = profiled(chosen, Path(folder))
     machine.look()
-    found = {
-        "undrawn": {"one": one, "two": two},
+    figures = {
+        "undrawn": {"one": one_job, "two": two_jobs},
         "fleets": fleets,
-        "minutes_for_2000": round(minutes(2000, two), 1),
-        "minutes_for_2000_of_all": round(minutes(1600, two) + minutes(400, fleets), 1),
-        "two_jobs_over_one": round(one["wall_s"] / two["wall_s"], 2),
+        "minutes_for_2000": round(minutes(2000, two_jobs), 1),
+        "minutes_for_2000_of_all": round(minutes(1600, two_jobs) + minutes(400, fleets), 1),
+        "two_jobs_over_one": round(one_job["wall_s"] / two_jobs["wall_s"], 2),
         "drawn": drawn,
-        "parts": shares(sampler.parts),
+        "parts": shares(sampler.work),
         "phases": shares(sampler.phases),
         "goals": GOALS,
         "machine": machine.figures(),
     }
-    if args.json:
-        print(json.dumps(found))
-        return 0
-    for name, value in found.items():
-        print(f"{name:20} {value}")
+    print_figures(figures, args.json)
     return 0
 
 

@@ -8,8 +8,6 @@ graphics card. `flush_ratio` is the processor time of flights in lockstep whose 
 of flights whose logger does not, flown by turns: medians.
 """
 
-import argparse
-import json
 import math
 import os
 import socket
@@ -24,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import Machine
+from benchmarks.machine import Machine, benchmark_parser, print_figures, process_cpu_s
 from dronecats.cli.exit_status import exit_status
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -78,13 +76,13 @@ class Written(threading.Thread):
         world = flown_world(self._folder)
         assert world is not None
         scene, tail = world.scene, FrameTail(self._folder / layout.TLOG)
-        heard = HeardFlight((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
+        flight = HeardFlight((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
         while not self.done.wait(0.002):
             for frame in tail.read():
-                before = heard.time_us
-                heard.feed([frame])
-                pose = heard.pose(0)
-                if pose is not None and pose.true and heard.time_us > before:
+                before = flight.time_us
+                flight.feed([frame])
+                pose = flight.pose(0)
+                if pose is not None and pose.true and flight.time_us > before:
                     turned = _key(display.turned(pose.attitude))
                     self.samples.append((turned, pose.time_us / 1e6, time.monotonic()))
 
@@ -95,12 +93,6 @@ def _keep_back(log: TelemetryLog) -> None:
 
 def _key(quaternion: Any) -> tuple[float, ...]:
     return tuple(round(float(value), DIGITS) for value in quaternion)
-
-
-def processor_s(pid: int) -> float:
-    """Return the processor time that a process has used, s."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS
 
 
 def viewer_of(pid: int) -> int:
@@ -160,17 +152,17 @@ def figures(scratch: Path, seconds: float) -> dict[str, Any]:
             assert time.monotonic() < due_s, "the flight does not begin"
             time.sleep(0.2)
         viewer = viewer_of(command.pid)
-        began_s, before_s = time.monotonic(), processor_s(viewer)
+        began_s, before_s = time.monotonic(), process_cpu_s(viewer)
         time.sleep(seconds)
-        used_s, wall_s = processor_s(viewer) - before_s, time.monotonic() - began_s
-        for each in (arrivals, written):
-            each.done.set()
-            each.join()
+        used_s, wall_s = process_cpu_s(viewer) - before_s, time.monotonic() - began_s
+        for thread in (arrivals, written):
+            thread.done.set()
+            thread.join()
     finally:
         command.terminate()
         command.wait(60.0)
     machine.look()
-    samples = [one for one in written.samples if began_s - 5.0 < one[2] < began_s + wall_s]
+    samples = [sample for sample in written.samples if began_s - 5.0 < sample[2] < began_s + wall_s]
     least_s = min(wall - vehicle for _, vehicle, wall in samples)
     late = [arrivals.at[key] - vehicle - least_s for key, vehicle, _ in samples if key in arrivals.at]
     shown = sorted(at for at in arrivals.at.values() if began_s <= at <= began_s + wall_s)
@@ -192,22 +184,16 @@ def figures(scratch: Path, seconds: float) -> dict[str, Any]:
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.view", description="How late the live page is.")
-    parser.add_argument("--json", action="store_true", help="one JSON object")
+    parser = benchmark_parser(__doc__, short="fly a few seconds, to check that every figure can be measured")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of flight (default 60)")
-    parser.add_argument("--short", action="store_true", help="seconds: shows that every figure can be had")
     args = parser.parse_args()
     extras.require("viser")
     with tempfile.TemporaryDirectory(prefix="dronecats-view-") as scratch:
-        found = figures(Path(scratch), 5.0 if args.short else args.seconds)
-        flown = (1, 3.0) if args.short else (7, 60.0)
-        found["flush_ratio"] = flush_ratio(Path(scratch), *flown)
-    if args.json:
-        print(json.dumps(found))
-    else:
-        for name, value in found.items():
-            print(f"{name:24} {value}")
-    return 0 if math.isfinite(found["late_ms_median"]) else 1
+        measured = figures(Path(scratch), 5.0 if args.short else args.seconds)
+        flights = (1, 3.0) if args.short else (7, 60.0)
+        measured["flush_ratio"] = flush_ratio(Path(scratch), *flights)
+    print_figures(measured, args.json)
+    return 0 if math.isfinite(measured["late_ms_median"]) else 1
 
 
 if __name__ == "__main__":

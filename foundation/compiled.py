@@ -35,7 +35,6 @@ SOURCES = (
     "vehicles/*.py",
     "autopilot/*.py",
     "autopilot/control/*.py",
-    "autopilot/design/*.py",
     "autopilot/estimator/*.py",
     "episodes/camera/renderer/*.py",
     "episodes/maps/scene.py",

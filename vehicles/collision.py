@@ -19,11 +19,9 @@ import numpy as np
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 from foundation.obstacles import Obstacles
-from vehicles.collision_records import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles
-from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY, CRASH_FOOT
-from vehicles.nearest import in_box, in_triangle
-from vehicles.records import STEP_S, STEP_US
+from vehicles.records import STEP_S, STEP_US, rotate, rotate_inverse
+from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles, in_box, in_triangle
 
 # rad/s, of the whole vehicle on one contact: 7.4 kN/m for the X500. An arm of 16 mm carbon tube has 18 kN/m at its end
 # (3 E I / L³), a plastic guard a few, and what is hit gives way as well. A bump at 1.2 m/s takes 56 ms, is 11 mm deep

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
 from vehicles.collision import BREAKING, FRICTION, HIT_LEAST, mobility
-from vehicles.compiled_frames import rotate, rotate_inverse
 from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
+from vehicles.records import rotate, rotate_inverse
 
 DRONE = -2  # owner number of another vehicle, beside `collision.BOX`
 SURELY_M = 1e-3  # m, beside what a tick can close, from which on two vehicles cannot touch within it

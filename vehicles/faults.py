@@ -53,8 +53,8 @@ def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency
         if i >= MAX_FAULTS:
             raise UsageError(f"fault script: more than {MAX_FAULTS} faults; leave some out")
         if fault.part not in PARTS or PARTS[fault.part] >= ROTOR_1 + rotors:
-            known = [name for name, number in PARTS.items() if number < ROTOR_1 + rotors]
-            raise UsageError(f"{where}: this vehicle has no such part; choose one of {', '.join(known)}")
+            names = [name for name, number in PARTS.items() if number < ROTOR_1 + rotors]
+            raise UsageError(f"{where}: this vehicle has no such part; choose one of {', '.join(names)}")
         is_rotor = PARTS[fault.part] >= ROTOR_1
         kinds = ["fail", "weaken"] if is_rotor else ["fail", "freeze", "bias"] + ["delay"] * (fault.part == "gps")
         if fault.kind not in kinds:

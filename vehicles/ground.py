@@ -12,8 +12,7 @@ import numpy as np
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat, Vec3
 from foundation.terrain import HeightField
-from vehicles.compiled_frames import rotate, rotate_inverse
-from vehicles.records import STEP_S, Load
+from vehicles.records import STEP_S, Load, rotate, rotate_inverse
 
 # rad/s, vertical resonance of a vehicle on four feet: rests 0.7 mm deep, and a one-point landing stays far from the
 # limit of RK4 at 1 kHz (2.8 rad per step) on every airframe, whose tips weigh about a tenth of the whole

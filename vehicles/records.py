@@ -1,13 +1,15 @@
-"""What the compiled physics reads and writes, field by field.
+"""Records of the compiled physics, field by field, and the frame conversions of its kernels.
 
 PARAMS never changes in flight; the rest is the complete state of one vehicle, so that copying the records copies the
-vehicle. Sensor, actuator and truth records are the border's.
+vehicle. Sensor, actuator and truth records are in `foundation/sensors.py`.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
+from foundation import frames
 from foundation.airframe import MAX_CONTACTS
+from foundation.compiled import njit
 from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
 
@@ -146,3 +148,9 @@ FAULTS = np.dtype(
     ],
     align=True,
 )
+
+
+rotate = njit(cache=True)(frames.rotate)
+rotate_inverse = njit(cache=True)(frames.rotate_inverse)
+quat_normalized = njit(cache=True)(frames.quat_normalized)
+ned_to_geodetic = njit(cache=True)(frames.ned_to_geodetic)

@@ -7,9 +7,8 @@ evaluated at each of the four stages. Rotation is Euler's equation with the roto
 
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat, Vec3
-from vehicles.compiled_frames import quat_normalized, rotate, rotate_inverse
 from vehicles.ground import support
-from vehicles.records import STEP_S, Load
+from vehicles.records import STEP_S, Load, quat_normalized, rotate, rotate_inverse
 
 
 @njit(cache=True)

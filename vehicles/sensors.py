@@ -12,13 +12,11 @@ import numpy as np
 from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Quat
-from vehicles.collision_records import SolidTriangles
-from vehicles.compiled_frames import ned_to_geodetic, rotate, rotate_inverse
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
-from vehicles.nearest import first_solid
-from vehicles.noise import normal
-from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, RandomStream
+from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, RandomStream, ned_to_geodetic, rotate, rotate_inverse
+from vehicles.solids import SolidTriangles, first_solid
+from vehicles.wind import normal
 
 BIAS_PERIOD_US = 100_000  # how often the slow errors of the inertial sensors move
 BATTERY_PERIOD_US = 100_000

@@ -6,7 +6,6 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 
 import math
 
-from autopilot.commander.failsafe import QUIET, Failsafe, Reaction, reaction
 from autopilot.commander.ground import LANDING, AutoDisarm, LandDetector, LandingWatch, TakeoffRamp, wants_climb
 from autopilot.commander.health import (
     NO_ARMING_MODES,
@@ -17,8 +16,17 @@ from autopilot.commander.health import (
 )
 from autopilot.commander.modes.flight import FlightContext, Mode
 from autopilot.commander.modes.roster import behaviours
-from autopilot.commander.plan.items import MISSION, PlanItem, home_at, moved
-from autopilot.commander.supervision import StatusText, StickOverride, Supervision, overridable
+from autopilot.commander.plans import MISSION, PlanItem, home_at, moved
+from autopilot.commander.supervision import (
+    QUIET,
+    Failsafe,
+    Reaction,
+    StatusText,
+    StickOverride,
+    Supervision,
+    overridable,
+    reaction,
+)
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from autopilot.records import IDLE, CascadeSetpoint, SetpointWriter
@@ -34,17 +42,17 @@ HOME_LOOK_US = 1_000_000  # a vehicle carried about takes its home with it
 
 
 class Commander:
-    """Runs the flight modes over the two records. `say` receives texts for the ground."""
+    """Runs the flight modes over the two records. `send_text` receives texts for the ground."""
 
     def __init__(
-        self, state: EstimatedState, parameters: ParameterTable, writer: SetpointWriter, say: StatusText
+        self, state: EstimatedState, parameters: ParameterTable, writer: SetpointWriter, send_text: StatusText
     ) -> None:
         self.flight = FlightContext(state, parameters)
         self.parameters = parameters
         self.armed = False
         self.intended = "HOLD"
         self.mode = "HOLD"
-        self.supervision = Supervision(parameters, say)
+        self.supervision = Supervision(parameters, send_text)
         self.armed_us = 0  # vehicle time of the last arming
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
         self.demand: CascadeSetpoint = IDLE  # what the active mode asks
@@ -54,11 +62,11 @@ class Commander:
         self.mission = self._behaviours.mission
         self._active: Mode | None = None
         self._writer = writer
-        self._say = say
+        self._send_text = send_text
         self._detector = LandDetector(parameters)
         self._ramp = TakeoffRamp(parameters)
         self._auto_disarm = AutoDisarm(parameters)
-        self._landing = LandingWatch(say)
+        self._landing = LandingWatch(send_text)
         self._mode_chosen_disarmed = True
         self._home_looked_us = 0
         self._override = StickOverride()
@@ -102,12 +110,12 @@ class Commander:
         mode = self._mode_after_arming()
         if not force:
             if mode in NO_ARMING_MODES:
-                self._say(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: mode {mode}")
+                self._send_text(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: mode {mode}")
                 return DENIED
             reasons = self.arming_failures()
             if reasons:
                 for reason in reasons[:3]:
-                    self._say(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: {reason}")
+                    self._send_text(dialect.MAV_SEVERITY_CRITICAL, f"Arming denied: {reason}")
                 return REJECTED
         now = self.flight.state.time_us
         self.intended = mode
@@ -117,7 +125,7 @@ class Commander:
         self._active = None
         self._ramp.arm(now)
         self.set_home()
-        self._say(dialect.MAV_SEVERITY_INFO, "Armed")
+        self._send_text(dialect.MAV_SEVERITY_INFO, "Armed")
         self._supervise(now)
         return ACCEPTED
 
@@ -126,7 +134,7 @@ class Commander:
         if not self.armed:
             return ACCEPTED
         if not (force or self.landed):
-            self._say(dialect.MAV_SEVERITY_CRITICAL, "Disarming denied: not landed")
+            self._send_text(dialect.MAV_SEVERITY_CRITICAL, "Disarming denied: not landed")
             return DENIED
         self.armed, self.takeoff_us = False, 0
         self.supervision.end()
@@ -136,7 +144,7 @@ class Commander:
         self._idle()
         self._detector.update(self.flight.state, False, False, IDLE)
         self.flight.landed = True
-        self._say(dialect.MAV_SEVERITY_INFO, f"Disarmed {why}")
+        self._send_text(dialect.MAV_SEVERITY_INFO, f"Disarmed {why}")
         self._landing.ended(self.flight.state)
         return ACCEPTED
 
@@ -147,7 +155,7 @@ class Commander:
         if self.armed:
             reasons = self._mode_failures(mode)
             if reasons:
-                self._say(dialect.MAV_SEVERITY_CRITICAL, f"Mode {mode} refused: {reasons[0]}")
+                self._send_text(dialect.MAV_SEVERITY_CRITICAL, f"Mode {mode} refused: {reasons[0]}")
                 return REJECTED
         self._choose(mode)
         if self.armed:
@@ -193,7 +201,7 @@ class Commander:
         if self.armed and not 1.0 <= abs(radius) <= limit:
             return DENIED
         if self.landed and (fallen := attitude_failures(self.flight.state, self.parameters)):
-            self._say(dialect.MAV_SEVERITY_CRITICAL, f"Orbit denied: {fallen[0]}")
+            self._send_text(dialect.MAV_SEVERITY_CRITICAL, f"Orbit denied: {fallen[0]}")
             return REJECTED
         self.orbit.around((n, e, z), radius, speed, yaw_behaviour)
         if self.mode == "ORBIT" and self.armed:
@@ -227,7 +235,7 @@ class Commander:
             return DENIED
         self.intended = self.mode = "TERMINATION"
         self._active = None
-        self._say(dialect.MAV_SEVERITY_EMERGENCY, "Flight terminated")
+        self._send_text(dialect.MAV_SEVERITY_EMERGENCY, "Flight terminated")
         return ACCEPTED
 
     def set_home(self, position_ned: Vec3 | None = None) -> bool:
@@ -264,7 +272,7 @@ class Commander:
     def _finish(self, following: str) -> None:
         rest = self._active.rest if self._active is not None else None
         if self._active is self.mission and self.mission.complete:
-            self._say(dialect.MAV_SEVERITY_INFO, "Mission finished")
+            self._send_text(dialect.MAV_SEVERITY_INFO, "Mission finished")
         self.intended = self.mode = following
         self._activate()
         if following == "HOLD" and rest is not None:
@@ -276,10 +284,10 @@ class Commander:
         self._detector.update(state, True, climbing, demand)
         landed = self.flight.landed = self._detector.landed
         if landed and not was:
-            self._say(dialect.MAV_SEVERITY_INFO, "Landing detected")
+            self._send_text(dialect.MAV_SEVERITY_INFO, "Landing detected")
         elif was and not landed:
             self.takeoff_us = now
-            self._say(dialect.MAV_SEVERITY_INFO, "Take-off detected")
+            self._send_text(dialect.MAV_SEVERITY_INFO, "Take-off detected")
         self._landing.follow(state, self.mode in LANDING and not landed)
         reason = self._auto_disarm.reason(now, landed, climbing)
         if reason:
@@ -323,7 +331,7 @@ class Commander:
         if not overridable(self.mode, self.parameters) or (self.in_failsafe and self.supervision.waiting):
             return
         if self._override.moved(self.mode, sticks, self.parameters):
-            self._say(dialect.MAV_SEVERITY_INFO, "Pilot took over using sticks")
+            self._send_text(dialect.MAV_SEVERITY_INFO, "Pilot took over using sticks")
             self._choose("POSCTL" if self.flight.state.position_valid else "ALTCTL")
 
     def _activate(self) -> None:

@@ -187,28 +187,30 @@ UPRIGHT_DEG = 20.0  # from the vertical; the maps' ground slopes less
 class LandingWatch:
     """Follows the landings of one vehicle."""
 
-    def __init__(self, say: Callable[[int, str], None]) -> None:
-        self._say = say
+    def __init__(self, send_text: Callable[[int, str], None]) -> None:
+        self._send_text = send_text
         self._lowest: tuple[int, float] | None = None  # µs and m, NED: when it last got lower, and how low
-        self._is_said = False
+        self._has_warned = False
 
     def follow(self, state: EstimatedState, landing: bool) -> None:
         """Follow one tick. `landing`: a landing has been ordered and has not ended."""
         if not landing:
-            self._lowest, self._is_said = None, False
+            self._lowest, self._has_warned = None, False
             return
         z = state.position_ned[2]
         if self._lowest is None or z > self._lowest[1] + SUNK_M:
             self._lowest = state.time_us, z
-        elif state.time_us - self._lowest[0] > BLOCKED_US and not self._is_said:
-            self._is_said = True
-            self._say(dialect.MAV_SEVERITY_WARNING, f"Landing blocked: not sinking, leans {lean_deg(state):.0f} deg")
+        elif state.time_us - self._lowest[0] > BLOCKED_US and not self._has_warned:
+            self._has_warned = True
+            self._send_text(
+                dialect.MAV_SEVERITY_WARNING, f"Landing blocked: not sinking, leans {lean_deg(state):.0f} deg"
+            )
 
     def ended(self, state: EstimatedState) -> None:
         """Look how it stands when the rotors have been stopped."""
-        self._lowest, self._is_said = None, False
+        self._lowest, self._has_warned = None, False
         if (lean := lean_deg(state)) > UPRIGHT_DEG:
-            self._say(dialect.MAV_SEVERITY_WARNING, f"Landed and not upright: leans {lean:.0f} deg")
+            self._send_text(dialect.MAV_SEVERITY_WARNING, f"Landed and not upright: leans {lean:.0f} deg")
 
 
 def lean_deg(state: EstimatedState) -> float:
@@ -224,20 +226,20 @@ class AutoDisarm:
         self._parameters = parameters
         self._armed_us = 0
         self._landed_us: int | None = None
-        self._flown = False
+        self._was_airborne = False
 
     def arm(self, now_us: int) -> None:
         """Begin with the arming."""
-        self._armed_us, self._landed_us, self._flown = now_us, None, False
+        self._armed_us, self._landed_us, self._was_airborne = now_us, None, False
 
     def reason(self, now_us: int, landed: bool, climbing: bool) -> str:
         """Follow one tick and return why to disarm now, empty to go on. `climbing`: a take-off is wanted."""
         if not landed:
-            self._flown, self._landed_us = True, None
+            self._was_airborne, self._landed_us = True, None
             return ""
         if self._landed_us is None:
             self._landed_us = now_us
-        if self._flown:
+        if self._was_airborne:
             wait = float(self._parameters["COM_DISARM_LAND"])
             return "after landing" if 0.0 < wait * 1e6 <= now_us - self._landed_us else ""
         wait = float(self._parameters["COM_DISARM_PRFLT"])

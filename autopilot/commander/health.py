@@ -1,4 +1,4 @@
-"""What must be true before the motors may start, and how uncertain or tilted a vehicle may become in flight.
+"""Health of the vehicle: the checks before arming, the limits in flight, and calibrations on the ground.
 
 In flight the limits of an estimate are COM_POS_FS_EPH and COM_VEL_FS_EVH, with PX4's hysteresis. What is in use is
 believed until its deviation passes 2.5 times the parameter; what is not, once it has been below the parameter itself
@@ -8,13 +8,20 @@ for a second. A negative parameter switches the check off. Source: the parameter
 One rule is ours. After a blow our estimator reports a velocity that is uncertain by metres a second, until the next fix
 corrects it a tenth of a second later. PX4's filter does not detect blows and does not report this. So the deviation of
 a velocity must last for some time before it counts. Otherwise every bump into a lamp post would end in a failsafe.
+
+A calibration checks its sensor at rest, since the estimator finds the biases in flight. A vehicle in a simulator, or on
+a desk, is not turned about: accelerometer and compass are judged in their present attitude. Texts are those of PX4 that
+MAVSDK and QGroundControl read.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
+from foundation.frames import GRAVITY
+from foundation.mavlink import dialect
 
 IN_USE = 2.5  # times the parameter
 PROBATION_US = 1_000_000
@@ -196,3 +203,89 @@ class AttitudeWatch:
             if since is None:
                 self._since_us[i] = since = state.time_us
             self.failed |= state.time_us - since >= self._parameters[f"{name}_TTRI"] * 1e6
+
+
+DURATION_US = 2_000_000
+STEPS = 10  # progress is told in tenths
+MOVING_RATE = math.radians(5.0)  # rad/s, above any gyro's bias
+GRAVITY_TOLERANCE = 0.1
+FIELD_GAUSS = (0.1, 1.0)  # the Earth's field is 0.22 to 0.67
+LEVEL_MOST = math.radians(10.0)
+SENSORS = ("gyro", "mag", "accel", "level")
+
+StatusText = Callable[[int, str], None]  # severity (MAV_SEVERITY), text
+
+
+class SensorCalibration:
+    """At most one at a time, moved on by `tick` in vehicle time."""
+
+    def __init__(self, state: EstimatedState, send_text: StatusText) -> None:
+        self._state = state
+        self._send_text = send_text
+        self._queue: list[str] = []
+        self._since_us = 0
+        self._reported = 0
+
+    @property
+    def running(self) -> bool:
+        return bool(self._queue)
+
+    def start(self, sensors: list[str]) -> bool:
+        """Begin with these of SENSORS, one after the other. Returns False while others are running."""
+        if self._queue:
+            return self._queue == sensors  # the same request repeated
+        self._queue = list(sensors)
+        self._open()
+        return True
+
+    def cancel(self) -> None:
+        """Give up."""
+        if self._queue:
+            self._queue.clear()
+            self._report("calibration cancelled")
+
+    def tick(self) -> None:
+        """Look at the sensor, tell the progress, and judge at the end."""
+        if not self._queue:
+            return
+        sensor, elapsed = self._queue[0], self._state.time_us - self._since_us
+        fault = self._fault(sensor)
+        if fault:
+            self._report(f"calibration failed: {fault}", dialect.MAV_SEVERITY_CRITICAL)
+            self._queue.clear()
+            return
+        step = min(STEPS, elapsed * STEPS // DURATION_US)
+        if step > self._reported:
+            self._reported = step
+            self._report(f"progress <{100 * step // STEPS}>")
+        if step == STEPS:
+            self._report(f"calibration done: {sensor}")
+            self._queue.pop(0)
+            if self._queue:
+                self._open()
+
+    def _open(self) -> None:
+        self._since_us, self._reported = self._state.time_us, 0
+        self._report(f"calibration started: 2 {self._queue[0]}")
+        self._report("progress <0>")
+
+    def _report(self, text: str, severity: int = dialect.MAV_SEVERITY_INFO) -> None:
+        self._send_text(severity, f"[cal] {text}")
+
+    def _fault(self, sensor: str) -> str:
+        """Return what speaks against the sensor now, empty when nothing does."""
+        s = self._state
+        if s.age_us("mag" if sensor == "mag" else "imu") > DURATION_US // 4:
+            return "no data"
+        gyro = s.sensors["gyro_frd"].tolist()
+        if not max(abs(x) for x in gyro) < MOVING_RATE:
+            return "vehicle moves"
+        if sensor == "mag":
+            field = math.hypot(*s.sensors["mag_frd"].tolist())
+            return "" if FIELD_GAUSS[0] < field < FIELD_GAUSS[1] else "no magnetic field"
+        if sensor == "accel":
+            pull = math.hypot(*s.sensors["accel_frd"].tolist())
+            return "" if abs(pull / GRAVITY - 1.0) < GRAVITY_TOLERANCE else "gravity not measured"
+        if sensor == "level":
+            return "" if max(abs(s.euler[0]), abs(s.euler[1])) < LEVEL_MOST else "vehicle not level"
+        return ""

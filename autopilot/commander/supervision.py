@@ -1,26 +1,199 @@
-"""The watch over an armed vehicle: which failsafe is in force, since when, and what the pilot has overruled.
+"""Failsafes: the table from condition to action, and the watch over an armed vehicle.
 
-The pilot also takes over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV).
+The most severe of several actions wins. The watch knows which failsafe is active, since when, and which ones the pilot
+has overruled. The pilot also takes over by moving the sticks (COM_RC_OVERRIDE, COM_RC_STICK_OV). Sources: PX4
+docs/en/config/safety.md and the parameter reference.
 """
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from enum import IntEnum
 
-from autopilot.commander.failsafe import (
-    OFFBOARD_LOST,
-    POSITION_LOST,
-    QUIET,
-    Conditions,
-    Failsafe,
-    Reaction,
-    evaluate,
-    seconds_since,
-)
-from autopilot.commander.health import STICK_MODES, AccuracyWatch, AttitudeWatch
+from autopilot.commander.health import POSITION_MODES, STICK_MODES, AccuracyWatch, AttitudeWatch
 from autopilot.commander.modes.flight import FlightContext, Sticks
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect
+
+
+class Reaction(IntEnum):
+    """Reactions in order of severity."""
+
+    NONE = 0
+    WARN = 1
+    STICKS = 2  # a manual mode, or a descent under its name when nobody holds the sticks
+    HOLD = 3
+    RETURN = 4
+    LAND = 5
+    DESCEND = 6
+    DISARM = 7
+    TERMINATE = 8
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What the supervision looks at, gathered by the commander."""
+
+    mode: str  # the mode that was asked for
+    offboard_signal: bool
+    sticks: bool  # somebody holds them
+    sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan when the flight began without sticks
+    station_lost_s: float  # s since the last ground station heartbeat; nan when there never was one
+    battery: float  # 0 … 1, nan when unknown
+    battery_at_arming: float
+    position_valid: bool
+    velocity_valid: bool
+    altitude_valid: bool
+    flight_time_s: float
+    fence_breach: str  # which limit, empty when none
+    attitude_failed: bool
+    just_armed: bool  # within COM_LKDOWN_TKO of the spool-up
+
+
+@dataclass(frozen=True, slots=True)
+class Failsafe:
+    """A reaction and its cause."""
+
+    cause: str = ""
+    action: Reaction = Reaction.NONE
+    shown: str = ""  # the manual mode that STICKS shows
+    delayed: bool = True  # COM_FAIL_ACT_T of HOLD come first; not where the mode itself can no longer be flown
+    sticky: bool = False  # lasts until another mode is chosen, although the condition has passed
+
+
+QUIET = Failsafe()
+FENCE_BREACHED, OFFBOARD_LOST, POSITION_LOST = "geofence breached", "offboard signal lost", "position lost"
+FLIGHT_TERMINATION_BREAKER = 121212  # CBRK_FLIGHTTERM: termination by the failure detector is switched off
+_LINK_ACTIONS = {1: Reaction.HOLD, 2: Reaction.RETURN, 3: Reaction.LAND, 5: Reaction.TERMINATE, 6: Reaction.DISARM}
+_OFFBOARD_ACTIONS = {3: Reaction.RETURN, 4: Reaction.LAND, 5: Reaction.HOLD, 6: Reaction.TERMINATE, 7: Reaction.DISARM}
+_OFFBOARD_STICKS = {0: "POSCTL", 1: "ALTCTL", 2: "STABILIZED"}
+_FENCE_ACTIONS = {1: Reaction.WARN, 2: Reaction.HOLD, 3: Reaction.RETURN, 4: Reaction.TERMINATE, 5: Reaction.LAND}
+_LANDING = frozenset({"LAND", "PRECLAND"})
+# a lost link stops no landing, and a take-off only once it has reached its height: it is safer there than at half of it
+_NEAR_GROUND = _LANDING | {"TAKEOFF"}
+_AUTO = ("HOLD", "TAKEOFF", "LAND", "PRECLAND", "RETURN", "ORBIT", "FOLLOW")
+_EXEMPT_BIT = {"MISSION": 1, "OFFBOARD": 4} | dict.fromkeys(_AUTO, 2)  # COM_RCL_EXCEPT, COM_DLL_EXCEPT
+
+
+def _offboard_loss(c: Conditions, p: ParameterTable) -> Failsafe:
+    if c.mode != "OFFBOARD" or c.offboard_signal:
+        return QUIET
+    choice = int(p["COM_OBL_RC_ACT"])
+    action = _OFFBOARD_ACTIONS.get(choice, Reaction.STICKS)
+    return Failsafe(OFFBOARD_LOST, action, _OFFBOARD_STICKS.get(choice, "POSCTL"), delayed=False)
+
+
+def _manual_control_loss(c: Conditions, p: ParameterTable) -> Failsafe:
+    if not c.sticks_lost_s > p["COM_RC_LOSS_T"] or p["COM_RC_IN_MODE"] == 4:
+        return QUIET
+    if int(p["COM_RCL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0) or c.mode in _NEAR_GROUND:
+        return QUIET
+    return Failsafe("manual control lost", _LINK_ACTIONS.get(int(p["NAV_RCL_ACT"]), Reaction.NONE))
+
+
+def _station_loss(c: Conditions, p: ParameterTable) -> Failsafe:
+    if not c.station_lost_s > p["COM_DL_LOSS_T"] or c.mode in _NEAR_GROUND:
+        return QUIET
+    if int(p["COM_DLL_EXCEPT"]) & _EXEMPT_BIT.get(c.mode, 0):
+        return QUIET
+    return Failsafe("ground station lost", _LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]), Reaction.NONE))
+
+
+def _battery(c: Conditions, p: ParameterTable) -> Failsafe:
+    emergency, critical, low = p["BAT_EMERGEN_THR"], p["BAT_CRIT_THR"], p["BAT_LOW_THR"]
+    if not c.battery < low or (c.battery_at_arming < low and c.battery >= critical):
+        return QUIET  # a level that was there at arming is no news
+    acts = int(p["COM_LOW_BAT_ACT"])
+    if c.battery < emergency and acts in (2, 3):
+        return Failsafe("battery at emergency level", Reaction.LAND)
+    if c.battery < critical and acts == 4:
+        return Failsafe("battery at critical level", Reaction.TERMINATE)
+    if c.battery < critical and acts in (2, 3):
+        return Failsafe("battery at critical level", Reaction.LAND if acts == 2 else Reaction.RETURN)
+    return Failsafe("battery at critical level" if c.battery < critical else "battery low", Reaction.WARN)
+
+
+def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
+    if c.mode == "ALTCTL" and not c.altitude_valid:
+        return Failsafe("altitude lost", Reaction.STICKS, "STABILIZED", delayed=False)
+    if c.position_valid or c.mode not in POSITION_MODES:
+        return QUIET
+    if c.mode == "POSCTL" and c.sticks:
+        shown = "ALTCTL" if c.altitude_valid else "STABILIZED"
+        return Failsafe(POSITION_LOST, Reaction.STICKS, shown, delayed=False)
+    return Failsafe(POSITION_LOST, Reaction.LAND if c.velocity_valid else Reaction.DESCEND, delayed=False)
+
+
+def _flight_time(c: Conditions, p: ParameterTable) -> Failsafe:
+    over = 0 < p["COM_FLT_TIME_MAX"] < c.flight_time_s
+    return Failsafe("flight time over", Reaction.RETURN) if over else QUIET
+
+
+def _fence(c: Conditions, p: ParameterTable) -> Failsafe:
+    if not c.fence_breach:
+        return QUIET
+    action = _FENCE_ACTIONS.get(int(p["GF_ACTION"]), Reaction.NONE)
+    return Failsafe(FENCE_BREACHED, action, sticky=action in (Reaction.RETURN, Reaction.LAND))
+
+
+def _attitude_failure(c: Conditions, p: ParameterTable) -> Failsafe:
+    if not c.attitude_failed:
+        return QUIET
+    if c.just_armed:
+        return Failsafe("attitude failure", Reaction.DISARM)
+    if p["CBRK_FLIGHTTERM"] == FLIGHT_TERMINATION_BREAKER:
+        return Failsafe("attitude failure", Reaction.WARN)
+    return Failsafe("attitude failure", Reaction.TERMINATE)
+
+
+TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
+    _offboard_loss,
+    _manual_control_loss,
+    _station_loss,
+    _battery,
+    _position_loss,
+    _flight_time,
+    _fence,
+    _attitude_failure,
+)
+
+
+def evaluate(conditions: Conditions, parameters: ParameterTable, overridden: frozenset[str] = frozenset()) -> Failsafe:
+    """Return the most severe reaction due now. Causes in `overridden` (the pilot chose otherwise) only warn."""
+    worst = QUIET
+    for rule in TABLE:
+        due = rule(conditions, parameters)
+        if due.action == Reaction.RETURN and (conditions.mode == "RETURN" or conditions.mode in _LANDING):
+            due = Failsafe(due.cause, Reaction.WARN)  # it is on its way already
+        if due.cause in overridden and Reaction.WARN < due.action < Reaction.DISARM:
+            due = Failsafe(due.cause, Reaction.WARN)
+        if due.action > worst.action:
+            worst = due
+    return worst
+
+
+def reaction(failsafe: Failsafe, intended: str, *, sticks: bool, position: bool, home: bool) -> tuple[str, str]:
+    """Return (mode shown, behaviour flown) for a failsafe, from what is available.
+
+    A manual mode without sticks is shown all the same while the vehicle sinks at MPC_LAND_SPEED, as measured on PX4.
+    """
+    action = failsafe.action
+    if action in (Reaction.NONE, Reaction.WARN, Reaction.STICKS, Reaction.DISARM):
+        shown = failsafe.shown if action == Reaction.STICKS else intended
+        return shown, "DESCEND" if shown in STICK_MODES and not sticks else shown
+    if action == Reaction.TERMINATE:
+        return "TERMINATION", "TERMINATION"
+    if action == Reaction.HOLD and position:
+        return "HOLD", "HOLD"
+    if action == Reaction.RETURN and position and home:
+        return "RETURN", "RETURN"
+    return "LAND", "LAND" if position else "DESCEND"
+
+
+def seconds_since(now_us: int, stamp_us: int | None) -> float:
+    """Return the age in s, nan when it never happened."""
+    return math.nan if stamp_us is None or stamp_us < 0 else (now_us - stamp_us) * 1e-6
+
 
 AUTO_BIT, OFFBOARD_BIT = 1, 2  # COM_RC_OVERRIDE
 
@@ -65,11 +238,11 @@ class Supervision:
     then the action itself. `breach` is the geofence's limit that is broken, empty when none.
     """
 
-    def __init__(self, parameters: ParameterTable, say: StatusText) -> None:
+    def __init__(self, parameters: ParameterTable, send_text: StatusText) -> None:
         self.failsafe = QUIET
         self.breach = ""
-        self.station_heard_us: int | None = None  # last heartbeat of a ground station
-        self._found = QUIET
+        self.station_seen_us: int | None = None  # last heartbeat of a ground station
+        self._due = QUIET
         self._waiting_since_us: int | None = None
         self._overridden: frozenset[str] = frozenset()
         self._looked_us = 0
@@ -79,12 +252,12 @@ class Supervision:
         self._attitude = AttitudeWatch(parameters)
         self._accuracy = AccuracyWatch(parameters)
         self._parameters = parameters
-        self._say = say
+        self._send_text = send_text
 
     @property
     def waiting(self) -> bool:
         """Whether the vehicle holds before it does what the failsafe demands."""
-        return self.failsafe.action != self._found.action
+        return self.failsafe.action != self._due.action
 
     def begin(self, flight: FlightContext) -> None:
         """Start afresh with the arming of a vehicle."""
@@ -95,7 +268,7 @@ class Supervision:
 
     def end(self) -> None:
         """Forget everything with the disarming."""
-        self.failsafe = self._found = QUIET
+        self.failsafe = self._due = QUIET
         self.breach = ""
         self._waiting_since_us, self._overridden = None, frozenset()
         self._attitude.reset()
@@ -105,7 +278,7 @@ class Supervision:
         """The pilot has chosen a mode: the present cause only warns until it has gone."""
         if self.failsafe.action > Reaction.WARN and self.failsafe.cause not in UNDENIABLE:
             self._overridden |= {self.failsafe.cause}
-        self._found = QUIET if self._found.sticky else self._found
+        self._due = QUIET if self._due.sticky else self._due
         self._looked_us = 0  # the choice counts at once
 
     def sticks_fresh(self, flight: FlightContext) -> bool:
@@ -122,39 +295,37 @@ class Supervision:
         self._accuracy.look(flight.state)
         self.breach = flight.breach() if flight.state.position_valid else self.breach
         self._attitude.look(flight.state, controlled=mode != "ACRO")
-        found = evaluate(
-            self._conditions(flight, mode, offboard_signal, takeoff_us), self._parameters, self._overridden
-        )
-        if self._found.sticky and found.action < self._found.action:
-            found = self._found
-        in_force = self._in_force(now, found)
-        if (found, in_force) != (self._found, self.failsafe):
-            self._announce(found, in_force)
-        self._found, self.failsafe = found, in_force
-        if found.action == Reaction.NONE:
+        due = evaluate(self._conditions(flight, mode, offboard_signal, takeoff_us), self._parameters, self._overridden)
+        if self._due.sticky and due.action < self._due.action:
+            due = self._due
+        in_force = self._in_force(now, due)
+        if (due, in_force) != (self._due, self.failsafe):
+            self._announce(due, in_force)
+        self._due, self.failsafe = due, in_force
+        if due.action == Reaction.NONE:
             self._overridden = frozenset()
 
-    def _in_force(self, now: int, found: Failsafe) -> Failsafe:
-        if not (found.delayed and found.action in DELAYED):
+    def _in_force(self, now: int, due: Failsafe) -> Failsafe:
+        if not (due.delayed and due.action in DELAYED):
             self._waiting_since_us = None
-            return found
+            return due
         if self._waiting_since_us is None:
             self._waiting_since_us = now
         waits = now - self._waiting_since_us < self._parameters["COM_FAIL_ACT_T"] * 1e6
-        return replace(found, action=Reaction.HOLD) if waits else found
+        return replace(due, action=Reaction.HOLD) if waits else due
 
-    def _announce(self, found: Failsafe, in_force: Failsafe) -> None:
-        if found.action == Reaction.WARN:
-            self._say(dialect.MAV_SEVERITY_WARNING, f"Warning: {found.cause}")
-        elif found.action > Reaction.WARN:
-            text = f"Failsafe: {found.cause}"
-            if found.action in NAMES:
-                text += f", {NAMES[found.action]}"
-            if in_force.action != found.action:
+    def _announce(self, due: Failsafe, in_force: Failsafe) -> None:
+        if due.action == Reaction.WARN:
+            self._send_text(dialect.MAV_SEVERITY_WARNING, f"Warning: {due.cause}")
+        elif due.action > Reaction.WARN:
+            text = f"Failsafe: {due.cause}"
+            if due.action in NAMES:
+                text += f", {NAMES[due.action]}"
+            if in_force.action != due.action:
                 text += f" in {float(self._parameters['COM_FAIL_ACT_T']):g} s"
-            self._say(dialect.MAV_SEVERITY_CRITICAL, text)
+            self._send_text(dialect.MAV_SEVERITY_CRITICAL, text)
         elif self.failsafe.action > Reaction.WARN:
-            self._say(dialect.MAV_SEVERITY_INFO, f"Failsafe over: {self.failsafe.cause}")
+            self._send_text(dialect.MAV_SEVERITY_INFO, f"Failsafe over: {self.failsafe.cause}")
 
     def _conditions(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> Conditions:
         state, p = flight.state, self._parameters
@@ -165,7 +336,7 @@ class Supervision:
             offboard_signal=offboard_signal,
             sticks=self.sticks_fresh(flight),
             sticks_lost_s=seconds_since(now, flight.sticks.time_us) if self._armed_with_sticks else math.nan,
-            station_lost_s=seconds_since(now, self.station_heard_us),
+            station_lost_s=seconds_since(now, self.station_seen_us),
             battery=battery(flight),
             battery_at_arming=self._battery_at_arming,
             position_valid=bool(state.position_valid),

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.control import cascade, gains
+from autopilot.control.gains import CONTROL_STATE
+from autopilot.control.loop_design import design
 from autopilot.control.mixer import allocation
-from autopilot.control.records import CONTROL_STATE
-from autopilot.design.loop_shaping import design
 from autopilot.estimator import records
 from autopilot.estimator.ekf import update as estimate_motion
 from autopilot.estimator.records import HISTORY, STATES

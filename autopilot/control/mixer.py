@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from autopilot.compiled_frames import quat_from_euler
+from autopilot.records import quat_from_euler
 from foundation.airframe import Airframe
 from foundation.compiled import Record, njit
 from foundation.errors import UsageError

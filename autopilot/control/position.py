@@ -5,7 +5,7 @@ A velocity setpoint is first smoothed into one that a vehicle can follow: bounde
 
 import math
 
-from autopilot.compiled_frames import quat_yaw, wrap_pi
+from autopilot.records import quat_yaw, wrap_pi
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 

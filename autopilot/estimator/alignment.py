@@ -2,9 +2,9 @@
 
 import math
 
-from autopilot.compiled_frames import quat_from_euler, rotate
 from autopilot.estimator.covariance import initialise, trust_compass
 from autopilot.estimator.records import STATUS_RUNNING
+from autopilot.records import quat_from_euler, rotate
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Quat
 

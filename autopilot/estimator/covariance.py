@@ -11,8 +11,8 @@ magnetometer moves nothing: it is there to be told from the heading once the veh
 
 import math
 
-from autopilot.compiled_frames import quat_multiply, quat_normalized
 from autopilot.estimator.records import MOTION, STATES
+from autopilot.records import quat_multiply, quat_normalized
 from foundation.compiled import Grid, Record, njit
 
 

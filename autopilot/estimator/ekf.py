@@ -7,12 +7,11 @@ GNSS against the past instant at which its fix was valid. Reads sensor samples o
 
 import math
 
-from autopilot.compiled_frames import quat_advance, rotate
 from autopilot.estimator.alignment import align, clear, collect_imu
 from autopilot.estimator.covariance import deviation, propagate
 from autopilot.estimator.fusion import fuse_fix, fuse_heading, fuse_height, fuse_stillness, pressure_altitude
 from autopilot.estimator.records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
-from autopilot.records import TESTS
+from autopilot.records import TESTS, quat_advance, rotate
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY
 

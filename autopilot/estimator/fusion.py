@@ -6,11 +6,19 @@ test ratios, and the time of the last accepted sample, in the state.
 
 import math
 
-from autopilot.compiled_frames import geodetic_to_ned, quat_yaw, rotate, wrap_pi
 from autopilot.estimator import covariance
 from autopilot.estimator.alignment import level
 from autopilot.estimator.records import HISTORY, MOTION, STATES
-from autopilot.records import HEADING_TEST, HEIGHT_TEST, POSITION_TEST, VELOCITY_TEST
+from autopilot.records import (
+    HEADING_TEST,
+    HEIGHT_TEST,
+    POSITION_TEST,
+    VELOCITY_TEST,
+    geodetic_to_ned,
+    quat_yaw,
+    rotate,
+    wrap_pi,
+)
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import GRAVITY, Vec3
 

@@ -1,7 +1,11 @@
-"""The flight log: a ULog file from arming to disarming (SDLOG_MODE), written from the telemetry's own numbers."""
+"""The flight logs: one ULog file from arming to disarming (SDLOG_MODE), and the folder of these files.
+
+A log holds the telemetry's own numbers.
+"""
 
 import contextlib
 import os
+import re
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -9,10 +13,88 @@ from pathlib import Path
 from typing import Any
 
 from autopilot.logging import ulog
-from autopilot.logging.directory import LogDirectory
 from autopilot.logging.topics import TABLE, Readings, Sources, Topic
-from autopilot.mavlink.status_makers import FLIGHT_SW_VERSION
-from autopilot.mavlink.telemetry_source import TelemetrySource
+from autopilot.mavlink.status_makers import FLIGHT_SW_VERSION, TelemetrySource
+from foundation.errors import UsageError
+
+_NAME = re.compile(r"log(\d{3,6})\.ulg")
+
+
+@dataclass(frozen=True, slots=True)
+class LogFile:
+    """One finished or growing log."""
+
+    id: int  # from 0, in the order they were written
+    path: Path
+    size: int  # bytes
+    time_utc: int  # s since 1970, when the file was last written to
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder of the vehicle unless it exists. Raises UsageError when that is impossible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(
+            f"The folder {folder} cannot be made ({error.strerror}); give one that can be written to."
+        ) from error
+
+
+class LogDirectory:
+    """`log001.ulg`, `log002.ulg`, … in one folder, which belongs to one vehicle.
+
+    Creates the folder. Raises UsageError when that is impossible.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        make_folder(folder)
+        self.folder = folder
+        self.active: Path | None = None  # the log being written, which no client may change
+
+    def _numbered(self) -> list[tuple[int, Path]]:
+        logs = []
+        try:
+            for path in self.folder.iterdir():
+                match = _NAME.fullmatch(path.name)
+                if match is not None and path.is_file():
+                    logs.append((int(match[1]), path))
+        except OSError:  # the folder has been taken away: there are no logs
+            return []
+        return sorted(logs)
+
+    def next_path(self) -> Path:
+        """Return the path of a log that does not exist yet, after all that do."""
+        numbered = self._numbered()
+        return self.folder / f"log{numbered[-1][0] + 1 if numbered else 1:03d}.ulg"
+
+    def logs(self) -> list[LogFile]:
+        """Return every log, oldest first."""
+        logs: list[LogFile] = []
+        for _, path in self._numbered():
+            try:
+                stat = path.stat()
+            except OSError:  # removed in between
+                continue
+            logs.append(LogFile(len(logs), path, stat.st_size, max(int(stat.st_mtime), 0)))
+        return logs
+
+    def make_room(self, most: int) -> None:
+        """Remove the oldest logs so that there are `most` with the next one; 0: remove none.
+
+        PX4's SDLOG_DIRS_MAX counts folders; here every log stands in one folder and counts by itself.
+        """
+        for log in self.logs()[: 1 - most or None] if most > 0 else ():
+            if log.path != self.active:
+                with contextlib.suppress(OSError):
+                    log.path.unlink()
+
+    def erase(self) -> None:
+        """Remove every log but the one being written, as far as the disk lets it."""
+        for log in self.logs():
+            if log.path != self.active:
+                with contextlib.suppress(OSError):
+                    log.path.unlink()
+
 
 FLUSH_US = 500_000  # what a kill may cost
 SYSTEM = "DroneCATS"
@@ -97,7 +179,7 @@ class FlightLogWriter:
         elif self._vehicle.state.time_us >= self._flush_due_us:
             self._flush()
 
-    def say(self, severity: int, words: str) -> None:
+    def log_text(self, severity: int, words: str) -> None:
         """Put a text into the log, if one is open."""
         if self._file is not None:
             self._pending += ulog.text(severity, self._vehicle.state.time_us, words)
@@ -128,8 +210,8 @@ class FlightLogWriter:
             self._pending += part
         for group in self._groups:
             group.due_us = now
-        for each in self._logged:
-            each.stamp = 0
+        for logged in self._logged:
+            logged.stamp = 0
         self._flush()
         if self.failed is not None:  # a log without its head cannot be read
             self.close()
@@ -171,21 +253,21 @@ class FlightLogWriter:
                 if sources.actuators is not None:
                     sources.actuators.refresh()
                 fresh = True
-            for each in group.members:
-                self._write(each, now)
+            for logged in group.members:
+                self._write(logged, now)
 
-    def _write(self, each: _Logged, now: int) -> None:
-        topic = each.topic
+    def _write(self, logged: _Logged, now: int) -> None:
+        topic = logged.topic
         if topic.stamp is not None:
             stamp = getattr(self._sources.sensors, topic.stamp)
-            if stamp == each.stamp:
+            if stamp == logged.stamp:
                 return
-            each.stamp = stamp
+            logged.stamp = stamp
         values = topic.values(self._sources)
         if values is None:
             return
         try:
-            self._pending += each.packer.pack((now, *values))
+            self._pending += logged.packer.pack((now, *values))
         except (struct.error, OverflowError):  # a number beyond its field
             self.lost += 1
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from autopilot.mavlink.motion_makers import estimator_status
-from autopilot.mavlink.telemetry_source import TelemetrySource
+from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate
 

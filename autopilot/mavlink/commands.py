@@ -11,10 +11,8 @@ from dataclasses import dataclass
 
 from autopilot.mavlink import mission
 from autopilot.mavlink.node import Node
-from autopilot.mavlink.port import COMPONENT_ID, Port
-from autopilot.mavlink.status_makers import standard_mode
-from autopilot.mavlink.streams import BY_ID, BY_NAME
-from autopilot.mavlink.telemetry_source import Message
+from autopilot.mavlink.port import BY_ID, BY_NAME, COMPONENT_ID, Port
+from autopilot.mavlink.status_makers import Message, standard_mode
 from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import dialect
 from foundation.px4 import MODES
@@ -162,7 +160,7 @@ def _arm_disarm(node: Node, port: Port, c: Command) -> int | None:
     force = c.number(2) == FORCE_MAGIC
     commander = node.vehicle.commander
     if wish and node.vehicle.calibration.running and not commander.armed:
-        node.say(dialect.MAV_SEVERITY_CRITICAL, "Arming denied: calibrating")
+        node.send_text(dialect.MAV_SEVERITY_CRITICAL, "Arming denied: calibrating")
         return int(REJECTED)
     return commander.arm(force) if wish else commander.disarm(force)
 
@@ -225,11 +223,11 @@ def _set_home(node: Node, port: Port, c: Command) -> int:
     if not node.vehicle.parameters["COM_HOME_EN"]:
         return int(DENIED)
     place = _place(node, c, relative=False)
-    given = c.number(1) != 1 and all(math.isfinite(x) for x in place)
-    if commander.set_home(place if given else None):
+    is_given = c.number(1) != 1 and all(math.isfinite(x) for x in place)
+    if commander.set_home(place if is_given else None):
         node.forget_telemetry()
-        for each in node.ports:
-            each.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
+        for other_port in node.ports:
+            other_port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
     return int(ACCEPTED)
 
 
@@ -240,7 +238,7 @@ def _get_home(node: Node, port: Port, c: Command) -> int:
 
 def _run_prearm_checks(node: Node, port: Port, c: Command) -> int:
     for reason in node.vehicle.commander.arming_failures():
-        node.say(dialect.MAV_SEVERITY_CRITICAL, f"Preflight Fail: {reason}")
+        node.send_text(dialect.MAV_SEVERITY_CRITICAL, f"Preflight Fail: {reason}")
     return int(ACCEPTED)
 
 
@@ -249,13 +247,13 @@ def _calibrate(node: Node, port: Port, c: Command) -> int:
     calibration = node.vehicle.calibration
     if node.vehicle.commander.armed:
         return int(REJECTED)
-    asked = {
+    requested = {
         "gyro": c.number(1) == 1,
         "mag": c.number(2) == 1,
         "accel": c.number(5) in (1, 4),
         "level": c.number(5) == 2,
     }
-    sensors = [name for name, wanted in asked.items() if wanted]
+    sensors = [name for name, wanted in requested.items() if wanted]
     if sensors:
         return int(ACCEPTED if calibration.start(sensors) else REJECTED)
     if any(c.number(i) for i in range(1, 8)):
@@ -303,7 +301,7 @@ def _inject_failure(node: Node, port: Port, c: Command) -> int:
     unit, kind, instance = c.number(1), c.number(2), c.number(3) or 0
     if node.inject is None or unit is None or kind is None or not node.inject(unit, kind, instance):
         return int(UNSUPPORTED)
-    node.say(dialect.MAV_SEVERITY_WARNING, f"Failure injected: unit {unit}, type {kind}, instance {instance}")
+    node.send_text(dialect.MAV_SEVERITY_WARNING, f"Failure injected: unit {unit}, type {kind}, instance {instance}")
     return int(ACCEPTED)
 
 

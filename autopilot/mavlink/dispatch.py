@@ -5,18 +5,11 @@ The small services that keep a link alive are here: heartbeats of others, PING, 
 
 from collections.abc import Callable
 
-from autopilot.mavlink import (
-    commands,
-    file_transfer,
-    logs,
-    mission,
-    steering,
-)
+from autopilot.mavlink import commands, file_transfer, mission, steering
 from autopilot.mavlink import parameter_protocol as parameter
 from autopilot.mavlink.node import Node
-from autopilot.mavlink.port import COMPONENT_ID, Port
-from autopilot.mavlink.streams import BY_NAME, GROUPS
-from autopilot.mavlink.telemetry_source import Message
+from autopilot.mavlink.port import BY_NAME, COMPONENT_ID, GROUPS, Port
+from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
 
 
@@ -35,7 +28,7 @@ def heartbeat(node: Node, port: Port, message: Message) -> None:
     if message.get_srcSystem() != node.system_id:
         node.forward(port, _as_mavlink2(bytes(message.get_msgbuf()), message.crc_extra))
     if message.type == dialect.MAV_TYPE_GCS:
-        node.vehicle.commander.supervision.station_heard_us = node.time_us
+        node.vehicle.commander.supervision.station_seen_us = node.time_us
 
 
 def ping(node: Node, port: Port, message: Message) -> None:
@@ -76,8 +69,8 @@ def setup_signing(node: Node, port: Port, message: Message) -> None:
     if node.vehicle.commander.armed:
         node.complain("Signing key refused: vehicle is armed")
         return
-    for each in node.ports:
-        each.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)
+    for other_port in node.ports:
+        other_port.signing.set_up(bytes(message.secret_key), message.initial_timestamp, node.time_us)
 
 
 MessageHandler = Callable[[Node, Port, Message], None]
@@ -110,10 +103,10 @@ HANDLERS: dict[str, MessageHandler] = {
     "MISSION_SET_CURRENT": mission.set_current,
     "FILE_TRANSFER_PROTOCOL": file_transfer.request,
     "SETUP_SIGNING": setup_signing,
-    "LOG_REQUEST_LIST": logs.request_list,
-    "LOG_REQUEST_DATA": logs.request_data,
-    "LOG_REQUEST_END": logs.request_end,
-    "LOG_ERASE": logs.erase,
+    "LOG_REQUEST_LIST": file_transfer.request_list,
+    "LOG_REQUEST_DATA": file_transfer.request_data,
+    "LOG_REQUEST_END": file_transfer.request_end,
+    "LOG_ERASE": file_transfer.erase,
 }
 _COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # answer even when meant for somebody else
 
@@ -131,7 +124,7 @@ def handle(node: Node, port: Port, message: Message) -> None:
     except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
         node.handler_errors += 1
         if node.handler_errors == 1:
-            node.say(4, f"{kind} could not be handled: {type(error).__name__}")
+            node.send_text(4, f"{kind} could not be handled: {type(error).__name__}")
 
 
 def _for_us(node: Node, message: Message) -> bool:

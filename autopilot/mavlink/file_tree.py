@@ -24,7 +24,7 @@ from itertools import takewhile
 from pathlib import Path
 from typing import BinaryIO
 
-from autopilot.logging.directory import LogDirectory
+from autopilot.logging.flight_log import LogDirectory
 from autopilot.parameters import ParameterTable
 
 MAGIC = 0x671B
@@ -37,8 +37,8 @@ def packed(parameters: ParameterTable) -> bytes:
     records = [struct.pack("<HHH", MAGIC, count, count)]
     before = ""
     for name in parameters.names:
-        alike = takewhile(lambda pair: pair[0] == pair[1], zip(before, name, strict=False))
-        shared = min(sum(1 for _ in alike), len(name) - 1, 15)
+        equal_letters = takewhile(lambda pair: pair[0] == pair[1], zip(before, name, strict=False))
+        shared = min(sum(1 for _ in equal_letters), len(name) - 1, 15)
         rest = name[shared:].encode()
         integer = parameters.is_integer(name)
         head = bytes((INT32 if integer else FLOAT, shared | (len(rest) - 1) << 4))
@@ -98,30 +98,30 @@ class FileTree:
 
     def entries(self, name: bytes) -> list[Entry]:
         """Return what a folder holds, sorted by name."""
-        parts = _parts(name)
-        if not parts:
+        segments = _segments(name)
+        if not segments:
             return [Entry(PARAMETERS[0], None), Entry(LOGS[0], None)]
-        if parts == PARAMETERS[:1]:
+        if segments == PARAMETERS[:1]:
             return [Entry(PARAMETERS[1], len(self._parameter_file()))]
-        if parts == CARD[:1]:
+        if segments == CARD[:1]:
             return [Entry(CARD[1], None)]
-        found = [Entry(LOGS[2], None)] if parts == CARD and self._logs is not None else []
-        if parts == CARD and self._card is None:
-            return found
-        for path in self._real(parts).iterdir():
+        entries = [Entry(LOGS[2], None)] if segments == CARD and self._logs is not None else []
+        if segments == CARD and self._card is None:
+            return entries
+        for path in self._real(segments).iterdir():
             if path.is_symlink() or not (path.is_file() or path.is_dir()):
                 continue
             stat = path.stat()
-            found.append(Entry(path.name, None if path.is_dir() else stat.st_size, max(int(stat.st_mtime), 0)))
-        return sorted(found, key=lambda entry: entry.name)
+            entries.append(Entry(path.name, None if path.is_dir() else stat.st_size, max(int(stat.st_mtime), 0)))
+        return sorted(entries, key=lambda entry: entry.name)
 
     def open_to_read(self, name: bytes) -> tuple[BinaryIO, int]:
         """Return an open file and its size."""
-        parts = _parts(name)
-        if parts == PARAMETERS:
+        segments = _segments(name)
+        if segments == PARAMETERS:
             data = self._parameter_file()
             return io.BytesIO(data), len(data)
-        path = self._real(parts)
+        path = self._real(segments)
         if not path.is_file():
             raise Refusal(FILE_NOT_FOUND)
         return path.open("rb"), path.stat().st_size
@@ -180,11 +180,11 @@ class FileTree:
         with file:
             return checksum(file)
 
-    def _real(self, parts: tuple[str, ...]) -> Path:
-        if parts[: len(LOGS)] == LOGS:
-            folder, below = self._logs.folder if self._logs is not None else None, parts[len(LOGS) :]
+    def _real(self, segments: tuple[str, ...]) -> Path:
+        if segments[: len(LOGS)] == LOGS:
+            folder, below = self._logs.folder if self._logs is not None else None, segments[len(LOGS) :]
         else:
-            folder, below = self._card if parts[: len(CARD)] == CARD else None, parts[len(CARD) :]
+            folder, below = self._card if segments[: len(CARD)] == CARD else None, segments[len(CARD) :]
         if folder is None:
             raise Refusal(FILE_NOT_FOUND)
         root = folder.resolve()
@@ -194,10 +194,10 @@ class FileTree:
         return path
 
     def _changeable(self, name: bytes) -> Path:
-        parts = _parts(name)
-        if parts == LOGS[: len(parts)] or parts[:1] == PARAMETERS[:1]:
+        segments = _segments(name)
+        if segments == LOGS[: len(segments)] or segments[:1] == PARAMETERS[:1]:
             raise Refusal(FILE_PROTECTED)
-        path = self._real(parts)
+        path = self._real(segments)
         active = self._logs.active if self._logs is not None else None
         if active is not None and path.resolve() == active.resolve():
             raise Refusal(FILE_PROTECTED)
@@ -214,7 +214,7 @@ class FileTree:
             raise Refusal(FAIL_ERRNO, errno.ENOSPC)
 
 
-def _parts(name: bytes) -> tuple[str, ...]:
+def _segments(name: bytes) -> tuple[str, ...]:
     """Return the folders and the file of a name, without the options that some clients add after a question mark."""
     try:
         text = name.decode()
@@ -222,10 +222,10 @@ def _parts(name: bytes) -> tuple[str, ...]:
         raise Refusal(FILE_NOT_FOUND) from None
     if text.startswith("@"):
         text = text.partition("?")[0]
-    parts = tuple(part for part in text.split("/") if part not in ("", "."))
-    if ".." in parts or "\\" in text or not text.isprintable():
+    segments = tuple(part for part in text.split("/") if part not in ("", "."))
+    if ".." in segments or "\\" in text or not text.isprintable():
         raise Refusal(FILE_NOT_FOUND)
-    return LOGS + parts[1:] if parts[:1] == (LOGS_ANYWHERE,) else parts
+    return LOGS + segments[1:] if segments[:1] == (LOGS_ANYWHERE,) else segments
 
 
 MOST = 16

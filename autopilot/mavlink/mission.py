@@ -7,13 +7,11 @@ Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 
 import math
 
-from autopilot.commander.plan import plans
-from autopilot.commander.plan.items import GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
-from autopilot.commander.plan.plans import CAPACITY
+from autopilot.commander import plans
+from autopilot.commander.plans import CAPACITY, GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
 from autopilot.mavlink.node import CANCELLED, Key, Node, Upload
-from autopilot.mavlink.port import Port
-from autopilot.mavlink.streams import BY_NAME
-from autopilot.mavlink.telemetry_source import Message
+from autopilot.mavlink.port import BY_NAME, Port
+from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
 
 ACCEPTED, UNSUPPORTED = int(dialect.MAV_MISSION_ACCEPTED), int(dialect.MAV_MISSION_UNSUPPORTED)
@@ -97,7 +95,7 @@ def count(node: Node, port: Port, message: Message) -> None:
     else:
         upload = Upload(port, _client(message), kind, message.count, node.time_us, node.time_us)
         if node.uploads.begin(_key(port, message), upload):
-            upload.ask(node.time_us)
+            upload.request(node.time_us)
         else:
             _acknowledge(port, message, ERROR)
 
@@ -108,12 +106,12 @@ def take_item(node: Node, port: Port, message: Message) -> None:
     if upload is None:
         _acknowledge(port, message, ERROR)
         return
-    upload.heard_us = node.time_us
+    upload.received_us = node.time_us
     if upload.taken_us is not None:
         upload.acknowledge(ACCEPTED)  # the acknowledgement was lost
         return
     if message.seq != len(upload.items):
-        upload.ask(node.time_us)
+        upload.request(node.time_us)
         return
     item = _item(message)
     result = plans.refusal(upload.kind, item, upload.count)
@@ -131,7 +129,7 @@ def take_item(node: Node, port: Port, message: Message) -> None:
         upload.acknowledge(result)
         node.uploads.end(_key(port, message))
     else:
-        upload.ask(node.time_us)
+        upload.request(node.time_us)
 
 
 def _item(m: Message) -> PlanItem:
@@ -160,11 +158,11 @@ def clear_all(node: Node, port: Port, message: Message) -> None:
     """Empty one plan or all of them."""
     kind = message.mission_type
     kinds = KINDS if kind == dialect.MAV_MISSION_TYPE_ALL else (kind,)
-    if any(each not in KINDS for each in kinds):
+    if any(plan_kind not in KINDS for plan_kind in kinds):
         _acknowledge(port, message, UNSUPPORTED)
         return
-    for each in kinds:
-        _replace(node, each, ())
+    for plan_kind in kinds:
+        _replace(node, plan_kind, ())
     _acknowledge(port, message, ACCEPTED)
 
 

@@ -6,7 +6,7 @@ Each maker returns None while there is nothing to tell, or its sensor is silent.
 import math
 
 from autopilot.estimator.estimated_state import EstimatedState
-from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, heading_cdeg, int16, int32, whole
+from autopilot.mavlink.status_makers import Message, TelemetrySource, boot_ms, clamped, heading_cdeg, int16, int32
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import GRAVITY, rotate_inverse
 from foundation.mavlink import dialect
@@ -87,7 +87,7 @@ def vfr_hud(v: TelemetrySource) -> Message | None:
         return None
     speed = math.hypot(s.velocity_ned[0], s.velocity_ned[1])
     return dialect.MAVLink_vfr_hud_message(
-        0.0, speed, round(math.degrees(s.yaw)) % 360, whole(s.thrust_setpoint * 100.0, 0, 100),
+        0.0, speed, round(math.degrees(s.yaw)) % 360, clamped(s.thrust_setpoint * 100.0, 0, 100),
         s.origin_alt_m - s.position_ned[2], -s.velocity_ned[2],
     )  # fmt: skip
 
@@ -165,7 +165,7 @@ def _pulses(v: TelemetrySource) -> list[int]:
         return []
     armed = int(v.actuators["armed"])
     commands = v.actuators["command"].tolist()[: len(v.airframe.rotors)]
-    return [whole(1000.0 + 1000.0 * u, 900, 2000) if armed else 900 for u in commands]
+    return [clamped(1000.0 + 1000.0 * u, 900, 2000) if armed else 900 for u in commands]
 
 
 def servo_output_raw(v: TelemetrySource) -> Message | None:
@@ -204,11 +204,11 @@ def gps_raw_int(v: TelemetrySource) -> Message | None:
     return dialect.MAVLink_gps_raw_int_message(
         int(g["gps_time_us"]), int(g["gps_fix_type"]),
         int32(float(g["gps_lat_deg"]) * 1e7), int32(float(g["gps_lon_deg"]) * 1e7), alt,
-        whole(eph * 100.0, 0, 65534, 65535), whole(epv * 100.0, 0, 65534, 65535),
-        whole(math.hypot(vn, ve) * 100.0, 0, 65534, 65535),
-        round(math.degrees(math.atan2(ve, vn)) * 100.0) % 36000, whole(float(g["gps_satellites"]), 0, 254, 255),
-        alt, whole(eph * 1e3, 0, 1 << 31), whole(epv * 1e3, 0, 1 << 31),
-        whole(float(g["gps_speed_accuracy"]) * 1e3, 0, 1 << 31),
+        clamped(eph * 100.0, 0, 65534, 65535), clamped(epv * 100.0, 0, 65534, 65535),
+        clamped(math.hypot(vn, ve) * 100.0, 0, 65534, 65535),
+        round(math.degrees(math.atan2(ve, vn)) * 100.0) % 36000, clamped(float(g["gps_satellites"]), 0, 254, 255),
+        alt, clamped(eph * 1e3, 0, 1 << 31), clamped(epv * 1e3, 0, 1 << 31),
+        clamped(float(g["gps_speed_accuracy"]) * 1e3, 0, 1 << 31),
     )  # fmt: skip
 
 
@@ -246,7 +246,7 @@ def distance_sensor(v: TelemetrySource) -> Message | None:
     if not math.isfinite(distance):
         return None
     return dialect.MAVLink_distance_sensor_message(
-        boot_ms(v), 10, 5000, whole(distance * 100.0, 0, 65535), dialect.MAV_DISTANCE_SENSOR_LASER, 0,
+        boot_ms(v), 10, 5000, clamped(distance * 100.0, 0, 65535), dialect.MAV_DISTANCE_SENSOR_LASER, 0,
         dialect.MAV_SENSOR_ROTATION_PITCH_270, 255,
     )  # fmt: skip
 

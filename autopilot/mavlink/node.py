@@ -8,12 +8,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from autopilot.commander.plan.items import PlanItem
+from autopilot.commander.plans import PlanItem
 from autopilot.logging.flight_log import FlightLogWriter
 from autopilot.mavlink.file_tree import FileSessions, FileTree, packed
-from autopilot.mavlink.port import Port
-from autopilot.mavlink.streams import BY_ID
-from autopilot.mavlink.telemetry_source import Message, TelemetrySource
+from autopilot.mavlink.port import BY_ID, Port
+from autopilot.mavlink.status_makers import Message, TelemetrySource
 from foundation.mavlink import dialect
 
 RETRY_US = 250_000
@@ -32,14 +31,14 @@ class Upload:
     client: tuple[int, int]
     kind: int
     count: int
-    heard_us: int
-    asked_us: int
+    received_us: int
+    requested_us: int
     items: list[PlanItem] = field(default_factory=list)
     taken_us: int | None = None  # when it was complete: a repeated last item is then acknowledged again
 
-    def ask(self, now_us: int) -> None:
+    def request(self, now_us: int) -> None:
         """Request the next item."""
-        self.asked_us = now_us
+        self.requested_us = now_us
         self.port.send(dialect.MAVLink_mission_request_int_message(*self.client, len(self.items), self.kind))
 
     def acknowledge(self, result: int) -> None:
@@ -70,12 +69,12 @@ class Uploads:
         if not self._open:
             return
         for key, upload in list(self._open.items()):
-            if now_us - upload.heard_us >= TIMEOUT_US:
+            if now_us - upload.received_us >= TIMEOUT_US:
                 if upload.taken_us is None:
                     upload.acknowledge(CANCELLED)
                 self.end(key)
-            elif upload.taken_us is None and now_us - upload.asked_us >= RETRY_US:
-                upload.ask(now_us)
+            elif upload.taken_us is None and now_us - upload.requested_us >= RETRY_US:
+                upload.request(now_us)
 
 
 TEXT_CHUNK = 50  # bytes, STATUSTEXT.text
@@ -158,12 +157,12 @@ class Node:
         for port in self.ports:
             port.send_heartbeat()
 
-    def say(self, severity: int, text: str) -> None:
+    def send_text(self, severity: int, text: str) -> None:
         """Send a STATUSTEXT on every port, in chunks when it is longer than one message holds."""
         for message in self.texts(severity, text):
             self.broadcast(message)
         if self.log is not None:
-            self.log.say(severity, text)
+            self.log.log_text(severity, text)
 
     def complain(self, text: str) -> None:
         """Say something about a client's traffic, the same text at most once a second of vehicle time."""
@@ -172,7 +171,7 @@ class Node:
             if len(self._complained) > 64:
                 self._complained.clear()
             self._complained[text] = self.time_us
-            self.say(dialect.MAV_SEVERITY_CRITICAL, text)
+            self.send_text(dialect.MAV_SEVERITY_CRITICAL, text)
 
     def texts(self, severity: int, text: str) -> list[Message]:
         """Return the STATUSTEXT messages that carry `text`; id 0 marks one that is whole."""

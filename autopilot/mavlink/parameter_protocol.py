@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.telemetry_source import Message
+from autopilot.mavlink.status_makers import Message
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect
 

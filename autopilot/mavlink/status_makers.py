@@ -1,12 +1,69 @@
-"""Messages about the vehicle's condition: modes, health, battery, identity, clocks. A maker may return None."""
+"""Messages about the vehicle's condition (modes, health, battery, identity, clocks), and the source of all messages.
+
+A maker may return None.
+"""
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
 
-from autopilot.commander.health import STICK_MODES, sensor_health
-from autopilot.mavlink.telemetry_source import Message, TelemetrySource, boot_ms, whole
+from autopilot.commander.commander import Commander
+from autopilot.commander.health import STICK_MODES, SensorCalibration, sensor_health
+from autopilot.estimator.estimated_state import EstimatedState, Vibration
+from autopilot.parameters import ParameterTable
+from foundation.airframe import Airframe
 from foundation.mavlink import dialect
 from foundation.px4 import MODES, PX4_AUTOPILOT
 from foundation.sensors import CALENDAR_START_US
+
+Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes carry no types a checker can use
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetrySource:
+    """What the makers read."""
+
+    airframe: Airframe
+    state: EstimatedState
+    commander: Commander
+    parameters: ParameterTable
+    actuators: Any | None  # ACTUATORS record, None when nobody shares it
+    calibration: SensorCalibration
+    vibration: Vibration
+
+
+def clamped(value: float, low: int, high: int, unknown: int = 0) -> int:
+    """Return the value rounded and clamped into an integer field; `unknown` when it is not finite."""
+    if not math.isfinite(value):
+        return unknown
+    return min(max(round(value), low), high)
+
+
+def int16(value: float) -> int:
+    """Return the value rounded and clamped into an int16 field."""
+    return clamped(value, -32768, 32767)
+
+
+def int32(value: float) -> int:
+    """Return the value rounded and clamped into an int32 field."""
+    return clamped(value, -(1 << 31), (1 << 31) - 1)
+
+
+def boot_ms(v: TelemetrySource) -> int:
+    """Return time_boot_ms: the vehicle's time."""
+    return v.state.time_us // 1000 & 0xFFFFFFFF
+
+
+def heading_cdeg(v: TelemetrySource) -> int:
+    """Return the heading in 0.01°, 65535 while it is unknown."""
+    if not v.state.attitude_valid:
+        return 65535
+    return round(math.degrees(v.state.yaw) * 100.0) % 36000
+
+
+Maker = Callable[[TelemetrySource], Message | None]
+
 
 SENSOR_GYRO, SENSOR_ACCEL, SENSOR_MAG = 0x1, 0x2, 0x4
 SENSOR_PRESSURE, SENSOR_GPS, SENSOR_RANGE = 0x8, 0x20, 0x100
@@ -95,12 +152,12 @@ def sys_status(v: TelemetrySource) -> Message:
     if v.commander.armed or not v.commander.arming_failures():
         good |= PREARM_CHECK
     good &= present
-    known = health.battery
+    has_battery = health.battery
     return dialect.MAVLink_sys_status_message(
         present, present, good, 200,
-        whole(float(s["battery_voltage"]) * 1000.0, 0, 65534, 65535) if known else 65535,
-        whole(float(s["battery_current"]) * 100.0, 0, 32767, -1) if known else -1,
-        whole(math.ceil(float(s["battery_remaining"]) * 100.0), 0, 100, -1) if known else -1,
+        clamped(float(s["battery_voltage"]) * 1000.0, 0, 65534, 65535) if has_battery else 65535,
+        clamped(float(s["battery_current"]) * 100.0, 0, 32767, -1) if has_battery else -1,
+        clamped(math.ceil(float(s["battery_remaining"]) * 100.0), 0, 100, -1) if has_battery else -1,
         0, 0, 0, 0, 0, 0,
     )  # fmt: skip
 
@@ -123,7 +180,7 @@ def battery_status(v: TelemetrySource) -> Message | None:
         return None
     pack, remaining, p = v.airframe.battery, float(b["battery_remaining"]), v.parameters
     cells = min(pack.cells, 10)
-    per_cell = whole(float(b["battery_voltage"]) * 1000.0 / cells, 0, 65534, 65535)
+    per_cell = clamped(float(b["battery_voltage"]) * 1000.0 / cells, 0, 65534, 65535)
     if remaining < p["BAT_EMERGEN_THR"]:
         charge = dialect.MAV_BATTERY_CHARGE_STATE_EMERGENCY
     elif remaining < p["BAT_CRIT_THR"]:
@@ -134,9 +191,9 @@ def battery_status(v: TelemetrySource) -> Message | None:
         charge = dialect.MAV_BATTERY_CHARGE_STATE_OK
     return dialect.MAVLink_battery_status_message(
         0, dialect.MAV_BATTERY_FUNCTION_ALL, dialect.MAV_BATTERY_TYPE_LIPO, 32767,
-        [per_cell] * cells + [65535] * (10 - cells), whole(float(b["battery_current"]) * 100.0, 0, 32767, -1),
-        whole((1.0 - remaining) * pack.capacity_ah * 1000.0, 0, 1 << 30, -1), -1,
-        whole(remaining * 100.0, 0, 100, -1), 0, charge,
+        [per_cell] * cells + [65535] * (10 - cells), clamped(float(b["battery_current"]) * 100.0, 0, 32767, -1),
+        clamped((1.0 - remaining) * pack.capacity_ah * 1000.0, 0, 1 << 30, -1), -1,
+        clamped(remaining * 100.0, 0, 100, -1), 0, charge,
     )  # fmt: skip
 
 
@@ -183,7 +240,7 @@ def rc_channels(v: TelemetrySource) -> Message | None:
     if sticks.time_us < 0:
         return None
     axes = (sticks.right, sticks.forward, 2.0 * sticks.throttle - 1.0, sticks.yaw)
-    pulses = [whole(1500.0 + 500.0 * axis, 1000, 2000) for axis in axes]
+    pulses = [clamped(1500.0 + 500.0 * axis, 1000, 2000) for axis in axes]
     fresh = sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"])
     return dialect.MAVLink_rc_channels_message(boot_ms(v), 4, *pulses, *[65535] * 14, 100 if fresh else 0)
 

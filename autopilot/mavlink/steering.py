@@ -8,7 +8,7 @@ import math
 
 from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import Port
-from autopilot.mavlink.telemetry_source import Message
+from autopilot.mavlink.status_makers import Message
 from autopilot.records import FREE, KIND_ATTITUDE, KIND_RATES, NAN, CascadeSetpoint
 from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate
 from foundation.mavlink import dialect

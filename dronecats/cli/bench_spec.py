@@ -16,6 +16,7 @@ from dronecats.cli.options import (
     PLACE,
     SELECTION,
     Option,
+    accounts_of,
     disturbances_of,
     first_set,
     is_set,
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 NO_RETRY = Option(name="no_retry", kind=bool, help="do not retry flights that did not move: docs/bench.md")
 MATRIX = (
     replace(AGENT, many=True),
-    replace(COMMAND, many=True, choices=(), metavar="HOW", help="of fleets: flat (default), hierarchical, solo"),
+    replace(COMMAND, many=True, choices=(), metavar="HOW", help="for fleets: flat (default), hierarchical, solo"),
     replace(LATENCY, many=True),
     Option(
         name="rate", many=True, file="a number", metavar="HZ", help="control rate: a reply takes 1/HZ seconds"
@@ -158,10 +159,9 @@ def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
 
 def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]":
     """Return the name and the flight of each pilot with each agent, without episode, command and latency."""
-    from dronecats.agent.models.ledger import cost_limit, token_limit
     from dronecats.agent.names import PAPER
     from dronecats.cli.fly_spec import commanded_by, template_of
-    from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
+    from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster
     from foundation.run_folder.layout import LEDGER
 
@@ -176,12 +176,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             "--commander goes with --command hierarchical (in a study --hold command=hierarchical); add it or leave"
             " --commander out"
         )
-    accounts = Accounts(
-        cost_limit_usd=None if args.cost_limit is None else cost_limit(args.cost_limit),
-        token_limit=None if args.token_limit is None else token_limit(args.token_limit),
-        ledger=str(out / LEDGER),
-        cache=str(args.cache) if args.cache else None,
-    )
+    accounts = accounts_of(args, out / LEDGER)
     factor = speed(args.speed)
     flights = []
     for name, pilot in named:

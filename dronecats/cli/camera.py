@@ -1,4 +1,4 @@
-"""`dronecats camera`: what a camera really delivers, and what its lens is."""
+"""Verb `camera`: measures what a camera delivers, and calibrates its lens."""
 
 import argparse
 import json
@@ -8,37 +8,39 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.output import show
+from dronecats.cli.output import print_line, show
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.report.table import ReportTable
 
-VIEWS_WANTED = 20  # different views of the board, of a camera that is looked at live
+VIEWS_WANTED = 20  # different views of the board, from a live camera
 
 
 def add_camera_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     url_help = "http://…, rtsp://…, v4l2:0, a video file or a folder of pictures"
-    check = actions.add_parser("check", help="rate, latency, drops and size of what a camera delivers")
+    check = actions.add_parser("check", help="measure rate, latency, drops and size of the frames")
     check.add_argument("url", metavar="URL", help=url_help)
     check.add_argument("--calibration", type=Path, metavar="FILE", help="OpenCV's calibration file of this camera")
-    check.add_argument("--seconds", type=float, default=5.0, metavar="N", help="how long to look (default 5)")
+    check.add_argument("--seconds", type=float, default=5.0, metavar="N", help="length of the measurement (default 5)")
     check.add_argument("--save", type=Path, metavar="FILE", help="write the last frame as the pilot would see it")
     check.add_argument("--json", action="store_true", help="print one JSON object")
-    calibrate = actions.add_parser("calibrate", help="find out the lens from pictures of a chessboard")
+    calibrate = actions.add_parser("calibrate", help="measure the lens from pictures of a chessboard")
     calibrate.add_argument("url", metavar="URL|FOLDER", help=url_help)
     calibrate.add_argument("--board", default="9x6", metavar="CxR", help="inner corners of the board (default 9x6)")
     calibrate.add_argument("--square", type=float, required=True, metavar="M", help="side of a square in metres")
     calibrate.add_argument("--out", type=Path, required=True, metavar="FILE", help="ends in .yml, .xml or .json")
-    calibrate.add_argument("--seconds", type=float, default=120.0, metavar="N", help="of looking live (default 120)")
+    calibrate.add_argument(
+        "--seconds", type=float, default=120.0, metavar="N", help="limit with a live camera (default 120)"
+    )
     calibrate.add_argument("--json", action="store_true", help="print one JSON object at the end")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what was asked for; status 0, 2 for what cannot be used, 3 for a camera that gives no frame."""
+    """Check or calibrate; status 2 for unusable input, 3 for a camera that delivers no frame."""
     if not 0.1 <= args.seconds <= 3600.0:
         raise UsageError(f"--seconds wants a number from 0.1 to 3600, got {args.seconds:g}")
     return _check(args) if args.action == "check" else _calibrate(args)
@@ -63,11 +65,11 @@ def _check(args: argparse.Namespace) -> int:
         camera.close()
     if args.save and not _written(args.save, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR)):
         raise UsageError(f"--save {str(args.save)!r} cannot be written")
-    found = {"first_frame_s": first_s, **asdict(delivery)}
+    measured = {"first_frame_s": first_s, **asdict(delivery)}
     if args.json:
-        print(json.dumps(found))
+        print(json.dumps(measured))
     else:
-        show(_table(found))
+        show(_table(measured))
     return 0
 
 
@@ -80,36 +82,36 @@ def _written(path: Path, picture: Any) -> bool:
         return False
 
 
-def _table(found: dict[str, Any]) -> "ReportTable":
-    """Return the findings for a person, each with what it means."""
+def _table(measured: dict[str, Any]) -> "ReportTable":
+    """Return the measurements as text, each with its meaning."""
     from dronecats.report.table import table_of, words
 
-    model = found["model"]
+    model = measured["model"]
 
     def ms(value: float | None) -> str:
         return "unknown" if value is None else f"{value:.0f} ms"
 
-    known = "from the calibration, straightened" if found["calibrated"] else "assumed: calibrate, or aim is off"
-    rate = "unknown" if found["rate_hz"] is None else f"{found['rate_hz']:.1f} Hz"
-    asked = ", as fast as it was asked" if found["asked"] else ""
+    source = "from the calibration, straightened" if measured["calibrated"] else "assumed: calibrate, or aim is off"
+    rate = "unknown" if measured["rate_hz"] is None else f"{measured['rate_hz']:.1f} Hz"
+    limit = ", as fast as it was asked" if measured["asked"] else ""
     age = (
         "unknown: it stamps by the vehicle's clock"
-        if found["age_ms"] is None
-        else f"{ms(found['age_ms'])}, at worst {ms(found['oldest_ms'])}, from arrival here to a picture in hand"
+        if measured["age_ms"] is None
+        else f"{ms(measured['age_ms'])}, at worst {ms(measured['oldest_ms'])}, from arrival here to a picture in hand"
     )
     return table_of(
         (words(""), words("")),
         (
-            ("picture", f"{model['width']}×{model['height']} px, {model['hfov_deg']:.1f}° wide ({known})"),
-            ("first frame", f"after {found['first_frame_s']:.2f} s"),
-            ("rate", f"{rate}{asked}, {found['frames']} frames in {found['seconds']:.1f} s"),
-            ("interval", f"{ms(found['interval_ms'])}, jitter {ms(found['jitter_ms'])}, "
-                         f"longest {ms(found['longest_ms'])}"),
+            ("picture", f"{model['width']}×{model['height']} px, {model['hfov_deg']:.1f}° wide ({source})"),
+            ("first frame", f"after {measured['first_frame_s']:.2f} s"),
+            ("rate", f"{rate}{limit}, {measured['frames']} frames in {measured['seconds']:.1f} s"),
+            ("interval", f"{ms(measured['interval_ms'])}, jitter {ms(measured['jitter_ms'])}, "
+                         f"longest {ms(measured['longest_ms'])}"),
             ("age", age),
-            ("missing", f"{found['missing']}, by gaps in the rhythm"),
-            ("repeated", f"{found['repeated']}, the same picture as before"),
-            ("not seen", f"{found['unseen']}, this computer was busy"),
-            ("reopened", f"{found['reopened']} times"),
+            ("missing", f"{measured['missing']}, by gaps in the rhythm"),
+            ("repeated", f"{measured['repeated']}, the same picture as before"),
+            ("not seen", f"{measured['unseen']}, this computer was busy"),
+            ("reopened", f"{measured['reopened']} times"),
         ),
         "The camera's own delay (exposure, coding, network) is in none of these: docs/cameras.md shows it.",
     )  # fmt: skip
@@ -121,9 +123,9 @@ def _calibrate(args: argparse.Namespace) -> int:
     board = board_of(args.board, args.square)
     if args.out.suffix not in (".yml", ".yaml", ".xml", ".json"):
         raise UsageError(f"--out '{args.out}' should end in .yml, .yaml, .xml or .json")
-    say: Callable[[str], None] = (lambda line: None) if args.json else (lambda line: print(line, flush=True))
-    looking = _of_folder if Path(args.url).is_dir() else _of_camera
-    views, width, height = looking(args, board, say)
+    report: Callable[[str], None] = (lambda line: None) if args.json else print_line
+    collect = _views_in_folder if Path(args.url).is_dir() else _views_of_camera
+    views, width, height = collect(args, board, report)
     result = fit(views, board, width, height)
     model = Lens(result.calibration).model
     assert model is not None  # a calibrated lens knows its picture's size
@@ -143,7 +145,7 @@ def _calibrate(args: argparse.Namespace) -> int:
     return 0
 
 
-def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
+def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
     """Return the corners in every picture of a folder that shows the board, and the pictures' size."""
     from hil.cameras.lens import corners
     from hil.cameras.stream import decoded, pictures
@@ -158,15 +160,18 @@ def _of_folder(args: argparse.Namespace, board: Any, say: Callable[[str], None])
         if picture.shape != size:
             raise UsageError(f"{path} is of another size than the pictures before it")
         places = corners(picture, board)
-        say(f"  {path.name}: {'no board' if places is None else 'seen'}")
+        report(f"  {path.name}: {'no board' if places is None else 'seen'}")
         if places is not None:
             views.append(places)
     height, width = (size or (0, 0))[:2]
     return views, width, height
 
 
-def _of_camera(args: argparse.Namespace, board: Any, say: Callable[[str], None]) -> tuple[list[Any], int, int]:
-    """Look through a camera until enough different views of the board were seen, or time is over."""
+def _views_of_camera(args: argparse.Namespace, board: Any, report: Callable[[str], None]) -> tuple[list[Any], int, int]:
+    """Return the corners of different views of the board from a live camera, and the pictures' size.
+
+    Ends after VIEWS_WANTED views, or after --seconds.
+    """
     import cv2
 
     from hil.cameras.lens import corners, is_new
@@ -179,13 +184,13 @@ def _of_camera(args: argparse.Namespace, board: Any, say: Callable[[str], None])
     try:
         frame = camera.newest()
         height, width = frame.image_rgb.shape[:2]
-        say(f"show the board, hold it still, then elsewhere and tilted otherwise: {VIEWS_WANTED} views are wanted")
+        report(f"hold the board still in view, then move and tilt it: {VIEWS_WANTED} views are needed")
         end_s = time.monotonic() + args.seconds
         while len(views) < VIEWS_WANTED and time.monotonic() < end_s:
             places = corners(cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR), board)
             if places is not None and is_new(places, views, width):
                 views.append(places)
-                say(f"  view {len(views)} of {VIEWS_WANTED}")
+                report(f"  view {len(views)} of {VIEWS_WANTED}")
             try:
                 frame = camera.following(frame.frame_id)
             except StreamEndedError:  # a recording is all there is

@@ -1,4 +1,4 @@
-"""`dronecats compare A B`: how far the paths of two flights lie apart."""
+"""Verb `compare`: the distance between the paths of two flights."""
 
 import argparse
 import json
@@ -13,20 +13,34 @@ from foundation.errors import UsageError
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("a", type=Path, help="a run folder, or the folder of one episode in it")
-    parser.add_argument("b", type=Path, help="the other")
-    parser.add_argument("--within", type=float, default=1.0, metavar="M", help="metres that count as agreeing (1.0)")
-    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of the episode's beginning (60)")
+    parser.add_argument("b", type=Path, help="another one")
     parser.add_argument(
-        "--align", choices=("step", "time"), help="what belongs together (step, where both decided the same)"
+        "--within",
+        type=float,
+        default=1.0,
+        metavar="M",
+        help="distance that still agrees (default 1)",
     )
-    parser.add_argument("--keep-north", action="store_true", help="do not turn the paths to begin with the nose ahead")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="compare the first S seconds (default 60)",
+    )
+    parser.add_argument(
+        "--align",
+        choices=("step", "time"),
+        help="pair poses by this (default step if all replies are equal)",
+    )
+    parser.add_argument("--keep-north", action="store_true", help="keep north up, instead of the first heading")
     parser.add_argument("--plot", type=Path, metavar="FILE", help="draw both paths: .png, .svg or .pdf")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Compare; status 0 when the paths agree over all of the seconds, 1 when they do not."""
+    """Compare; status 0 when the paths agree over all seconds, 1 when they do not."""
     from dronecats.report.path_comparison import compare, figures, logs_of, same_replies
 
     for name in ("within", "seconds"):
@@ -79,4 +93,4 @@ def _print(result: dict[str, Any]) -> None:
     elif worst_m > result["within_m"]:
         print(f"DIFFER: {worst_m:.2f} m apart within {result['seconds']:g} s, more than {result['within_m']:g} m")
     else:
-        print(f"TOO SHORT: both flew {result['compared_s']:.1f} s of the {result['seconds']:g} s asked for")
+        print(f"TOO SHORT: both flew {result['compared_s']:.1f} s of the {result['seconds']:g} s wanted")

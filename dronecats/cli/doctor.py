@@ -1,4 +1,4 @@
-"""`dronecats doctor`: what works on this machine, what is missing, and how to get it."""
+"""Verb `doctor`: what works on this machine, what is missing, and how to get it."""
 
 import argparse
 import importlib
@@ -81,7 +81,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps({"can_simulate": able, "findings": [asdict(f) for f in findings]}))
         return 0 if able else 1
-    show(*(_table(heading, [each for each in findings if each.kind == kind]) for kind, heading in _HEADINGS.items()))
+    show(
+        *(
+            _table(heading, [finding for finding in findings if finding.kind == kind])
+            for kind, heading in _HEADINGS.items()
+        )
+    )
     print(f"\nFlying in simulation is {'possible here.' if able else 'NOT possible here yet: see ✗.'}")
     return 0 if able else 1
 
@@ -259,13 +264,13 @@ def _cores() -> Diagnosis:
 
 
 def _models() -> Diagnosis:
-    """Return how many models are known by name, and whether the user's own file of them can be read."""
+    """Return the number of models known by name, and whether the user's own file of them can be read."""
     try:
-        known = rows.rows()
+        models = rows.rows()
     except UsageError as error:
-        return Diagnosis("models", NOTE, str(error), "mend it: no model is flown until then; docs/models.md")
-    own = [row.name for row in known.values() if row.file != rows.SHIPPED]
-    return Diagnosis("models", OK, f"{len(known)} by name" + (f", {len(own)} of {rows.own_file()}" if own else ""))
+        return Diagnosis("models", NOTE, str(error), "correct it: no model can fly until then; docs/models.md")
+    own = [row.name for row in models.values() if row.file != rows.SHIPPED]
+    return Diagnosis("models", OK, f"{len(models)} by name" + (f", {len(own)} of {rows.own_file()}" if own else ""))
 
 
 def _keys() -> Diagnosis:

@@ -1,16 +1,17 @@
-"""`dronecats episodes audit`: fly the episodes with a pilot whose answers are known, to see that they can be solved."""
+"""Action `episodes audit`: flies episodes with a built-in pilot, to check that they can be solved."""
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from dronecats.cli.exit_status import interrupt_on_signals
-from dronecats.cli.output import Drawing, show
+from dronecats.cli.output import print_note, progress_bar, show
 from foundation.errors import UsageError
 from foundation.wording import printable
+
+LOG_PERIOD_S = 30.0  # s between two progress lines in a log
 
 if TYPE_CHECKING:
     from dronecats.bench.campaign import EndedFlight
@@ -21,18 +22,18 @@ if TYPE_CHECKING:
 
 def add_audit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the action's options."""
-    parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="these only (default: all that are shipped)")
+    parser.add_argument("episodes", nargs="*", metavar="ID|FILE", help="only these (default: all shipped)")
     parser.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick, all or v1")
     parser.add_argument(
         "--pilot", default="oracle", metavar="NAME", help="oracle (default), vision, blind:NAME or failing:NAME"
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the sensors' noise (default 0)")
     parser.add_argument(
         "--latency", default="fixed:0.1", metavar="POLICY", help="fixed:SECONDS of vehicle time (default fixed:0.1)"
     )
-    parser.add_argument("--rendered", action="store_true", help="draw the frames for pilots that do not look, too")
+    parser.add_argument("--rendered", action="store_true", help="render frames also for pilots that do not look")
     parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default: one per core)")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is gone on with")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is resumed")
     parser.add_argument("--write-par", action="store_true", help="keep the oracle's steps in episodes/records/par.json")
     parser.add_argument(
         "--write-blind", action="store_true", help="keep a blind pilot's flights in episodes/records/blind.json"
@@ -42,7 +43,7 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly; status 0 when every episode was solved or the pilot is not the oracle, 1 when the oracle failed one."""
+    """Fly; status 1 when the oracle failed an episode, 3 when a flight broke off."""
     from dronecats.bench.campaign import Batch, fly_run
     from dronecats.bench.engine import cores
     from dronecats.bench.matrix import suite_of
@@ -65,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
     flight = look_up(spec)
     batch = Batch(args.out or fresh_run(f"audit-{args.pilot}"), settings(flight, flight.camera))
     results = [stored_result(batch.folder(e).name, batch.folder(e)) for e in chosen if batch.done(e) is not None]
-    bar = _bar(len(chosen), len(results))
+    bar = progress_bar(len(chosen), len(results), "episode", LOG_PERIOD_S)
 
     def ended(came: "EndedFlight") -> None:
         result = came.result
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         results += fly_run(batch, spec, chosen, args.jobs or cores(), ended)
     except KeyboardInterrupt:
-        print(f"\ngo on where it stopped with --out {batch.run}", file=sys.stderr)
+        print_note(f"\ninterrupted: --out {batch.run} resumes")
         raise
     finally:
         bar.close()
@@ -106,7 +107,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _flight(args: argparse.Namespace) -> "FlightSpec":
-    """Return each flight of the run, but for its episode."""
+    """Return the flights of the run, without their episode."""
     from dronecats.agent.latency import LatencyPolicy
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
     from dronecats.pilots import roster
@@ -116,16 +117,9 @@ def _flight(args: argparse.Namespace) -> "FlightSpec":
         simulated=Simulated(speed=None, rendered=args.rendered or roster.looks(args.pilot)),
         seed=args.seed,
         latency=LatencyPolicy.parse(args.latency),
-        # what a flight says of its declarations is said of the whole time; the oracle's par is settled by its first
+        # declarations are counted until the cap; the oracle's par is settled by its first one
         full=args.pilot != "oracle",
     )
-
-
-def _bar(total: int, done: int) -> Any:
-    from tqdm import tqdm
-
-    seldom = 0.1 if sys.stderr.isatty() else 30.0  # s; a log file wants no more than a line now and then
-    return tqdm(total=total, initial=done, unit="episode", dynamic_ncols=True, mininterval=seldom, file=Drawing())
 
 
 def _reason(result: "Result") -> str:
@@ -135,20 +129,19 @@ def _reason(result: "Result") -> str:
 
 
 def _keep(steps: dict[str, int]) -> None:
-    """Put the steps of shipped episodes into the table of pars; those that were not flown keep theirs."""
+    """Write the steps of shipped episodes to the table of pars. Episodes that were not flown keep theirs."""
     from episodes.records import catalogue
     from episodes.records.baselines import PAR, load_par
     from foundation.run_folder.folder import write_json
 
-    known = catalogue.known()
     table = {**load_par(), **steps}
-    write_json(PAR, {episode: table[episode] for episode in known if episode in table})
+    write_json(PAR, {episode: table[episode] for episode in catalogue.known() if episode in table})
 
 
-def _keep_blind(pilot: str, flown: "dict[str, BlindFlight]") -> None:
-    """Put a blind pilot's flights of shipped episodes into the table of what can be had without looking."""
+def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
+    """Write a blind pilot's flights of shipped episodes to the table of results without looking."""
     from episodes.records import catalogue
     from episodes.records.baselines import BLIND, load_blind, merged
     from foundation.run_folder.folder import write_json
 
-    write_json(BLIND, merged(load_blind(), pilot, flown, catalogue.known()))
+    write_json(BLIND, merged(load_blind(), pilot, flights, catalogue.known()))

@@ -1,4 +1,4 @@
-"""`dronecats flightlog`: what is left of a real flight: its logs on board, and the trace that they allow."""
+"""Verb `flightlog`: fetches the logs on board of an autopilot, and derives the path of a flight from its logs."""
 
 import argparse
 import json
@@ -17,26 +17,26 @@ if TYPE_CHECKING:
 
 def add_flightlog_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    what = parser.add_subparsers(dest="what", metavar="list|fetch|trace", required=True)
-    listing = what.add_parser("list", help="say which logs there are on board")
-    fetching = what.add_parser("fetch", help="download one")
-    tracing = what.add_parser("trace", help="derive the pose trace of a flight without truth, and judge it by that")
-    for each in (listing, fetching):
-        each.add_argument("--connect", required=True, metavar="URL", help="udpin://0.0.0.0:14550, serial://…")
-        each.add_argument("--json", action="store_true", help="print one JSON object")
-    fetching.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="where to (default: here)")
-    fetching.add_argument("--log", type=int, metavar="N", help="its number on board (default: the newest)")
+    actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
+    listing = actions.add_parser("list", help="list the logs on board")
+    fetching = actions.add_parser("fetch", help="download one log")
+    tracing = actions.add_parser("trace", help="derive the pose trace of a flight without truth, and judge it by that")
+    for action in (listing, fetching):
+        action.add_argument("--connect", required=True, metavar="URL", help="udpin://0.0.0.0:14550, serial://…")
+        action.add_argument("--json", action="store_true", help="print one JSON object")
+    fetching.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the log (default: here)")
+    fetching.add_argument("--log", type=int, metavar="N", help="number of the log on board (default: the newest)")
     tracing.add_argument("run_dir", type=Path, help="a run folder of one episode, or the folder of the episode")
     tracing.add_argument("--ulog", type=Path, metavar="FILE", help="the autopilot's own log (default: flight.tlog)")
-    tracing.add_argument("--target", metavar="LAT,LON[,ALT]", help="its centre as surveyed; ALT above mean sea level")
-    tracing.add_argument("--target-std", type=float, metavar="M", help="how well, per axis (3, a handheld receiver)")
+    tracing.add_argument("--target", metavar="LAT,LON[,ALT]", help="surveyed centre; ALT above mean sea level")
+    tracing.add_argument("--target-std", type=float, metavar="M", help="its deviation per axis (default 3, handheld)")
     tracing.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """List the logs, fetch one, or derive a trace."""
-    return _trace(args) if args.what == "trace" else _on_board(args)
+    return _trace(args) if args.action == "trace" else _on_board(args)
 
 
 def _on_board(args: argparse.Namespace) -> int:
@@ -44,7 +44,7 @@ def _on_board(args: argparse.Namespace) -> int:
 
     with log_store(args.connect) as store:
         logs = store.entries()
-        if args.what == "list":
+        if args.action == "list":
             if args.json:
                 print(json.dumps({"logs": [asdict(log) for log in logs]}))
             elif logs:
@@ -55,7 +55,8 @@ def _on_board(args: argparse.Namespace) -> int:
         chosen = [log for log in logs if log.size_bytes and args.log in (None, log.number)]
         if not chosen:
             there = ", ".join(str(log.number) for log in logs) or "none"
-            raise UsageError(f"there is no log {'' if args.log is None else args.log} on board; there is {there}")
+            name = "a log" if args.log is None else f"log {args.log}"
+            raise UsageError(f"{name} is not on board; the logs there: {there}")
         file = store.fetch(chosen[-1], args.out, _progress if sys.stderr.isatty() else lambda share: None)
         if args.json:
             print(json.dumps({"file": str(file), **asdict(chosen[-1])}))
@@ -65,7 +66,7 @@ def _on_board(args: argparse.Namespace) -> int:
 
 
 def _trace(args: argparse.Namespace) -> int:
-    """Write estimate.jsonl and judge the flight anew, unless its truth is known: then say how good the trace is."""
+    """Write estimate.jsonl and judge the flight by it. If the truth is known, print the error of the trace instead."""
     from dronecats.judge.distances import sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.report.afterflight.surveyed_target import target_from
@@ -83,7 +84,7 @@ def _trace(args: argparse.Namespace) -> int:
         from dronecats.flight.sitl.simulation import load_world, origin
 
         result |= against_truth(folder, origin(load_world(str(folder / EPISODE))))
-        told = (
+        summary = (
             f"against the truth: {result['rms_m']:.2f} m rms, {result['max_m']:.2f} m at most,"
             f" {100 * result['within_2_std']:.0f} % of the axes within two standard deviations"
         )
@@ -91,8 +92,8 @@ def _trace(args: argparse.Namespace) -> int:
         verdict = write_verdict(folder)
         distances = verdict.distances or None
         result |= {"outcome": verdict.outcome, "distances": as_json(distances)}
-        told = sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
-    print(json.dumps(result) if args.json else f"{file}\n{told}")
+        summary = sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
+    print(json.dumps(result) if args.json else f"{file}\n{summary}")
     return 0
 
 

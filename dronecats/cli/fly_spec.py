@@ -15,6 +15,7 @@ from dronecats.cli.options import (
     MODEL,
     REPLIES,
     Option,
+    accounts_of,
     disturbances_of,
     first_set,
     is_set,
@@ -25,7 +26,7 @@ from dronecats.cli.options import (
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
-    from dronecats.flight.spec.flight_spec import Accounts, FlightSpec
+    from dronecats.flight.spec.flight_spec import FlightSpec
     from hil.link.envelope import Limits
 
 VEHICLE = (
@@ -215,7 +216,11 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         vehicle = replace(vehicle, speed=speed(args.speed))
     if args.optics:
         vehicle = replace(vehicle, optics=load_optics(args.optics).as_dict())
-    changes: dict[str, Any] = {"simulated": vehicle, "accounts": _accounts(args), "full": args.full or spec.full}
+    changes: dict[str, Any] = {
+        "simulated": vehicle,
+        "accounts": accounts_of(args, args.ledger),
+        "full": args.full or spec.full,
+    }
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
     changes["disturbances"] = disturbances_of(args, spec.disturbances)
@@ -235,18 +240,6 @@ def replay_line(args: argparse.Namespace, flight: str) -> str:
     changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
     exceptions = f", but for {', '.join(changed)}" if changed else ""
     return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{exceptions}"
-
-
-def _accounts(args: argparse.Namespace) -> "Accounts":
-    from dronecats.agent.models.ledger import cost_limit, token_limit
-    from dronecats.flight.spec.flight_spec import Accounts
-
-    return Accounts(
-        cost_limit_usd=None if args.cost_limit is None else cost_limit(args.cost_limit),
-        token_limit=None if args.token_limit is None else token_limit(args.token_limit),
-        ledger=str(args.ledger) if args.ledger else None,
-        cache=str(args.cache) if args.cache else None,
-    )
 
 
 def template_of(file: Path) -> str:
@@ -306,7 +299,7 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
     if args.base_url and spec.model:
         spec = replace(spec, model=replace(spec.model, base_url=args.base_url))
-    changed = {name: value for name, value in asdict(_accounts(args)).items() if value is not None}
+    changed = {name: value for name, value in asdict(accounts_of(args, args.ledger)).items() if value is not None}
     spec = replace(spec, accounts=replace(spec.accounts, **changed))
     if args.commander_url and spec.commander:
         spec = replace(spec, commander=replace(spec.commander, base_url=args.commander_url))
@@ -324,7 +317,7 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
 
     fields: dict[str, Any] = {
         "prompt": template_of(args.prompt) if args.prompt else None,
-        "accounts": _accounts(args),
+        "accounts": accounts_of(args, args.ledger),
         **({"agent": args.agent} if args.agent else {}),
         **commanded_by(args),
     }

@@ -1,4 +1,4 @@
-"""`dronecats impair`: a bad wire between an agent and an autopilot, to be flown over."""
+"""Verb `impair`: a lossy, slow link between an agent and an autopilot."""
 
 import argparse
 from typing import Any
@@ -7,9 +7,9 @@ from foundation.declaration import DeclaredNumber, declarations
 from foundation.errors import UsageError
 from hil.impairment import Impairment
 
-BOTH = "A both ways, or A,B: A towards the autopilot and B from it"
+DIRECTIONS = "A both ways, or A,B: A towards the autopilot and B from it"
 QUANTITIES: dict[str, DeclaredNumber] = {  # by the field of an impairment; 0 baud: no limit
-    name: each.quantity for name, each in declarations(Impairment).items() if each.quantity
+    name: field.quantity for name, field in declarations(Impairment).items() if field.quantity
 }
 
 
@@ -17,21 +17,21 @@ def add_impair_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
     parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
-    wire = parser.add_argument_group("the wire", f"Each takes {BOTH}.")
+    wire = parser.add_argument_group("link", f"Each takes {DIRECTIONS}.")
     for name, declaration in QUANTITIES.items():
         default = f"{getattr(Impairment(), name) or 0:g}"
         text = f"{declaration.help}; {declaration.wanted}, default {default}"
         wire.add_argument(f"--{declaration.name}", default=default, metavar="A[,B]", help=text)
     wire.add_argument(
-        "--cut", action="append", default=[], metavar="FROM:TO", help="the cable is pulled, seconds since the start"
+        "--cut", action="append", default=[], metavar="FROM:TO", help="cut the link, in seconds since the start"
     )
-    parser.add_argument("--seed", type=int, default=0, help="same seed, same frames lost (default 0)")
+    parser.add_argument("--seed", type=int, default=0, help="equal seeds lose equal frames (default 0)")
     parser.add_argument("--report", type=float, metavar="S", help="print the counts every S seconds")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Carry until interrupted, then print the counts; status 3 when one end breaks."""
+    """Forward until Ctrl-C, then print the counts; status 3 when one end breaks."""
     import time
 
     from dronecats.cli.exit_status import interrupt_on_signals
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         agent.close()
         raise
     with ImpairedWire(agent, autopilot, up, down, args.seed) as wire:
-        print(f"carrying between {redacted(args.listen)} and {redacted(args.to)}; Ctrl-C ends it", flush=True)
+        print(f"forwarding between {redacted(args.listen)} and {redacted(args.to)}; Ctrl-C ends it", flush=True)
         try:
             reported_s = 0.0
             while True:
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def impairments(args: argparse.Namespace) -> tuple[Any, Any]:
-    """Return what the words ask for: towards the autopilot, and from it. Raises UsageError."""
+    """Return the impairments towards the autopilot, and from it. Raises UsageError."""
     cuts = tuple(_cut(text) for text in args.cut)
     directions = []
     for direction in (0, 1):
@@ -84,7 +84,7 @@ def _pair(name: str, text: str) -> tuple[float, float]:
     except ValueError:
         values = []
     if len(values) not in (1, 2) or not all(abs(value) < 1e12 for value in values):
-        raise UsageError(f"--{name} takes {BOTH}; got '{text}'")
+        raise UsageError(f"--{name} takes {DIRECTIONS}; got '{text}'")
     return values[0], values[-1]
 
 

@@ -14,106 +14,111 @@ from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
+    from dronecats.judge.metrics.audit import Audit
+    from dronecats.judge.metrics.deliberation import Followed
     from dronecats.judge.metrics.judging import JudgedEpisode
     from dronecats.judge.metrics.metric import MetricValue
     from dronecats.report.recorded.run import RecordedRun
     from dronecats.report.table import CellValue, ReportTable
 
-DIFFERS = 4  # exit status: a stored verdict is not what the logs say, or the logs contradict themselves
+DIFFERS = 4  # exit status: a stored verdict differs from the logs, or the logs contradict themselves
 
 
 def add_judge_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
+    _add_rules(parser)
+    parser.add_argument(
+        "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="measure with a file of your own"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object, with every metric")
+    parser.set_defaults(run=_judge)
+
+
+def _add_rules(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN", help="a run folder, one episode of it, or a folder of runs"
     )
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
     parser.add_argument("--cap", type=float, default=CAP_S, help="seconds after which nothing counts (default 300)")
-    parser.add_argument(
-        "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="measure with a file of your own"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object, with every metric")
-    parser.set_defaults(run=run_judge)
 
 
-def run_judge(args: argparse.Namespace) -> int:
-    """Print the verdicts; status 0 whatever they are, and 4 when something stored does not agree with them."""
+def _judge(args: argparse.Namespace) -> int:
+    """Print the verdicts; status 0 whatever they are, or 4 when a stored verdict differs."""
     from dronecats.judge.metrics.judging import Judging, judged_episodes
     from dronecats.report.recorded.run import recorded_runs
 
-    how = Judging(delta_m=args.delta, cap_s=args.cap, measured=args.json, own=tuple(args.metric))
-    how.check()
+    judging = Judging(delta_m=args.delta, cap_s=args.cap, measured=args.json, own=tuple(args.metric))
+    judging.check()
     runs = recorded_runs(args.runs)
-    folders = [folder for each in runs for folder in each.episodes]
-    names = _names([(each.folder, folder) for each in runs for folder in each.episodes])
-    told = zip(names, judged_episodes(folders, how), strict=True)
-    doubtful = 0
+    folders = [folder for run in runs for folder in run.episodes]
+    names = _names([(run.folder, folder) for run in runs for folder in run.episodes])
+    results = zip(names, judged_episodes(folders, judging), strict=True)
     if args.json:
-        episodes = {name: _as_json(each) for name, each in told}
-        doubtful = sum(_doubtful(each) for each in episodes.values())
+        episodes = {name: _as_json(episode) for name, episode in results}
+        doubtful = sum(bool(row["contradictions"]) or row["stored_agrees"] is False for row in episodes.values())
         print(json.dumps({"episodes": episodes}))
     else:
-        judged = [(run, [next(told)[1] for _ in run.episodes]) for run in runs]
-        doubtful = sum(each.judged.doubtful for _, of_run in judged for each in of_run)
+        judged = [(run, [next(results)[1] for _ in run.episodes]) for run in runs]
+        doubtful = sum(episode.judged.doubtful for _, of_run in judged for episode in of_run)
         show(_table(judged))
         if len(folders) > 1:
             print(f"{counted(len(folders), 'episode')}, {doubtful} in doubt")
     return DIFFERS if doubtful else 0
 
 
-def _names(found: Sequence[tuple[Path, Path]]) -> list[str]:
-    """Return what each episode is called: its folder's name, with its run's before it where there are several runs."""
-    runs = {run: run.name for run, _ in found}
+def _names(folders: Sequence[tuple[Path, Path]]) -> list[str]:
+    """Return the names of (run, episode) folders: of the episode, with that of the run if there are several runs."""
+    runs = {run: run.name for run, _ in folders}
     if len(runs) == 1:
-        return [folder.resolve().name for _, folder in found]
-    alike = len(set(runs.values())) < len(runs)
-    return [f"{run if alike else run.name}/{folder.resolve().name}" for run, folder in found]
+        return [folder.resolve().name for _, folder in folders]
+    ambiguous = len(set(runs.values())) < len(runs)
+    return [f"{run if ambiguous else run.name}/{folder.resolve().name}" for run, folder in folders]
 
 
-def _as_json(each: "JudgedEpisode") -> dict[str, Any]:
-    return {**each.judged.as_json(), "failure_mode": each.mode, "metrics": {**each.values}}
-
-
-def _doubtful(told: dict[str, Any]) -> bool:
-    return bool(told["contradictions"]) or told["stored_agrees"] is False
+def _as_json(episode: "JudgedEpisode") -> dict[str, Any]:
+    return {**episode.judged.as_json(), "failure_mode": episode.mode, "metrics": {**episode.values}}
 
 
 def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "ReportTable":
-    """Return a row per episode, a block per run; beneath them a line for each remark about an episode."""
+    """Return a row per episode and a block per run, with the remarks about episodes as notes."""
     from dronecats.report.table import ReportTable, in_blocks, numbers, row, words
 
     columns = (words("episode"), words("outcome"), numbers("NE", unit="m", decimals=2), numbers("steps"),
                numbers("declarations"), words("mode"), words("verdict.json"))  # fmt: skip
     rows, notes = [], []
     for run, episodes in judged:
-        names = [folder.resolve().name for folder in run.episodes]
         title = run.folder.name if len(judged) > 1 else ""
-        rows += [(title, row(*_line(name, each))) for name, each in zip(names, episodes, strict=True)]
-        before = f"{title}/" if title else ""
-        notes += [
-            f"{before}{name}: {said}" for name, each in zip(names, episodes, strict=True) for said in _remarks(each)
-        ]
+        prefix = f"{title}/" if title else ""
+        for folder, episode in zip(run.episodes, episodes, strict=True):
+            name = folder.resolve().name
+            rows.append((title, row(*_line(name, episode))))
+            notes += [f"{prefix}{name}: {remark}" for remark in _remarks(episode)]
     return ReportTable(columns=columns, blocks=in_blocks(rows), notes=tuple(notes))
 
 
-def _line(name: str, each: "JudgedEpisode") -> "tuple[CellValue, ...]":
-    verdict = each.judged.verdict
-    mode = "cut off there" if verdict.outcome == "success" and verdict.censored else each.mode or ""
-    return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(each.judged)
+def _line(name: str, episode: "JudgedEpisode") -> "tuple[CellValue, ...]":
+    verdict = episode.judged.verdict
+    mode = "cut off there" if verdict.outcome == "success" and verdict.censored else episode.mode or ""
+    return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(episode.judged)
 
 
-def _remarks(each: "JudgedEpisode") -> list[str]:
-    """Return what is to be said of an episode beside its row."""
+def _remarks(episode: "JudgedEpisode") -> list[str]:
     from dronecats.judge.commanding import sentence as of_commanding
     from dronecats.judge.distances import sentence as of_distances
 
-    verdict = each.judged.verdict
-    said = ["cut off at its first success: whether it would have been one at this radius is not known"
-            if verdict.outcome == "censored" else None]  # fmt: skip
-    said.append(of_distances(verdict.distances, verdict.delta_m) if verdict.distances else None)
-    said.append(of_commanding(verdict.commanding) if verdict.commanding else None)
-    said += [f"{name} {_value(value)}" for name, value in each.values.items()]
-    return [sentence for sentence in (*said, verdict.error, verdict.note, *each.judged.contradictions) if sentence]
+    verdict = episode.judged.verdict
+    remarks = [
+        "cut off at its first success: whether it succeeds at this radius is not known"
+        if verdict.outcome == "censored"
+        else None,
+        of_distances(verdict.distances, verdict.delta_m) if verdict.distances else None,
+        of_commanding(verdict.commanding) if verdict.commanding else None,
+        *(f"{name} {_value(value)}" for name, value in episode.values.items()),
+        verdict.error,
+        verdict.note,
+        *episode.judged.contradictions,
+    ]
+    return [remark for remark in remarks if remark]
 
 
 def _value(value: "MetricValue | Sequence[MetricValue]") -> str:
@@ -123,7 +128,7 @@ def _value(value: "MetricValue | Sequence[MetricValue]") -> str:
 
 
 def _agreement(judged: "Judged") -> str:
-    """Return what verdict.json is beside the verdict."""
+    """Return how verdict.json agrees with the verdict."""
     stored = judged.stored
     if stored is None:
         return "nothing stored to compare"
@@ -134,60 +139,55 @@ def _agreement(judged: "Judged") -> str:
     return f"DIFFERS{names}{version}"
 
 
-if TYPE_CHECKING:
-    from dronecats.judge.metrics.audit import Audit
-    from dronecats.judge.metrics.deliberation import Followed
-
-
 def add_audit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument(
-        "runs", type=Path, nargs="+", metavar="RUN", help="a run folder, one episode of it, or a folder of runs"
-    )
-    parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
-    parser.add_argument("--cap", type=float, default=CAP_S, help="seconds after which nothing counts (default 300)")
+    _add_rules(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run_audit)
+    parser.set_defaults(run=_audit)
 
 
-def run_audit(args: argparse.Namespace) -> int:
+def _audit(args: argparse.Namespace) -> int:
     """Print the audit of all episodes together."""
     from dronecats.judge.metrics.audit import audit, audited_episode
     from dronecats.judge.metrics.judging import Judging, of_each
     from dronecats.report.recorded.run import recorded_runs
 
     Judging(delta_m=args.delta, cap_s=args.cap).check()
-    folders = [folder for each in recorded_runs(args.runs) for folder in each.episodes]
-    told = audit(of_each(partial(audited_episode, delta_m=args.delta, cap_s=args.cap), folders))
+    folders = [folder for run in recorded_runs(args.runs) for folder in run.episodes]
+    result = audit(of_each(partial(audited_episode, delta_m=args.delta, cap_s=args.cap), folders))
     if args.json:
-        print(json.dumps(asdict(told)))
+        print(json.dumps(asdict(result)))
     else:
-        _print(told)
+        _print(result)
     return 0
 
 
-def _print(told: "Audit") -> None:
+def _print(audit: "Audit") -> None:
     from dronecats.judge.metrics.audit import RULES
     from dronecats.report.table import numbers, table_of, words
 
-    successes = counted(told.successes, "success", "successes")
-    print(f"{counted(told.episodes, 'episode')}, {told.scored} scored, {successes}")
+    successes = counted(audit.successes, "success", "successes")
+    print(f"{counted(audit.episodes, 'episode')}, {audit.scored} scored, {successes}")
     print(
-        f"{counted(told.declarations, 'declaration')}, {told.false_declarations} of which do not qualify;"
-        f" {told.late_declarations} after the cap, in {counted(told.late_episodes, 'episode')}"
+        f"{counted(audit.declarations, 'declaration')}, {audit.false_declarations} of which do not qualify;"
+        f" {audit.late_declarations} after the cap, in {counted(audit.late_episodes, 'episode')}"
     )
-    print(f"{counted(told.silent_failures, 'failure')} without a declaration, {told.silent_entered} within the radius")
-    rules = [(said, told.flips[name]) for name, (said, _) in RULES.items()]
-    rules.append(("strict parsing of what was mended", told.strict))
+    print(
+        f"{counted(audit.silent_failures, 'failure')} without a declaration, {audit.silent_entered} within the radius"
+    )
+    rules = [(text, audit.flips[name]) for name, (text, _) in RULES.items()]
+    rules.append(("strict parsing of what was mended", audit.strict))
     columns = (words("rule"), numbers("told"), numbers("success"), numbers("lost"), numbers("gained"))
     print()
-    show(table_of(columns, ((said, r.told, r.successes, r.lost, r.gained) for said, r in rules)))
-    gain = "" if told.think.gain_m_per_step is None else f", {told.think.gain_m_per_step:+.2f} m/step after them"
-    print(f"\nthink: {told.think.thinks} steps, {told.think.matched} matched by their closing rate{gain}")
-    print(f"  a stall broken within three steps: {_share(told.think.stalls)}")
-    print(f"  the target seen again within three steps: {_share(told.think.losses)}")
-    print(f"mended: {told.mended} of {told.steps} decisions, {told.changed} of them another one under strict parsing")
+    show(table_of(columns, ((text, r.told, r.successes, r.lost, r.gained) for text, r in rules)))
+    gain = "" if audit.think.gain_m_per_step is None else f", {audit.think.gain_m_per_step:+.2f} m/step after them"
+    print(f"\nthink: {audit.think.thinks} steps, {audit.think.matched} matched by their closing rate{gain}")
+    print(f"  a stall broken within three steps: {_share(audit.think.stalls)}")
+    print(f"  the target seen again within three steps: {_share(audit.think.losses)}")
+    print(
+        f"mended: {audit.mended} of {audit.steps} decisions, {audit.changed} of them another one under strict parsing"
+    )
 
 
-def _share(told: "Followed") -> str:
-    return f"{told.think}/{told.of_thinks} after a think, {told.other}/{told.of_others} after another step"
+def _share(count: "Followed") -> str:
+    return f"{count.think}/{count.of_thinks} after a think, {count.other}/{count.of_others} after another step"

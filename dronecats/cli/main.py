@@ -71,11 +71,21 @@ class VerbHelp(argparse.HelpFormatter):
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
+class Actions(argparse._SubParsersAction):  # type: ignore[type-arg]  # generic for type checkers only
+    """The parsers of verbs or actions. The description of each is its help as a sentence."""
+
+    def add_parser(self, name: str, **kwargs: Any) -> Any:
+        """Return a new parser for `name`."""
+        text = kwargs["help"]
+        return super().add_parser(name, **{"description": f"{text[0].upper()}{text[1:]}.", **kwargs})
+
+
 class VerbParser(argparse.ArgumentParser):
     """A parser whose help ends with examples, and which answers a mistyped word with the nearest known ones."""
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(formatter_class=VerbHelp, **kwargs)
+        self.register("action", "parsers", Actions)
 
     def format_help(self) -> str:
         """Return the help, with the examples that begin with this parser's command."""
@@ -110,7 +120,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     named = _verb(arguments)
     for verb, text in VERBS.items():
-        added = verbs.add_parser(verb, help=text, description=f"{text[0].upper()}{text[1:]}.")
+        added = verbs.add_parser(verb, help=text)
         if verb == named:
             module = importlib.import_module(f"dronecats.cli.{MODULES.get(verb, verb)}")
             getattr(module, f"add_{verb}_options")(added)

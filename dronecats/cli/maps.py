@@ -1,4 +1,4 @@
-"""`dronecats maps`: what there is to fly in, and maps of one's own."""
+"""Verb `maps`: lists, shows and exports maps, and imports the user's own."""
 
 import argparse
 import json
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 def add_maps_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="one line per map")
+    listing = actions.add_parser("list", help="print one line per map")
     listing.add_argument("--json", action="store_true", help="print one JSON object")
-    showing = actions.add_parser("show", help="extent, triangles, things and origin of a map")
+    showing = actions.add_parser("show", help="print extent, triangles, objects and origin of a map")
     showing.add_argument("name", metavar="NAME")
-    showing.add_argument("--seed", type=int, default=1, help="of a map that ships (default 1)")
+    showing.add_argument("--seed", type=int, default=1, help="seed of a shipped map (default 1)")
     showing.add_argument("--json", action="store_true", help="print one JSON object")
     export = actions.add_parser("export", help="write a map as a binary glTF file")
     export.add_argument("name", metavar="NAME")
-    export.add_argument("--seed", type=int, default=1, help="of a map that ships (default 1)")
+    export.add_argument("--seed", type=int, default=1, help="seed of a shipped map (default 1)")
     export.add_argument("--out", type=Path, required=True, metavar="FILE.glb")
-    bring = actions.add_parser("import", help="check a binary glTF file and keep it as a map of yours")
+    bring = actions.add_parser("import", help="check a binary glTF file and keep it as your own map")
     bring.add_argument("file", type=Path, metavar="FILE.glb")
     bring.add_argument("--name", required=True, help="small letters, digits and hyphens")
     bring.add_argument(
@@ -36,7 +36,7 @@ def add_maps_options(parser: argparse.ArgumentParser) -> None:
         metavar="NORTH,EAST[,DOWN]",
         help="a free place on the ground, metres; write --spawn=-3,4 when it begins with a minus",
     )
-    bring.add_argument("--replace", action="store_true", help="in place of a map of yours of that name")
+    bring.add_argument("--replace", action="store_true", help="replace your own map of that name")
     parser.set_defaults(run=run)
 
 
@@ -52,7 +52,7 @@ def spawn(text: str) -> tuple[float, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Do what was asked for."""
+    """List, show, export or import."""
     from dronecats.report.table import table_of, words
     from episodes import maps
     from episodes.maps import gltf, user
@@ -85,20 +85,20 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _facts(scene: Any) -> dict[str, Any]:
-    """Return what is worth knowing about a map."""
+    """Return the facts about a map for `show`, as JSON values."""
     from episodes.maps.gltf.reader import extent
 
     low, high = extent(scene)
     pictures = {id(m.texture): m.texture for i in scene.instances for m in i.mesh.materials if m.texture is not None}
     kinds: dict[str, int] = {}
-    for one in scene.instances:
-        kinds[one.kind] = kinds.get(one.kind, 0) + 1
+    for instance in scene.instances:
+        kinds[instance.kind] = kinds.get(instance.kind, 0) + 1
     return {
         "name": scene.name,
         "north_m": [round(low[0], 2), round(high[0], 2)],
         "east_m": [round(low[1], 2), round(high[1], 2)],
         "height_m": [round(-high[2], 2), round(-low[2], 2)],
-        "triangles": sum(len(one.mesh.triangles) for one in scene.instances),
+        "triangles": sum(len(instance.mesh.triangles) for instance in scene.instances),
         "instances": len(scene.instances),
         "kinds": dict(sorted(kinds.items())),
         "texels": sum(p.shape[0] * p.shape[1] for p in pictures.values()),
@@ -112,7 +112,7 @@ def _facts(scene: Any) -> dict[str, Any]:
 
 
 def _table(facts: dict[str, Any]) -> "ReportTable":
-    """Return the same for a person."""
+    """Return the facts as a table."""
     from dronecats.report.table import table_of, words
 
     (n0, n1), (e0, e1), (h0, h1) = facts["north_m"], facts["east_m"], facts["height_m"]

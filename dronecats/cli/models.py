@@ -47,7 +47,7 @@ def add_models_options(parser: argparse.ArgumentParser) -> None:
     showing.add_argument("--lifted", action="store_true", help="show the request of the step after a think")
     showing.set_defaults(run=_show)
     checking = actions.add_parser(
-        "check", help="send two small pictures and check the replies; costs some cents at most"
+        "check", help="send one small picture and check the replies; costs some cents at most"
     )
     checking.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
     add(checking, MODEL)

@@ -20,6 +20,7 @@ from foundation.errors import UsageError
 
 if TYPE_CHECKING:
     from dronecats.agent.models.spec import ModelSpec
+    from dronecats.flight.spec.flight_spec import Accounts
     from dronecats.view.live.opening import WantedPage
 
 PAGE_PORT = 8090  # above the cameras of simulators, which begin at 8080
@@ -278,6 +279,19 @@ def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
         wanted = "--reasoning-effort wants the vendor's word for it, such as none, low or high"
         raise UsageError(f"{wanted}, got '{args.reasoning_effort:.40}'")
     return with_effort(spec, args.reasoning_effort)
+
+
+def accounts_of(args: argparse.Namespace, ledger: Path | None) -> "Accounts":
+    """Return the limits, the ledger and the cache of paid models. Raises UsageError."""
+    from dronecats.agent.models.ledger import cost_limit, token_limit
+    from dronecats.flight.spec.flight_spec import Accounts
+
+    return Accounts(
+        cost_limit_usd=None if args.cost_limit is None else cost_limit(args.cost_limit),
+        token_limit=None if args.token_limit is None else token_limit(args.token_limit),
+        ledger=str(ledger) if ledger else None,
+        cache=str(args.cache) if args.cache else None,
+    )
 
 
 def describe_model(spec: "ModelSpec") -> str:

@@ -1,4 +1,4 @@
-"""`dronecats preflight --connect URL`: is this vehicle fit to be flown by the agent? Looks, never arms."""
+"""Verb `preflight`: checks whether a connected vehicle is fit to fly. Never arms it."""
 
 import argparse
 import json
@@ -35,12 +35,18 @@ def add_preflight_options(parser: argparse.ArgumentParser) -> None:
     )
     add_sign(parser)
     parser.add_argument(
-        "--give-key", action="store_true", help="give the vehicle the key of --sign first, after a typed yes"
+        "--give-key", action="store_true", help="send the key of --sign to the vehicle first, after you confirm"
     )
-    parser.add_argument("--camera", metavar="URL", help="look through the camera too")
-    parser.add_argument("--seconds", type=float, default=5.0, metavar="N", help="how long to listen (default 5)")
-    parser.add_argument("--out", type=Path, default=Path("runs"), metavar="DIR", help="where runs go (default runs)")
-    parser.add_argument("--fix", action="store_true", help="propose changes of parameters; set them after a typed yes")
+    parser.add_argument("--camera", metavar="URL", help="check the camera, too")
+    parser.add_argument("--seconds", type=float, default=5.0, metavar="N", help="time to listen (default 5)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("runs"),
+        metavar="DIR",
+        help="folder of runs (default runs)",
+    )
+    parser.add_argument("--fix", action="store_true", help="propose parameter changes, and set them after you confirm")
     parser.add_argument("--json", action="store_true", help="print one JSON object on standard output")
     parser.set_defaults(run=run)
 
@@ -64,32 +70,32 @@ def run(args: argparse.Namespace) -> int:
             if not _typed_yes(GIVES_KEY, "give it the key"):
                 return 1
             link.give_key(key)
-        found = check(link, seconds=args.seconds, folder=args.out, camera_url=args.camera)
+        result = check(link, seconds=args.seconds, folder=args.out, camera_url=args.camera)
         if not args.json:
-            _show(found)
-        if args.fix and found.changes and _agreed(found, quiet=args.json):
-            found = mend(link, found, found.changes)
+            _show(result)
+        if args.fix and result.changes and _agreed(result, quiet=args.json):
+            result = mend(link, result, result.changes)
             if not args.json:
                 print("\nset, and read back:\n")
-                _show(found)
+                _show(result)
     finally:
         link.close()
-    failed = any(row.passed is False for row in found.rows)
+    failed = any(row.passed is False for row in result.rows)
     if args.json:
-        rows, changes = [asdict(row) for row in found.rows], [asdict(change) for change in found.changes]
+        rows, changes = [asdict(row) for row in result.rows], [asdict(change) for change in result.changes]
         print(json.dumps({"passed": not failed, "rows": rows, "changes": changes}))
     return 1 if failed else 0
 
 
-def _show(found: "Check") -> None:
+def _show(result: "Check") -> None:
     from hil.preflight.observation import summary
 
-    show(table(found.rows))
-    print(f"\n{summary(found.rows)}", flush=True)
+    show(table(result.rows))
+    print(f"\n{summary(result.rows)}", flush=True)
 
 
 def table(rows: "Sequence[Row]") -> "ReportTable":
-    """Return the rows for a person: mark, name, why, and what to do."""
+    """Return the checks as a table: mark, name, finding, and remedy."""
     from dronecats.report.table import table_of, words
 
     lines = (
@@ -100,23 +106,23 @@ def table(rows: "Sequence[Row]") -> "ReportTable":
 
 
 def proposal(changes: "Sequence[Change]") -> "ReportTable":
-    """Return the changes for a person: name, old → new, and the reason."""
+    """Return the changes as a table: name, old → new, and the reason."""
     from dronecats.report.table import numbers, table_of, words
 
     lines = ((c.name, f"{c.old:g}", f"→ {c.new:g}", c.reason) for c in changes)
     return table_of((words(""), numbers(""), words(""), words("")), lines)
 
 
-def _agreed(found: "Check", *, quiet: bool) -> bool:
-    """Show what would be set and return whether `yes` was typed. The end of the input is a no."""
+def _agreed(result: "Check", *, quiet: bool) -> bool:
+    """Print the changes and return whether the user typed `yes`."""
     print("\n--fix would set, on the vehicle itself:\n", file=sys.stderr)
-    show(proposal(found.changes), file=sys.stderr)
+    show(proposal(result.changes), file=sys.stderr)
     print(file=sys.stderr)
     return _typed_yes("", "set them", quiet=quiet)
 
 
-def _typed_yes(warning: str, what: str, *, quiet: bool = True) -> bool:
-    print(f"{warning}type {YES} to {what}: ", end="", file=sys.stderr, flush=True)
+def _typed_yes(warning: str, action: str, *, quiet: bool = True) -> bool:
+    print(f"{warning}type {YES} to {action}: ", end="", file=sys.stderr, flush=True)
     answer = sys.stdin.readline().strip()
     if answer == YES:
         return True

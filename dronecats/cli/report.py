@@ -1,4 +1,4 @@
-"""`dronecats report RUN…`: the paper's tables and figures from one's own runs, and a page to look through them."""
+"""Verb `report`: the paper's tables and figures from runs, and a page to browse them."""
 
 import argparse
 import json
@@ -13,24 +13,24 @@ from foundation.protocol import RADIUS_M
 def add_report_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folders, or folders that hold runs")
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write the report into")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the report")
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
-    parser.add_argument("--pool-anyway", action="store_true", help="count runs together though they are of other kinds")
-    parser.add_argument("--drop-stalled", action="store_true", help="leave out episodes that the host held up")
+    parser.add_argument("--pool-anyway", action="store_true", help="pool runs of different kinds")
+    parser.add_argument("--drop-stalled", action="store_true", help="leave out episodes that the host delayed")
     parser.add_argument(
-        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out episodes with more of it"
+        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out episodes with more than N"
     )
     parser.add_argument(
         "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="add a file of your own metrics"
     )
-    parser.add_argument("--no-page", action="store_true", help="write no page for the browser")
-    parser.add_argument("--embed", action="store_true", help="put the pictures into the page instead of beside it")
+    parser.add_argument("--no-page", action="store_true", help="write no browser page")
+    parser.add_argument("--embed", action="store_true", help="embed the pictures in the page")
     parser.add_argument("--json", action="store_true", help="print the tables as one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the report; status 0 whatever it says."""
+    """Write the report; status 0 whatever its content."""
     import math
 
     from dronecats.judge.metrics.registry import METRICS, own_metrics
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
     if not math.isfinite(args.delta) or args.delta <= 0:
         raise UsageError(f"--delta wants a radius in metres above 0, got {args.delta:g}")
     if args.embed and args.no_page:
-        raise UsageError("--embed is of the page; leave out --no-page")
+        raise UsageError("--embed goes with the page; leave --no-page out")
     if args.out.exists() and not args.out.is_dir():
         raise UsageError(f"--out {args.out} is a file; name a folder")
     exclusions = [parse_exclusion(text) for text in args.exclude_above]
@@ -53,7 +53,7 @@ def run(args: argparse.Namespace) -> int:
     if args.drop_stalled:
         collection = without_stalled(collection)
     collection = exclude(collection, exclusions)
-    data = report_data(collection, command(args), pool_anyway=args.pool_anyway)
+    data = report_data(collection, _command(args), pool_anyway=args.pool_anyway)
     made = tables(data, own)
     written = write(made, draw(data, made, args.out / "figures"), opening(data, args.delta, exclusions), args.out)
     page = None
@@ -69,12 +69,11 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def command(args: argparse.Namespace) -> str:
+def _command(args: argparse.Namespace) -> str:
     """Return the command line that makes these tables again."""
-    said = ["dronecats", "report", *(str(path) for path in args.runs)]
-    said += [] if args.delta == RADIUS_M else ["--delta", f"{args.delta:g}"]
-    said += ["--pool-anyway"] * args.pool_anyway + ["--drop-stalled"] * args.drop_stalled
-    said += [part for text in args.exclude_above for part in ("--exclude-above", text)]
-    return shlex.join(
-        [*said, *(part for path in args.metric for part in ("--metric", str(path))), "--out", str(args.out)]
-    )
+    command = ["dronecats", "report", *(str(path) for path in args.runs)]
+    command += [] if args.delta == RADIUS_M else ["--delta", f"{args.delta:g}"]
+    command += ["--pool-anyway"] * args.pool_anyway + ["--drop-stalled"] * args.drop_stalled
+    command += [word for text in args.exclude_above for word in ("--exclude-above", text)]
+    command += [word for path in args.metric for word in ("--metric", str(path))]
+    return shlex.join([*command, "--out", str(args.out)])

@@ -1,4 +1,4 @@
-"""`dronecats sitl`: the simulator alone, for any MAVLink client, on PX4's ports; under our autopilot or a real PX4."""
+"""Verb `sitl`: the simulator alone on PX4's ports, for any MAVLink client, with our autopilot or a real PX4."""
 
 import argparse
 import contextlib
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.options import add_sign, add_view, key_of, view_of
+from dronecats.cli.output import print_line
 from foundation.errors import UsageError
 
 WIND_MAX = 40.0  # m/s, a hurricane
@@ -17,12 +18,12 @@ PX4_INSTANCES = 10  # further ones all send to port 14549
 
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("--instance", type=int, default=0, metavar="I", help="added to every port (default 0)")
-    parser.add_argument("--count", type=int, default=None, metavar="N", help="vehicles, each on its own ports")
+    parser.add_argument("--instance", type=int, default=0, metavar="I", help="add this to every port (default 0)")
+    parser.add_argument("--count", type=int, metavar="N", help="vehicles, each on its own ports (default 1)")
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
-    parser.add_argument("--airframe", default="x500", metavar="NAME", help="default x500")
-    parser.add_argument("--seed", type=int, default=0, help="of the sensors' noise (default 0)")
-    parser.add_argument("--episode", default=None, metavar="ID", help="its map and start place (default: open ground)")
+    parser.add_argument("--airframe", default="x500", metavar="NAME", help="name or TOML file (default x500)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the sensors' noise (default 0)")
+    parser.add_argument("--episode", metavar="ID", help="use its map and start place (default: open ground)")
     parser.add_argument(
         "--camera",
         nargs="?",
@@ -36,10 +37,10 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
         "--state",
         type=Path,
         metavar="DIR",
-        help="keeps parameters, plans, flight logs and clients' files (default runs/sitl-I)",
+        help="folder of parameters, plans, logs and clients' files (default runs/sitl-I)",
     )
     parser.add_argument(
-        "--wind", default="0,0", metavar="N,E", help="m/s that the air moves north and east, for example --wind=-4,3"
+        "--wind", default="0,0", metavar="N,E", help="motion of the air north and east in m/s, for example --wind=-4,3"
     )
     parser.add_argument(
         "--gusts",
@@ -49,21 +50,21 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
         help="Dryden gusts for this wind at 20 ft in m/s; 7.7 is light",
     )
     parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
-    parser.add_argument("--faults", type=Path, metavar="FILE", help="what breaks when: docs/faults.md")
+    parser.add_argument("--faults", type=Path, metavar="FILE", help="script of faults: docs/faults.md")
     parser.add_argument(
-        "--autopilot", choices=("ours", "px4"), default="ours", help="px4: a real one flies (default ours)"
+        "--autopilot", choices=("ours", "px4"), default="ours", help="px4 flies a real PX4 (default ours)"
     )
     parser.add_argument(
-        "--px4", metavar="COMMAND", help="with --autopilot px4: starts your PX4; without it, waits for one"
+        "--px4", metavar="COMMAND", help="with --autopilot px4: command that starts your PX4 (default: wait for one)"
     )
     add_sign(parser)
-    parser.add_argument("--hitl", metavar="URL", help="a PX4 board flies: serial:///dev/ttyACM0:921600")
+    parser.add_argument("--hitl", metavar="URL", help="fly with a PX4 board: serial:///dev/ttyACM0:921600")
     add_view(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until interrupted."""
+    """Simulate until Ctrl-C."""
     from dronecats.cli.options import speed
     from episodes.camera.optics.file import load
     from episodes.records import catalogue
@@ -138,9 +139,9 @@ def run(args: argparse.Namespace) -> int:
     )
     simulator: Simulator | Px4Simulator | BoardSimulator
     if args.hitl:
-        simulator = BoardSimulator(config, notify=_say)
+        simulator = BoardSimulator(config, notify=print_line)
     elif args.autopilot == "px4":
-        simulator = Px4Simulator(config, notify=_say)
+        simulator = Px4Simulator(config, notify=print_line)
     else:
         simulator = Simulator(config)
     with tempfile.TemporaryDirectory(prefix="dronecats-sitl-") as logs:
@@ -168,16 +169,16 @@ def run(args: argparse.Namespace) -> int:
                 truth=f"udpout://127.0.0.1:{ports['truth']}",
                 telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in ports.get("log", ())),
             )
-            with opened(view, wires, "simulator", _say):
+            with opened(view, wires, "simulator", print_line):
                 simulator.ready()
                 while True:
                     simulator.turn()
                     supervisor.check()
                     if lag := simulator.pace.line():
-                        _say(lag)
+                        print_line(lag)
         except KeyboardInterrupt:
             if isinstance(simulator, Px4Simulator):
-                _say(simulator.summary())
+                print_line(simulator.summary())
             return 0
         finally:
             with contextlib.suppress(KeyboardInterrupt):
@@ -186,7 +187,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _check_hitl(args: argparse.Namespace, factor: float) -> None:
-    """Raise UsageError for what a board cannot do: it runs in real time, alone, and brings its own autopilot."""
+    """Raise UsageError for options that a board rules out: it runs in real time, alone, with its own autopilot."""
     from hil.simulator import sensor_period_us
 
     if factor != 1.0:
@@ -209,10 +210,6 @@ def _wind(text: str) -> tuple[float, float]:
     return north, east
 
 
-def _say(line: str) -> None:
-    print(line, flush=True)
-
-
 def _announce(args: argparse.Namespace, camera: str | None) -> None:
     from dronecats.flight.sitl.sockets import AGENT_PORT, GCS_PORT, TRUTH_LOCAL, TRUTH_PORT
     from hil.simulator import PORT
@@ -223,7 +220,7 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
         print(
             f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}{behind}"
         )
-    print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to whoever speaks to {TRUTH_LOCAL + args.instance}")
+    print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to clients of port {TRUTH_LOCAL + args.instance}")
     if camera:
         print(f"camera: {camera}")
     print("MAVSDK scripts to start from: examples/mavsdk4.py, and examples/mavsdk3.py for MAVSDK 3")

@@ -1,12 +1,11 @@
-"""`dronecats study load`: what a busy host does to flights in lockstep and in real time, and whether it is marked."""
+"""Action `study load`: the effect of a busy host on flights in lockstep and in real time."""
 
 import argparse
 import json
-import sys
 from pathlib import Path
 
 from dronecats.cli.options import level_list
-from dronecats.cli.output import show
+from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 
 BUSY = "0,2,4,8"  # processes
@@ -24,25 +23,27 @@ def add_load_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these, by id or file")
     parser.add_argument("--suite", action="append", metavar="NAME", help="quick (default), one-drone, commanding, all")
-    parser.add_argument("--cells", type=level_list, metavar="CELL,…", help="the suite's episodes of these cells")
-    parser.add_argument("--maps", type=level_list, metavar="MAP,…", help="the suite's episodes on these maps")
+    parser.add_argument("--cells", type=level_list, metavar="CELL,…", help="these cells of the suite")
+    parser.add_argument("--maps", type=level_list, metavar="MAP,…", help="these maps of the suite")
     parser.add_argument("--pilot", default="oracle", metavar="NAME", help="built in (default oracle)")
-    parser.add_argument("--flights", type=int, default=1, metavar="N", help="of each episode (default 1)")
-    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of vehicle time, of a flight (60)")
-    parser.add_argument("--latency", default="fixed:0.1", metavar="POLICY", help="of a reply (fixed:0.1)")
-    parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="factor on real time (1)")
-    parser.add_argument("--rendered", action="store_true", help="draw the frames for pilots that do not look, too")
-    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="flights in the air at a time (1)")
+    parser.add_argument("--flights", type=int, default=1, metavar="N", help="flights of each episode (default 1)")
+    parser.add_argument(
+        "--seconds", type=float, default=60.0, metavar="S", help="vehicle time of a flight (default 60)"
+    )
+    parser.add_argument("--latency", default="fixed:0.1", metavar="POLICY", help="time of a reply (default fixed:0.1)")
+    parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="factor on real time (default 1)")
+    parser.add_argument("--rendered", action="store_true", help="render frames also for pilots that do not look")
+    parser.add_argument("--jobs", type=int, default=1, metavar="J", help="flights at a time (default 1)")
     parser.add_argument(
         "--out", type=Path, default=Path("runs/study-load"), metavar="DIR",
-        help="folder, gone on with (default runs/study-load)",
+        help="folder; an unfinished one is resumed (default runs/study-load)",
     )  # fmt: skip
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Fly and compare; status 0, or 1 where load has moved a verdict in lockstep."""
+    """Fly and compare; status 1 if load changed a verdict in lockstep."""
     from dronecats.cli.exit_status import interrupt_on_signals
     from dronecats.cli.study_spec import suite_of_options
     from dronecats.pilots import roster
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         speed=args.speed,
         rendered=args.rendered or roster.looks(args.pilot),
     )
-    flights = host_load.fly(plan, args.out, lambda line: print(line, file=sys.stderr, flush=True))
+    flights = host_load.fly(plan, args.out, print_note)
     findings = host_load.compare(flights)
     written = host_load.write(findings, args.out, _command(args), _machine())
     if args.json:
@@ -80,14 +81,14 @@ def run(args: argparse.Namespace) -> int:
 def _levels(words: list[str]) -> tuple[int, ...]:
     if not words or not all(word.isascii() and word.isdigit() and int(word) <= MOST for word in words):
         raise UsageError(f"--busy wants whole numbers up to {MOST}, as in {BUSY}, got '{','.join(words):.60}'")
-    found = tuple(int(word) for word in words)
-    if len(set(found)) < len(found):
+    levels = tuple(int(word) for word in words)
+    if len(set(levels)) < len(levels):
         raise UsageError("--busy has one of its levels twice")
-    return found
+    return levels
 
 
 def _command(args: argparse.Namespace) -> str:
-    """Return the command that makes the same again, on such a machine."""
+    """Return the command that repeats this study."""
     words = ["dronecats study load", f"--busy {','.join(args.busy)}"]
     for name in ("episodes", "cells", "maps"):
         words += [f"--{name} {','.join(getattr(args, name))}"] if getattr(args, name) else []

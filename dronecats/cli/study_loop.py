@@ -1,16 +1,15 @@
-"""`dronecats study loop`: from velocity setpoint to motion, and how late anything on that way may come."""
+"""Action `study loop`: delay margins of the control loops, and the setpoint loss and jitter that they bear."""
 
 import argparse
 import json
 import os
-import sys
 import tempfile
 from pathlib import Path
 
-from dronecats.cli.output import show
+from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 
-PARTS = ("margins", "stream", "trace")
+EXPERIMENTS = ("margins", "stream", "trace")
 
 
 def add_loop_options(parser: argparse.ArgumentParser) -> None:
@@ -24,29 +23,25 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
         metavar="LOOP",
         help="rate, attitude, velocity, or one as `tune` names it; repeatable",
     )
-    parser.add_argument("--part", action="append", choices=PARTS, help="only this; repeatable (default: all three)")
+    parser.add_argument("--part", action="append", choices=EXPERIMENTS, help="only this; repeatable (default: all)")
     parser.add_argument(
-        "--px4", metavar="COMMAND", help="starts a PX4 that flies the trace too (default: what DRONECATS_PX4 holds)"
+        "--px4", metavar="COMMAND", help="command of a PX4 that flies the trace, too (default: DRONECATS_PX4)"
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write page, figures, JSON and CSV into this folder")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for page, figures, JSON and CSV")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Study; status 0, or 1 where a prediction is further than 20 % off what was flown."""
-
-    def say(line: str) -> None:
-        print(line, file=sys.stderr, flush=True)
-
+    """Measure; status 1 if a prediction differs from the flight by more than 20 %."""
     from dronecats.study.loop import margins, report, stream, trace
     from dronecats.study.loop.hover import Hover, select_loops
     from vehicles import airframe
 
-    loops, parts = select_loops(args.loops), args.part or PARTS
+    loops, experiments = select_loops(args.loops), args.part or EXPERIMENTS
     if args.px4 is not None and not args.px4.strip():
         raise UsageError("--px4 wants the command that starts a PX4, and it is empty")
-    if args.px4 and "trace" not in parts:
+    if args.px4 and "trace" not in experiments:
         raise UsageError("--px4 goes with --part trace, which it flies; add that, or leave --px4 out")
     if args.out and args.out.exists() and not args.out.is_dir():
         raise UsageError(f"--out {args.out} is a file; name a folder")
@@ -56,21 +51,21 @@ def run(args: argparse.Namespace) -> int:
     traces: list[trace.TraceResponse] = []
     traced = (args.airframe or [trace.AIRFRAME])[0]
     px4 = args.px4 or os.environ.get("DRONECATS_PX4")
-    if px4 and "trace" in parts:  # first, since it alone is somebody else's: a wrong command ends here, not in minutes
+    if px4 and "trace" in experiments:  # first, so that a wrong command ends here, not in minutes
         airframe.quadrotor(airframe.load(traced))
-        say(f"{traced}: the trace under PX4 …")
+        print_note(f"{traced}: the trace under PX4 …")
         log_dir = args.out or Path(tempfile.mkdtemp(prefix="dronecats-px4-log-"))
         log_dir.mkdir(parents=True, exist_ok=True)
         traces.append(trace.fly(traced, px4=px4, log_dir=log_dir))
     for frame in frames:
-        if "margins" in parts:
-            say(f"{frame.name}: {len(loops)} loops …")
+        if "margins" in experiments:
+            print_note(f"{frame.name}: {len(loops)} loops …")
             studies += margins.study_loops(Hover(frame), loops)
-        if "stream" in parts:
-            say(f"{frame.name}: jitter and loss of the setpoints …")
+        if "stream" in experiments:
+            print_note(f"{frame.name}: jitter and loss of the setpoints …")
             tolerances += stream.tolerances(frame)
-    if "trace" in parts:
-        say(f"{traced}: the trace …")
+    if "trace" in experiments:
+        print_note(f"{traced}: the trace …")
         traces.insert(0, trace.fly(traced))
     results = report.LoopResults(studies, tolerances, traces, airframe.load(traced).name)
     written = report.write(results, args.out, _command(args)) if args.out else []
@@ -84,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _command(args: argparse.Namespace) -> str:
-    """Return the command that makes the same again."""
+    """Return the command that repeats this study."""
     words = ["dronecats study loop"]
     for name in ("airframe", "loops", "part"):
         words += [f'--{name} "{value}"' if " " in value else f"--{name} {value}" for value in getattr(args, name) or ()]

@@ -1,16 +1,15 @@
-"""`dronecats study rate`: how long each link of somebody's own chain takes, without moving anything."""
+"""Action `study rate`: times camera, encoding, model and setpoint of the user's own rig. Moves nothing."""
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.exit_status import INTERRUPTED, interrupt_on_signals
 from dronecats.cli.fly import no_options
 from dronecats.cli.fly_spec import PILOT
 from dronecats.cli.options import add, add_sign
-from dronecats.cli.output import show
+from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
@@ -18,10 +17,9 @@ if TYPE_CHECKING:
     from dronecats.study.rate.chain import ChainSummary, ReplayedChain
 
 QUESTIONS = 30
-LEAST = 5  # questions of which quantiles say anything
+LEAST = 5  # questions, for useful quantiles
 MOST = 10_000  # latencies of a trace
 INSTRUCTION = "Find the red van and fly up to it."
-INTERRUPTED = 130
 
 
 def add_rate_options(parser: argparse.ArgumentParser) -> None:
@@ -32,30 +30,32 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
     rig.add_argument(
         "--camera", metavar="URL", required=True, help="http://, rtsp://, v4l2:0, a video file or a folder"
     )
-    rig.add_argument("--calibration", type=Path, metavar="FILE", help="the lens, see docs/cameras.md")
+    rig.add_argument("--calibration", type=Path, metavar="FILE", help="lens of the camera: docs/cameras.md")
     rig.add_argument("--envelope", type=Path, metavar="FILE", help="limits of the safety envelope: docs/envelope.md")
-    rig.add_argument("--dry-run", action="store_true", help="has to be said: nothing is ever moved by this verb")
+    rig.add_argument("--dry-run", action="store_true", help="required, to make clear that nothing moves")
     add(parser.add_argument_group("pilot"), PILOT)
     run_group = parser.add_argument_group("run")
-    run_group.add_argument("--instruction", metavar="TEXT", default=INSTRUCTION, help="what the pilot is told")
+    run_group.add_argument("--instruction", metavar="TEXT", default=INSTRUCTION, help="the task of the pilot")
     run_group.add_argument(
-        "--questions", type=int, metavar="N", help=f"how many ({QUESTIONS}; as many as --seconds allow)"
+        "--questions",
+        type=int,
+        metavar="N",
+        help=f"default {QUESTIONS}, or as many as --seconds allow",
     )
-    run_group.add_argument("--seconds", type=float, metavar="S", help="of vehicle time at most (300)")
-    run_group.add_argument("--patience", type=float, metavar="S", help="end after S without a picture or a reply (60)")
+    run_group.add_argument("--seconds", type=float, metavar="S", help="longest vehicle time (default 300)")
+    run_group.add_argument(
+        "--patience", type=float, metavar="S", help="longest wait for a frame or a reply (default 60)"
+    )
     run_group.add_argument("--out", type=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)")
     run_group.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Measure; status 0 when so much was measured as was asked for, 2 when too little, 3 when something broke."""
+    """Measure; status 0 when all wanted questions were measured, 2 when too few, 3 when something broke."""
     wanted = _wanted(args)
     spec = rehearsal(args)
     interrupt_on_signals()
-
-    def say(line: str) -> None:
-        print(line, file=sys.stderr, flush=True)
 
     from dronecats.flight.run.fly import fly
     from dronecats.flight.run.setup import undisturbed
@@ -65,25 +65,25 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None:
         check_fresh(args.out)
     instruments = RateInstruments(wanted)
-    result = fly(spec, args.out, say, instruments)
+    result = fly(spec, args.out, print_note, instruments)
     with undisturbed():
         instruments.close()
         times, folder = instruments.times, instruments.run
-        found = summarize(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None
-        replay = write_replay(folder, times, found.frame_delay_s) if found and folder else None
+        summary = summarize(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None
+        replay = write_replay(folder, times, summary.frame_delay_s) if summary and folder else None
         status, why = _ended(result, len(times), wanted, args.seconds)
-        _report(found, replay, {"wanted": wanted, "status": status, "error": why}, as_json=args.json)
+        _report(summary, replay, {"wanted": wanted, "status": status, "error": why}, as_json=args.json)
     if why:
-        say(f"dronecats study rate: {why}")
+        print_note(f"dronecats study rate: {why}")
     return status
 
 
 def _wanted(args: argparse.Namespace) -> int | None:
-    """Return how many questions are asked, None for as many as the time allows. Raises UsageError."""
+    """Return the number of questions, None for as many as the time allows. Raises UsageError."""
     if not args.dry_run:
-        raise UsageError("`study rate` never moves a vehicle; so that it is clear to everybody, add --dry-run")
+        raise UsageError("`study rate` never moves a vehicle: add --dry-run to confirm that you know this")
     if args.cache is not None:
-        raise UsageError("a reply that was kept takes no time: leave --cache out")
+        raise UsageError("a cached reply takes no time: leave --cache out")
     wanted: int | None = QUESTIONS if args.questions is None and args.seconds is None else args.questions
     if wanted is not None and not LEAST <= wanted <= MOST:
         raise UsageError(f"--questions wants a whole number from {LEAST} to {MOST:,}, got {wanted}")
@@ -91,14 +91,14 @@ def _wanted(args: argparse.Namespace) -> int | None:
 
 
 def rehearsal(args: argparse.Namespace) -> "FlightSpec":
-    """Return the rehearsal, as `fly --connect … --dry-run` would have it. Raises UsageError."""
+    """Return the flight of `fly --connect … --dry-run` with these options. Raises UsageError."""
     from dronecats.cli.fly_spec import spec_of
 
     return spec_of(argparse.Namespace(**(vars(no_options()) | vars(args))))
 
 
 def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: float | None) -> tuple[int, str | None]:
-    """Return the exit status, and why it is no 0, a sentence."""
+    """Return the exit status, and the reason if it is not 0."""
     kept = f"; what was measured is in {Path(result['run_dir']).parent}"
     if result["error"]:
         return int(result["status"]), f"{result['error']}{kept if questions else ''}"
@@ -117,17 +117,17 @@ def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: 
 
 
 def _report(
-    found: "ChainSummary | None", replay: "ReplayedChain | None", told: dict[str, Any], *, as_json: bool
+    summary: "ChainSummary | None", replay: "ReplayedChain | None", ending: dict[str, Any], *, as_json: bool
 ) -> None:
     from dronecats.study.rate.chain import CHAIN, STUDY, next_commands, summary_table
 
     written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
     commands = next_commands(replay) if replay else []
     if as_json:
-        print(json.dumps({**(found.as_json() if found else {"questions": 0}), **told,
+        print(json.dumps({**(summary.as_json() if summary else {"questions": 0}), **ending,
                           "written": written, "next": commands}))  # fmt: skip
         return
-    if found:
-        show(summary_table(found, told["wanted"]))
+    if summary:
+        show(summary_table(summary, ending["wanted"]))
         print("\nwritten:", *(f"  {path}" for path in written), sep="\n")
         print("study it in simulation:", *(f"  {command}" for command in commands), sep="\n")

@@ -9,22 +9,28 @@ from dronecats.cli.output import show
 from foundation.errors import UsageError
 from foundation.whole_file import whole_file, write_text
 
+if TYPE_CHECKING:
+    from dronecats.report.archive.verification import Verification
+
+DIFFERS = 4  # exit status: the content of the archive differs from its claims, or from the shipped episodes
+
 
 def add_submit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders, or folders of runs")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the archive, FILE.tar.xz")
-    parser.add_argument("--name", help="of the entry (the pilot's)")
+    parser.add_argument("--name", help="name of the entry (default: the pilot's)")
     parser.add_argument("--note", default="", help="a sentence about the entry")
-    parser.add_argument("--with-frames", action="store_true", help="take in what the pilot saw, not digests alone")
-    parser.add_argument("--partial", action="store_true", help="submit what is no whole suite, or not scored, marked")
+    parser.add_argument("--with-frames", action="store_true", help="include the frames, not only their digests")
+    parser.add_argument(
+        "--partial", action="store_true", help="also submit an incomplete suite or unscored episodes, marked as such"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run_submit)
+    parser.set_defaults(run=_submit)
 
 
-def run_submit(args: argparse.Namespace) -> int:
-    """Write the archive and say what is in it; status 0."""
-    from dronecats.cli.submit import as_json, print_verification
+def _submit(args: argparse.Namespace) -> int:
+    """Write the archive, verify it and print its content."""
     from dronecats.judge.metrics.judging import reread
     from dronecats.report.archive.scrubbing import secrets_of
     from dronecats.report.archive.submission import submit
@@ -38,93 +44,85 @@ def run_submit(args: argparse.Namespace) -> int:
             recorded_runs(args.runs), draft, name=args.name, note=args.note, partial=args.partial,
             with_frames=args.with_frames, secrets=secrets_of(os.environ),
         )  # fmt: skip
-        told = verify(draft, reread)
-        if not told.verified:
-            raise UsageError(f"the archive would not be verified: {told.differences[0]}; `dronecats judge` says more")
+        entry = verify(draft, reread)
+        if not entry.verified:
+            raise UsageError(f"the archive would fail verification: {entry.differences[0]}. See: dronecats judge")
     if args.json:
-        print(as_json(told))
+        print(_as_json(entry))
     else:
-        print(f"{args.out}  {told.archive_bytes / 1e6:.1f} MB  SHA-256 {told.archive_sha256}")
-        print_verification(told)
+        print(f"{args.out}  {entry.archive_bytes / 1e6:.1f} MB  SHA-256 {entry.archive_sha256}")
+        _print(entry)
     return 0
-
-
-if TYPE_CHECKING:
-    from dronecats.report.archive.verification import Verification
-
-DIFFERS = 4  # exit status: something in the archive is not what it says, or not what ships
 
 
 def add_verify_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("file", type=Path, metavar="FILE", help="an archive that `dronecats submit` has made")
+    parser.add_argument("file", type=Path, metavar="FILE", help="an archive made by `dronecats submit`")
     parser.add_argument("--json", action="store_true", help="print one JSON object, an entry of a leaderboard")
-    parser.set_defaults(run=run_verify)
+    parser.set_defaults(run=_verify)
 
 
-def run_verify(args: argparse.Namespace) -> int:
-    """Print what was found; status 0 when nothing differs, 4 when something does."""
+def _verify(args: argparse.Namespace) -> int:
+    """Print the verification; status 0 when nothing differs, 4 when something does."""
     from dronecats.judge.metrics.judging import reread
     from dronecats.report.archive.verification import verify
 
-    told = verify(args.file, reread)
+    entry = verify(args.file, reread)
     if args.json:
-        print(as_json(told))
+        print(_as_json(entry))
     else:
-        print_verification(told)
-    return 0 if told.verified else DIFFERS
+        _print(entry)
+    return 0 if entry.verified else DIFFERS
 
 
-def as_json(told: "Verification") -> str:
-    """Return it as JSON, on one line."""
+def _as_json(entry: "Verification") -> str:
     import msgspec
 
-    return msgspec.json.encode(told).decode()
+    return msgspec.json.encode(entry).decode()
 
 
-def print_verification(told: "Verification") -> None:
-    """Print the scores as derived here, then what differs, what was checked and what nobody can tell."""
+def _print(entry: "Verification") -> None:
+    """Print the derived scores, the differences, and what was and could not be checked."""
     from dronecats.report.table import numbers, table_of, words
 
-    kind = "a model" if told.is_model else "a built-in pilot, no model"
-    print(f"{told.name}: {told.pilot}, {kind}; {told.flights} × suite {told.suite or '(none)'}, {told.steps} steps")
-    if told.partial:
-        print(f"PARTIAL: {told.partial}")
+    kind = "a model" if entry.is_model else "a built-in pilot, no model"
+    print(
+        f"{entry.name}: {entry.pilot}, {kind}; {entry.flights} × suite {entry.suite or '(none)'}, {entry.steps} steps"
+    )
+    if entry.partial:
+        print(f"PARTIAL: {entry.partial}")
     ne = numbers("NE", unit="m", decimals=2)
     columns = (words("cell"), numbers("succeeded"), numbers("of"), ne, numbers("not scored"))
-    cells = told.cells.items()
+    cells = entry.cells.items()
     show(table_of(columns, ((cell or "?", of.successes, of.scored, of.ne_m, of.unscored) for cell, of in cells)))
-    for said in told.differences:
-        print(f"DIFFERS: {said}")
-    for said in told.checked if told.verified else ():
-        print(f"checked: {said}")
-    for said in told.unchecked:
-        print(f"not checked: {said}")
-
-
-if TYPE_CHECKING:
-    from dronecats.report.archive.verification import Verification
+    for label, sentences in (
+        ("DIFFERS", entry.differences),
+        ("checked", entry.checked if entry.verified else ()),
+        ("not checked", entry.unchecked),
+    ):
+        for sentence in sentences:
+            print(f"{label}: {sentence}")
 
 
 def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument(
-        "files", nargs="+", type=Path, metavar="FILE", help="what `dronecats verify --json` has printed, or an archive"
+        "files", nargs="+", type=Path, metavar="FILE", help="archives, or output of `dronecats verify --json`"
     )
-    parser.add_argument("--out", type=Path, metavar="PAGE", help="Markdown file (the standard output)")
-    parser.set_defaults(run=run_leaderboard)
+    parser.add_argument("--out", type=Path, metavar="PAGE", help="Markdown file (default: standard output)")
+    parser.set_defaults(run=_leaderboard)
 
 
-def run_leaderboard(args: argparse.Namespace) -> int:
-    """Write the page; status 0."""
+def _leaderboard(args: argparse.Namespace) -> int:
+    """Write the page."""
     from dronecats.report.results.leaderboard import page
 
-    told = page(map(_entry, args.files))
+    text = page(map(_entry, args.files))
     if args.out is None:
-        print(told, end="")
+        print(text, end="")
         return 0
     try:
-        write_text(args.out, told)
+        write_text(args.out, text)
     except OSError as error:
         raise UsageError(f"{args.out} cannot be written: {error.strerror}") from None
     return 0

@@ -1,4 +1,4 @@
-"""`dronecats tune AIRFRAME`: the gains that an airframe is given, and how far each of its loops is from trouble."""
+"""Verb `tune`: the gains of an airframe, and the stability margins of its loops."""
 
 import argparse
 import json
@@ -22,13 +22,12 @@ def add_tune_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Print gains and margins; status 0, or 2 when the airframe cannot be controlled."""
-    from autopilot.design.loop_pictures import draw, step_figures
-    from autopilot.design.loop_shaping import design, margins_by_control
+    from autopilot.control.loop_design import design, draw, margins_by_control, step_figures
     from vehicles import airframe
 
     frame = airframe.load(args.airframe)
     gains = design(frame)
-    found: dict[str, Any] = {
+    result: dict[str, Any] = {
         "airframe": frame.name,
         "hover_thrust": round(gains.hover_thrust, 4),
         "gains": _gains(gains),
@@ -37,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     checked = margins_by_control(frame, gains)
     figures = step_figures(frame, gains)
     for name, margin in gains.margins.items():
-        found["loops"][name] = {
+        result["loops"][name] = {
             "phase_margin_deg": round(margin.phase_deg, 1),
             "gain_margin_db": round(margin.gain_db, 1) if math.isfinite(margin.gain_db) else None,
             "crossover_rad_s": round(margin.crossover, 3),
@@ -45,13 +44,13 @@ def run(args: argparse.Namespace) -> int:
             **figures[name],
         }
     if args.out:
-        found["plots"] = [str(path) for path in draw(frame, gains, args.out)]
+        result["plots"] = [str(path) for path in draw(frame, gains, args.out)]
     if args.json:
-        print(json.dumps(found))
+        print(json.dumps(result))
     else:
-        print(f"{found['airframe']}: hovers at {found['hover_thrust']:.1%} of its full thrust\n")
-        show(*_tables(found))
-        print("\n".join(["", *found.get("plots", ())]), end="\n" * ("plots" in found))
+        print(f"{result['airframe']}: hovers at {result['hover_thrust']:.1%} of its full thrust\n")
+        show(*_tables(result))
+        print("\n".join(["", *result.get("plots", ())]), end="\n" * ("plots" in result))
     return 0
 
 
@@ -60,7 +59,7 @@ def _gains(gains: Any) -> dict[str, Any]:
     return {name: [float(f"{value:.4g}") for value in getattr(gains, name)] for name in names}
 
 
-def _tables(found: dict[str, Any]) -> "list[ReportTable]":
+def _tables(result: dict[str, Any]) -> "list[ReportTable]":
     from dronecats.report.table import numbers, table_of, words
 
     gains = [words("gain"), *(numbers(axis) for axis in ("roll, north", "pitch, east", "yaw, down"))]
@@ -72,7 +71,7 @@ def _tables(found: dict[str, Any]) -> "list[ReportTable]":
     lines = [
         (name, loop["phase_margin_deg"], "∞" if loop["gain_margin_db"] is None else f"{loop['gain_margin_db']:.1f}",
          loop["crossover_rad_s"], loop["bandwidth_rad_s"], loop["rise_s"], loop["overshoot_percent"])
-        for name, loop in found["loops"].items()
+        for name, loop in result["loops"].items()
     ]  # fmt: skip
-    values = ((name, *(f"{value:.4g}" for value in axes)) for name, axes in found["gains"].items())
+    values = ((name, *(f"{value:.4g}" for value in axes)) for name, axes in result["gains"].items())
     return [table_of(gains, values), table_of(loops, lines)]

@@ -63,7 +63,7 @@ def read(folder: Path) -> Decisions:
     try:
         rows = [row for file in sorted((folder / "data").rglob("*.parquet")) for row in _rows(file)]
         flights = pq.read_table(folder / "meta" / "episodes", columns=["episode_index", "tasks", "flight.episode"])
-        about = {one["episode_index"]: (one["tasks"][0], one["flight.episode"]) for one in flights.to_pylist()}
+        about = {row["episode_index"]: (row["tasks"][0], row["flight.episode"]) for row in flights.to_pylist()}
     except (OSError, KeyError, pa.ArrowException) as error:
         raise UsageError(f"{folder} is damaged: {str(error).splitlines()[0]}") from None
     if not rows:
@@ -72,7 +72,7 @@ def read(folder: Path) -> Decisions:
 
 
 def _rows(file: Path) -> Iterator[_Row]:
-    """Yield what can be learnt from of a file; pictures are made small at once, since all in full size are too many."""
+    """Yield the usable decisions of a file. Pictures are made small at once, since all in full size are too many."""
     for batch in pq.ParquetFile(file).iter_batches(
         batch_size=64, columns=[IMAGE, "action", "episode_index", "judge.success"]
     ):
@@ -94,11 +94,11 @@ def _decisions(rows: list[_Row], about: dict[int, tuple[str, str]]) -> Decisions
         past = [*past, features.as_past(action_of(row.action))][-HISTORY_LENGTH:]
     texts = [about[row.flight][0] for row in rows]
     actions = np.stack([row.action for row in rows])
-    both = (False, True)
+    mirrors = (False, True)
     return Decisions(
         pictures=np.stack([row.picture for row in rows]),
-        words=np.stack([np.stack([features.words(one, mirrored=m) for one in texts]) for m in both]),
-        past=np.stack([np.stack([features.history(one, mirrored=m) for one in pasts]) for m in both]),
+        words=np.stack([np.stack([features.words(text, mirrored=m) for text in texts]) for m in mirrors]),
+        past=np.stack([np.stack([features.history(past, mirrored=m) for past in pasts]) for m in mirrors]),
         kinds=actions[:, :4].argmax(1).astype(np.int64),
         points=actions[:, 4:6] / np.float32(POINT_SPAN),
         depths_m=actions[:, 6],
@@ -109,8 +109,8 @@ def _decisions(rows: list[_Row], about: dict[int, tuple[str, str]]) -> Decisions
 
 
 def action_of(vector: NDArray[np.float32]) -> Action:
-    """Return the action that eight numbers of a dataset stand for. Raises UsageError where they stand for none."""
-    match [bool(one) for one in vector[:4]]:
+    """Return the action of eight numbers of a dataset. Raises UsageError for numbers that are no action."""
+    match [bool(number) for number in vector[:4]]:
         case [True, False, False, False]:
             return Go(float(vector[4]), float(vector[5]), float(vector[6]))
         case [False, True, False, False]:
@@ -123,5 +123,5 @@ def action_of(vector: NDArray[np.float32]) -> Action:
 
 
 def is_held_out(episode: str) -> bool:
-    """Return whether a flight of this id is kept to judge by: its id alone says so, whatever else was flown."""
+    """Return whether flights of this episode are held out for judging. Only the id decides."""
     return zlib.crc32(episode.encode()) % HELD_OUT == 0

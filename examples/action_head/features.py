@@ -44,8 +44,8 @@ def words(instruction: str, *, mirrored: bool = False) -> NDArray[np.float32]:
     right, as a mirrored picture does.
     """
     vector = np.zeros(WORDS, np.float32)
-    told, before, behind = re.findall(r"[a-z0-9]+", instruction.lower()), "", ""
-    for word in told:
+    before, behind = "", ""
+    for word in re.findall(r"[a-z0-9]+", instruction.lower()):
         word = _SWAPPED.get(word, word) if mirrored else word
         for token in (behind + word, f"{behind}{before} {word}"):
             vector[zlib.crc32(token.encode()) % WORDS] = 1.0
@@ -60,17 +60,17 @@ def history(past: Sequence[PastAction], *, mirrored: bool = False) -> NDArray[np
     """
     sign, width = -1.0 if mirrored else 1.0, float(CameraModel().width)
     vector = np.zeros(PAST, np.float32)
-    for place, one in enumerate(list(past)[: -RECENT - 1 : -1]):
+    for place, action in enumerate(list(past)[: -RECENT - 1 : -1]):
         at = place * (len(KINDS) + 2)
-        vector[at + KINDS.index(one.kind)] = 1.0
-        if one.kind == GO:
-            vector[at + 4] = sign * (one.x_px / width - 0.5)
-        vector[at + 5] = sign * one.angle_deg / 90.0
+        vector[at + KINDS.index(action.kind)] = 1.0
+        if action.kind == GO:
+            vector[at + 4] = sign * (action.x_px / width - 0.5)
+        vector[at + 5] = sign * action.angle_deg / 90.0
     turned = [0.0]
-    for one in reversed(past):
-        if one.kind == GO:
+    for action in reversed(past):
+        if action.kind == GO:
             break
-        turned.append(one.angle_deg)
+        turned.append(action.angle_deg)
     vector[-2] = sign * sum(turned) / _FULL_TURN_DEG
     vector[-1] = len(past) / HISTORY_LENGTH
     return vector

@@ -11,9 +11,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from examples.action_head.dataset import Decisions
-from examples.action_head.decide import COLUMNS, FARTHEST_M, NEAREST_M, ROWS, TURNS_DEG, point
 from examples.action_head.features import KINDS, WIDTH
 from examples.action_head.network import ActionHead
+from examples.action_head.pilot import COLUMNS, FARTHEST_M, NEAREST_M, ROWS, TURNS_DEG, point
 from examples.action_head.settings import Shape, Training
 from foundation.protocol import FINISHED, GO, ROTATE
 
@@ -53,24 +53,26 @@ class Judgement:
     precise: float  # … and share of such claims that are arrivals
 
 
-def fit(data: Decisions, shape: Shape, how: Training, told: Callable[[int, float], None]) -> ActionHead:
-    """Return a network fitted to the decisions that are not held out; `told` hears each epoch's number and mean loss.
+def fit(data: Decisions, shape: Shape, training: Training, report: Callable[[int, float], None]) -> ActionHead:
+    """Return a network fitted to the decisions that are not held out.
+
+    `report` gets the number and mean loss of each epoch.
 
     The same data, shape and training give the same weights on the same machine.
     """
-    torch.set_num_threads(how.threads)
-    torch.manual_seed(how.seed)
+    torch.set_num_threads(training.threads)
+    torch.manual_seed(training.seed)
     torch.use_deterministic_algorithms(True)
-    numbers = np.random.default_rng(how.seed)
+    numbers = np.random.default_rng(training.seed)
     head = ActionHead(shape)
-    learnt = np.flatnonzero(~data.held_out)
-    each = math.ceil(len(learnt) / how.batch)
-    fitter = torch.optim.AdamW(head.parameters(), lr=how.rate, weight_decay=how.decay)
-    rates = torch.optim.lr_scheduler.OneCycleLR(fitter, how.rate, total_steps=each * how.epochs, pct_start=_WARM)
-    for epoch in range(how.epochs):
+    learnable = np.flatnonzero(~data.held_out)
+    fitter = torch.optim.AdamW(head.parameters(), lr=training.rate, weight_decay=training.decay)
+    steps = training.epochs * math.ceil(len(learnable) / training.batch)
+    rates = torch.optim.lr_scheduler.OneCycleLR(fitter, training.rate, total_steps=steps, pct_start=_WARM)
+    for epoch in range(training.epochs):
         head.train()
         losses = []
-        for chosen in _shuffled(learnt, how.batch, numbers):
+        for chosen in _shuffled(learnable, training.batch, numbers):
             loss = loss_of(head, drawn(data, chosen, numbers))
             fitter.zero_grad()
             loss.backward()
@@ -78,7 +80,7 @@ def fit(data: Decisions, shape: Shape, how: Training, told: Callable[[int, float
             fitter.step()
             rates.step()
             losses.append(float(loss.detach()))
-        told(epoch, float(np.mean(losses)))
+        report(epoch, float(np.mean(losses)))
     return head
 
 
@@ -100,11 +102,12 @@ def drawn(data: Decisions, chosen: NDArray[np.int64], numbers: np.random.Generat
     points, sign = data.points[chosen], np.where(mirrored, -1.0, 1.0).astype(np.float32)
     points = np.stack([np.where(mirrored, 1.0 - points[:, 0], points[:, 0]), points[:, 1]], 1)
     cells = np.stack([numbers.integers(-most, most + 1, len(chosen)) for most in _SHIFT_CELLS], 1)
-    shown = [moved(torch.from_numpy(one), *by) for one, by in zip(pictures, (cells * _CELL_PX).tolist(), strict=True)]
+    shifts = (cells * _CELL_PX).tolist()
+    shown = [moved(torch.from_numpy(picture), *shift) for picture, shift in zip(pictures, shifts, strict=True)]
     words, kinds = data.words[side, chosen], data.kinds[chosen]
-    others = numbers.permutation(chosen)
-    misnamed = (numbers.random(len(chosen)) < _MISNAMED) & (data.words[0, others] != data.words[0, chosen]).any(1)
-    words[misnamed], kinds[misnamed] = data.words[0, others[misnamed]], KINDS.index(ROTATE)
+    shuffled = numbers.permutation(chosen)
+    misnamed = (numbers.random(len(chosen)) < _MISNAMED) & (data.words[0, shuffled] != data.words[0, chosen]).any(1)
+    words[misnamed], kinds[misnamed] = data.words[0, shuffled[misnamed]], KINDS.index(ROTATE)
     past = data.past[side, chosen] * (numbers.random((len(chosen), 1)) >= _FORGETS)
     return Batch(
         pictures=torch.stack(shown),
@@ -131,9 +134,11 @@ def loss_of(head: ActionHead, batch: Batch) -> Tensor:
     kinds, heat, depth, turns = head(batch.pictures, batch.words, batch.past)
     inside = ((batch.points >= 0.0) & (batch.points < 1.0)).all(1)
     go = (batch.kinds == KINDS.index(GO)) & inside
-    known = go | (batch.kinds != KINDS.index(GO))
+    counted = go | (batch.kinds != KINDS.index(GO))
     weights = torch.tensor([_WEIGHTS.get(kind, 0.0) for kind in KINDS])
-    loss = functional.cross_entropy(kinds[known], batch.kinds[known], weights) if known.any() else kinds.sum() * 0.0
+    loss = kinds.sum() * 0.0
+    if counted.any():
+        loss = functional.cross_entropy(kinds[counted], batch.kinds[counted], weights)
     if go.any():
         wanted = _cells(batch.points[go])
         loss = loss + functional.cross_entropy(heat[go], wanted)
@@ -159,17 +164,17 @@ def judged(head: ActionHead, data: Decisions) -> Judgement | None:
     finished = data.kinds[kept] == KINDS.index(FINISHED)
     if not finished.any():
         return None
-    seen = [head.outlook(data.pictures[k], data.words[0, k], data.past[0, k]) for k in kept]
-    chance = np.array([one.kinds[KINDS.index(FINISHED)] for one in seen])
+    outlooks = [head.outlook(data.pictures[k], data.words[0, k], data.past[0, k]) for k in kept]
+    chance = np.array([outlook.kinds[KINDS.index(FINISHED)] for outlook in outlooks])
     declares_at = threshold(chance, finished)
     claims = chance >= declares_at
-    said = np.array([one.kinds.argmax() for one in seen])
+    chosen = np.array([outlook.kinds.argmax() for outlook in outlooks])
     gos = [k for k, place in enumerate(kept) if data.kinds[place] == KINDS.index(GO)]
-    off = [abs(point(seen[k].heat)[0] - float(data.points[kept[k], 0])) for k in gos]
-    factors = [abs(math.log(seen[k].depth_m / max(float(data.depths_m[kept[k]]), NEAREST_M))) for k in gos]
+    off = [abs(point(outlooks[k].heat)[0] - float(data.points[kept[k], 0])) for k in gos]
+    factors = [abs(math.log(outlooks[k].depth_m / max(float(data.depths_m[kept[k]]), NEAREST_M))) for k in gos]
     return Judgement(
         decisions=len(kept),
-        right_kind=float((said == data.kinds[kept]).mean()),
+        right_kind=float((chosen == data.kinds[kept]).mean()),
         point_error=float(np.median(off)) if off else math.nan,
         depth_factor=float(np.exp(np.median(factors))) if factors else math.nan,
         declares_at=declares_at,

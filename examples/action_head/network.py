@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from examples.action_head.decide import COLUMNS, ROWS, TURNS_DEG, Outlook
 from examples.action_head.features import HEIGHT, KINDS, PAST, WIDTH, WORDS
+from examples.action_head.pilot import COLUMNS, ROWS, TURNS_DEG, Outlook
 from examples.action_head.settings import Shape
 from foundation.errors import UsageError
 
@@ -50,11 +50,11 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
 
         pictures: uint8 (n, 3, HEIGHT, WIDTH); words: (n, WORDS); past: (n, PAST).
         """
-        told = self.words(words)
+        instruction = self.words(words)
         seen = torch.cat([pictures.float() / 255.0 - 0.5, _places(len(pictures))], 1)
         for look, norm, tune in zip(self.looks, self.norms, self.tunes, strict=True):
             fresh = norm(look(seen))
-            scale, shift = tune(told)[:, :, None, None].chunk(2, 1)
+            scale, shift = tune(instruction)[:, :, None, None].chunk(2, 1)
             fresh = functional.relu(fresh * (1.0 + scale) + shift)
             seen = fresh + seen if fresh.shape == seen.shape else fresh
         heat = self.heat(seen).flatten(1)
@@ -63,15 +63,15 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
         grid = _places(len(pictures), ROWS, COLUMNS).flatten(2)
         where = (grid * share[:, None]).sum(2)
         sure = torch.stack([heat.amax(1), heat.logsumexp(1)], 1)
-        thought = self.mind(torch.cat([there, flat.amax(2), flat.mean(2), where, sure, past, told], 1))
+        thought = self.mind(torch.cat([there, flat.amax(2), flat.mean(2), where, sure, past, instruction], 1))
         return self.kinds(thought), heat, self.depth(thought)[:, 0], self.turns(thought)
 
     def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
         """Return what it makes of one picture."""
         self.eval()
         with torch.inference_mode():
-            given = (torch.from_numpy(each)[None] for each in (picture, words, past))
-            kinds, heat, depth, turns = self(*given)
+            inputs = (torch.from_numpy(array)[None] for array in (picture, words, past))
+            kinds, heat, depth, turns = self(*inputs)
         return Outlook(
             kinds=kinds.softmax(1)[0].numpy(),
             heat=heat.softmax(1)[0].reshape(ROWS, COLUMNS).numpy(),
@@ -88,9 +88,9 @@ def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
 
 def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]) -> None:
     """Write a trained head. Raises UsageError when the file cannot be written."""
-    told = {"format": FORMAT, "shape": asdict(head.shape), "declares_at": declares_at, "about": about}
+    header = {"format": FORMAT, "shape": asdict(head.shape), "declares_at": declares_at, "about": about}
     try:
-        torch.save({**told, "weights": head.state_dict()}, path)
+        torch.save({**header, "weights": head.state_dict()}, path)
     except (OSError, RuntimeError) as error:
         raise UsageError(f"'{path}' cannot be written: {str(error).splitlines()[0]}") from None
 
@@ -98,12 +98,12 @@ def save(path: Path, head: ActionHead, declares_at: float, about: dict[str, Any]
 def load(path: Path) -> tuple[ActionHead, float]:
     """Return a trained head and from which probability on it declares. Raises UsageError for a file that is none."""
     try:
-        told = torch.load(path, weights_only=True, map_location="cpu")
-        if told["format"] != FORMAT:
+        content = torch.load(path, weights_only=True, map_location="cpu")
+        if content["format"] != FORMAT:
             raise UsageError(f"'{path}' is a head of another version: train it anew.")
-        head = ActionHead(Shape(**told["shape"]))
-        head.load_state_dict(told["weights"])
-        return head, float(told["declares_at"])
+        head = ActionHead(Shape(**content["shape"]))
+        head.load_state_dict(content["weights"])
+        return head, float(content["declares_at"])
     except FileNotFoundError:
         raise UsageError(f"'{path}' does not exist: `python -m examples.action_head.train` writes one.") from None
     except UsageError:

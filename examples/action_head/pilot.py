@@ -1,16 +1,66 @@
-"""A trained head as a pilot: from the prompt and the pictures of a request to the text of a reply."""
+"""The pilot of a trained head: from a request to the text of a reply. Without PyTorch.
+
+Two rules are ours and not learnt, since no flight in the data shows their cases: after a claim in vain it does
+something else first, and after five turns without a go it looks from another place.
+"""
 
 import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.pilots import actions
-from dronecats.pilots.actions import Pilot
+from dronecats.pilots.actions import PastAction, Pilot
 from examples.action_head import features
-from examples.action_head.decide import Outlook, decide
+from examples.action_head.features import KINDS
 from foundation.errors import UsageError
+from foundation.protocol import FINISHED, GO, HISTORY_LENGTH, POINT_SPAN, ROTATE, THINK
+
+COLUMNS, ROWS = 32, 18  # of the grid that a point is sought on, cells of 8 px of the picture
+TURNS_DEG = tuple(float(angle) for angle in range(-90, 91, 15))
+ELSEWHERE_M = 6.0  # depth that is named where it flies on to look from another place: a whole stride
+NEAREST_M, FARTHEST_M = 0.5, 60.0  # depths that are believed
+_AROUND = 1  # cells about the best one whose middle is the point
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """What the network makes of one picture."""
+
+    kinds: NDArray[np.float32]  # (4,), the probability of each of KINDS
+    heat: NDArray[np.float32]  # (ROWS, COLUMNS), the probability that the point is in each cell
+    depth_m: float  # m, of a go
+    turns: NDArray[np.float32]  # (len(TURNS_DEG),), the probability of each turn
+
+
+def point(heat: NDArray[np.float32]) -> tuple[float, float]:
+    """Return the point of a heat map, x and y 0 … 1: the mean place about its highest cell."""
+    row, column = np.unravel_index(int(heat.argmax()), heat.shape)
+    rows = slice(max(0, int(row) - _AROUND), int(row) + _AROUND + 1)
+    columns = slice(max(0, int(column) - _AROUND), int(column) + _AROUND + 1)
+    near = heat[rows, columns].astype(np.float64)
+    near /= max(near.sum(), 1e-12)
+    y = (near.sum(1) * (np.arange(heat.shape[0])[rows] + 0.5)).sum() / heat.shape[0]
+    x = (near.sum(0) * (np.arange(heat.shape[1])[columns] + 0.5)).sum() / heat.shape[1]
+    return float(x), float(y)
+
+
+def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str:
+    """Return the reply for one drone; `declares_at` is the probability from which on it claims to have arrived."""
+    chance = dict(zip(KINDS, seen.kinds.tolist(), strict=True))
+    in_vain = bool(past) and past[-1].kind == FINISHED
+    if chance[FINISHED] >= declares_at and not in_vain:
+        return actions.finished()
+    x, y = point(seen.heat)
+    depth_m = min(max(seen.depth_m, NEAREST_M), FARTHEST_M)
+    if chance[GO] >= chance[ROTATE]:
+        return actions.go(POINT_SPAN * x, POINT_SPAN * y, depth_m)
+    if len(past) == HISTORY_LENGTH and all(action.kind in (ROTATE, THINK) for action in past):
+        return actions.go(POINT_SPAN / 2.0, POINT_SPAN / 2.0, ELSEWHERE_M)
+    return actions.rotate(TURNS_DEG[int(seen.turns.argmax())])
 
 
 class Beholder(Protocol):
@@ -31,11 +81,11 @@ def pilot(head: Beholder, declares_at: float) -> Pilot:
     def answer(prompt: str, pictures: list[bytes]) -> str:
         if not pictures:
             raise UsageError("The head wants a picture of each drone.")
-        told = actions.read_prompt(prompt)
-        words = features.words(told.command)
+        request = actions.read_prompt(prompt)
+        words = features.words(request.command)
         replies = []
         for drone, jpeg in enumerate(pictures):
-            past = told.past(drone)
+            past = request.past(drone)
             with turn:
                 seen = head.outlook(features.picture(jpeg), words, features.history(past))
             replies.append(decide(seen, past, declares_at))

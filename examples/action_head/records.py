@@ -20,7 +20,7 @@ from foundation.errors import UsageError
 CELLS = ("approaching", "searching", "tracking", "search-and-track")
 FIRST_ID = 11  # ids go on after the ten that ship of each cell
 FIRST_MAP_SEED = 2  # the benchmark's maps have the seed 1
-EACH = 4  # records of a request, all on one map
+BATCH = 4  # records of a request, all on one map
 REQUESTS = {"residential": 20, "campus": 8}  # of each cell, every one with a map seed of its own
 _APART_M = 0.5  # a start and a target nearer than this to a shipped record's are that record
 
@@ -29,7 +29,7 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
     """Return what is asked for, in an order in which any beginning is mixed; `share` (0 … 1] is how much of it."""
     turns = math.ceil(max(REQUESTS.values()) * share)
     return [
-        RecordRequest(name, cell, FIRST_ID + EACH * turn, EACH, 1000 + turn, FIRST_MAP_SEED + turn)
+        RecordRequest(name, cell, FIRST_ID + BATCH * turn, BATCH, 1000 + turn, FIRST_MAP_SEED + turn)
         for turn in range(turns)
         for name, most in REQUESTS.items()
         for cell in CELLS
@@ -38,22 +38,22 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
 
 
 def must_be_new(records: Iterable[EpisodeRecord]) -> None:
-    """Raise UsageError when one of the records is an episode of the benchmark, by its seed or by what stands where."""
+    """Raise UsageError if a record is an episode of the benchmark, by its seed or by the places in it."""
     shipped = [catalogue.load(name) for name in catalogue.known()]
-    maps, seeds = {(one.map, one.map_seed) for one in shipped}, {one.seed for one in shipped}
+    maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:
         if (record.map, record.map_seed) in maps:
             raise UsageError(f"{record.id} stands on a map of the benchmark: choose another map seed.")
         if record.seed in seeds:
             raise UsageError(f"{record.id} has the seed of a shipped record: choose another seed.")
-        if any(_same_place(record, other) for other in shipped):
+        if any(_same_place(record, episode) for episode in shipped):
             raise UsageError(f"{record.id} has the start and the words of a shipped record: choose another seed.")
 
 
-def _same_place(record: EpisodeRecord, other: EpisodeRecord) -> bool:
-    pairs = zip(record.starts, other.starts, strict=False)
-    near = any(math.dist(mine.position_ned, its.position_ned) < _APART_M for mine, its in pairs)
-    return near and (record.map, record.instruction) == (other.map, other.instruction)
+def _same_place(record: EpisodeRecord, shipped: EpisodeRecord) -> bool:
+    pairs = zip(record.starts, shipped.starts, strict=False)
+    near = any(math.dist(start.position_ned, shipped_start.position_ned) < _APART_M for start, shipped_start in pairs)
+    return near and (record.map, record.instruction) == (shipped.map, shipped.instruction)
 
 
 def write(out: Path, share: float, jobs: int) -> int:
@@ -71,7 +71,7 @@ def write(out: Path, share: float, jobs: int) -> int:
             script.make_folder(folder)
             (folder / f"{record.id}.json").write_text(record.to_json(), encoding="utf-8")
             count += 1
-        script.say(f"{count} records; {batch[-1].id}: {batch[-1].instruction}")
+        script.print_line(f"{count} records; {batch[-1].id}: {batch[-1].instruction}")
     return count
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from foundation.errors import UsageError
 
 
-def say(text: str) -> None:
+def print_line(text: str) -> None:
     """Print a line of progress at once, also into a file."""
     print(text, flush=True)
 

@@ -35,10 +35,10 @@ def main(words: list[str] | None = None) -> int:
     if args.threads < 1 or not 0 <= args.port <= 65535:
         raise UsageError("--threads wants a number from 1 on, and --port one from 0 to 65535.")
     ended = threading.Event()
-    for each in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(each, lambda *_: ended.set())
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ended.set())
     with server(args.head, args.port, args.threads) as serving:
-        script.say(f"--model local/{NAME} --base-url {serving.base_url}")
+        script.print_line(f"--model local/{NAME} --base-url {serving.base_url}")
         ended.wait()
     return 0
 

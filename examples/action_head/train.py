@@ -12,7 +12,7 @@ from foundation import extras
 from foundation.errors import UsageError
 
 
-def train(folder: Path, out: Path, how: Training) -> None:
+def train(folder: Path, out: Path, training: Training) -> None:
     """Fit a head to a dataset's flights and write it. Raises UsageError for what cannot be learnt from or written."""
     extras.require("torch", "pyarrow")
     from examples.action_head import dataset
@@ -23,24 +23,31 @@ def train(folder: Path, out: Path, how: Training) -> None:
     begun = time.monotonic()
     data = dataset.read(folder)
     flights = len(set(data.flights.tolist()))
-    script.say(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out")
+    script.print_line(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out")
     if data.held_out.all():
         raise UsageError(f"{folder} has held-out flights alone: more of them are needed to learn from.")
 
-    def told(epoch: int, loss: float) -> None:
-        script.say(f"epoch {epoch + 1}/{how.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s")
+    def report(epoch: int, loss: float) -> None:
+        script.print_line(f"epoch {epoch + 1}/{training.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s")
 
-    head = fit(data, Shape(), how, told)
-    found = judged(head, data)
-    if found is None:
-        raise UsageError(f"{folder} has no held-out flight that arrives, so when to declare cannot be told: fly more.")
-    script.say(
-        f"held out: {found.right_kind:.0%} right actions of {found.decisions}, points off by {found.point_error:.1%}"
-        f" of the width and depths by a factor of {found.depth_factor:.2f} (medians);"
-        f" declares from {found.declares_at:g} on: {found.declared:.0%} of arrivals, {found.precise:.0%} of them true"
+    head = fit(data, Shape(), training, report)
+    result = judged(head, data)
+    if result is None:
+        raise UsageError(
+            f"{folder} has no held-out flight that arrives, so the threshold of a declaration is unknown: fly more."
+        )
+    script.print_line(
+        f"held out: {result.right_kind:.0%} right actions of {result.decisions}, points off by {result.point_error:.1%}"
+        f" of the width and depths by a factor of {result.depth_factor:.2f} (medians);"
+        f" declares from {result.declares_at:g} on: {result.declared:.0%} of arrivals, {result.precise:.0%} true"
     )
-    save(out, head, found.declares_at, {"flights": flights, "training": asdict(how), "held_out": asdict(found)})
-    script.say(f"{out}, {time.monotonic() - begun:.0f} s")
+    save(
+        out,
+        head,
+        result.declares_at,
+        {"flights": flights, "training": asdict(training), "held_out": asdict(result)},
+    )
+    script.print_line(f"{out}, {time.monotonic() - begun:.0f} s")
 
 
 def main(words: list[str] | None = None) -> int:

@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from autopilot.design.loop_shaping import GAIN_MARGIN_MIN, PHASE_MARGIN_MIN, Gains, design, margin, margins_by_control
+from autopilot.control.loop_design import GAIN_MARGIN_MIN, PHASE_MARGIN_MIN, Gains, design, margin, margins_by_control
 from foundation.errors import UsageError
 from vehicles.airframe import load, names
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from autopilot.commander.failsafe import Conditions, Failsafe, Reaction, evaluate, reaction
+from autopilot.commander.supervision import Conditions, Failsafe, Reaction, evaluate, reaction
 from autopilot.parameters import ParameterTable
 from foundation.frames import quat_from_euler
 from foundation.mavlink import dialect

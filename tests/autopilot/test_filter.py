@@ -9,12 +9,11 @@ from filterpy.stats import NEES
 from numba import njit
 from scipy.stats import chi2
 
-from autopilot.compiled_frames import quat_advance, rotate, rotate_inverse
 from autopilot.estimator import covariance as estimator_covariance
 from autopilot.estimator import ekf
 from autopilot.estimator.fusion import pressure_altitude
 from autopilot.estimator.records import HISTORY, MOTION, STATES, STATUS_RUNNING, default_parameters, initial_state
-from autopilot.records import ESTIMATE, HEADING_TEST, HEIGHT_TEST
+from autopilot.records import ESTIMATE, HEADING_TEST, HEIGHT_TEST, quat_advance, rotate, rotate_inverse
 from foundation import frames
 from foundation.frames import GRAVITY
 from foundation.sensors import SENSORS

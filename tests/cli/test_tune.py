@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from autopilot.design import loop_pictures
-from autopilot.design.loop_pictures import step_response
-from autopilot.design.loop_shaping import PHASE_MARGIN_MIN, design
+from autopilot.control import loop_design as loop_pictures
+from autopilot.control.loop_design import PHASE_MARGIN_MIN, design, step_response
 from dronecats.cli.main import main
 from vehicles.airframe import load
 

@@ -5,8 +5,8 @@ import pytest
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.reply.strict import parse
-from examples.action_head.decide import COLUMNS, ELSEWHERE_M, ROWS, TURNS_DEG, Outlook, decide, point
 from examples.action_head.features import as_past
+from examples.action_head.pilot import COLUMNS, ELSEWHERE_M, ROWS, TURNS_DEG, Outlook, decide, point
 
 
 def outlook(go=0.0, rotate=0.0, finished=0.0, *, cell=(9, 16), depth_m=7.0, turn_deg=0.0):

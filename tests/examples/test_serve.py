@@ -14,8 +14,7 @@ from dronecats.agent.reply.strict import parse, parse_fleet
 from dronecats.cli.main import main
 from dronecats.pilots.server import PilotServer
 from examples.action_head import serve
-from examples.action_head.decide import COLUMNS, ROWS, TURNS_DEG, Outlook
-from examples.action_head.pilot import pilot
+from examples.action_head.pilot import COLUMNS, ROWS, TURNS_DEG, Outlook, pilot
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.picture import encode

@@ -5,7 +5,8 @@ import pytest
 from numba import njit
 
 from tests.vehicles.fleet import HIGH, vehicle
-from vehicles import noise, rotor
+from vehicles import rotor
+from vehicles import wind as noise
 from vehicles.records import AIR
 from vehicles.wind import Wind, gust, scales
 

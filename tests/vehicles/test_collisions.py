@@ -13,8 +13,8 @@ from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
 from vehicles.collision import BOX, REBOUND_SPEED
 from vehicles.multirotor import Multirotor
-from vehicles.nearest import in_box, in_triangle
 from vehicles.sensors import PERFECT
+from vehicles.solids import in_box, in_triangle
 
 CAMERA = (0.5, 0.0, 0.1)
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

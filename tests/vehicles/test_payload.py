@@ -6,9 +6,8 @@ import pytest
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY
 from tests.vehicles.fleet import HIGH, ORIGIN, spin
-from vehicles.airframe import load, names
+from vehicles.airframe import HOVER_MAX, laden, liftable_kg, load, names
 from vehicles.multirotor import Multirotor
-from vehicles.payload import HOVER_MAX, laden, liftable_kg
 from vehicles.sensors import PERFECT
 
 

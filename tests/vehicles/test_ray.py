@@ -8,8 +8,8 @@ import pytest
 from foundation.frames import quat_from_euler
 from tests.vehicles.fleet import vehicle
 from tests.vehicles.test_collisions import CAR, block, solid
-from vehicles.nearest import first_solid
 from vehicles.sensors import PERFECT
+from vehicles.solids import first_solid
 
 MOST = 12.0
 

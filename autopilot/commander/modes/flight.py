@@ -3,9 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from autopilot.commander.plan.fence import Fence, FenceArea, breach
-from autopilot.commander.plan.items import Home
-from autopilot.commander.plan.plans import Plans, mission_failures
+from autopilot.commander.plans import Fence, FenceArea, Home, Plans, breach, mission_failures
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from autopilot.records import CascadeSetpoint

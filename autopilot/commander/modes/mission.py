@@ -2,10 +2,10 @@
 
 import math
 
+from autopilot.commander import plans
 from autopilot.commander.modes.automatic import Land, approach_speed
 from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.plan import plans
-from autopilot.commander.plan.items import PlanItem, local_place
+from autopilot.commander.plans import PlanItem, local_place
 from autopilot.records import CascadeSetpoint
 from foundation.frames import Vec3, wrap_pi
 
@@ -170,8 +170,8 @@ class Mission(Mode):
 
     def _arrived(self, flight: FlightContext, item: PlanItem, distance: float, height: float) -> bool:
         p = flight.parameters
-        given = item.p[1] if item.command == plans.WAYPOINT else math.nan
-        radius = given if 0.0 < given < 1e4 else float(p["NAV_ACC_RAD"])
+        item_radius = item.p[1] if item.command == plans.WAYPOINT else math.nan
+        radius = item_radius if 0.0 < item_radius < 1e4 else float(p["NAV_ACC_RAD"])
         if item.command in (plans.LAND, plans.LOITER, plans.LOITER_TIME):
             radius = LAND_OVER_M  # on the spot
         if distance > radius or height > float(p["NAV_MC_ALT_RAD"]):

@@ -2,12 +2,10 @@
 
 from dataclasses import dataclass
 
-from autopilot.commander.modes.around import Follow, Orbit
-from autopilot.commander.modes.automatic import Descend, HoldMode, Land, ReturnHome, Takeoff
+from autopilot.commander.modes.automatic import Descend, Follow, HoldMode, Land, Orbit, ReturnHome, Takeoff
 from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.modes.manual import Acro, AltitudeControl, PositionControl, Stabilized
+from autopilot.commander.modes.manual import Acro, AltitudeControl, Offboard, PositionControl, Stabilized
 from autopilot.commander.modes.mission import Mission
-from autopilot.commander.modes.offboard import Offboard
 from autopilot.records import IDLE, CascadeSetpoint
 
 

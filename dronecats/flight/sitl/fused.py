@@ -14,14 +14,14 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from autopilot.control.flight_core import update
-from autopilot.control.records import CONTROL_PARAMS, CONTROL_STATE
+from autopilot.control.gains import CONTROL_PARAMS, CONTROL_STATE
 from autopilot.estimator.records import ESTIMATOR_PARAMS, ESTIMATOR_STATE
 from autopilot.records import ESTIMATE, SETPOINT
 from dronecats.flight.sitl import compile_ahead
 from foundation.compiled import Grid, njit
 from foundation.sensors import ACTUATORS, SENSORS
-from vehicles.collision_records import Grid32, Index, SolidTriangles
 from vehicles.multirotor import PLANT, step
+from vehicles.solids import Grid32, Index, SolidTriangles
 
 
 @intrinsic  # type: ignore[untyped-decorator]  # numba tells no types

@@ -32,9 +32,9 @@ from foundation.obstacles import OPEN, Obstacles
 from foundation.terrain import FLAT, HeightField
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
 from vehicles import airframe as airframes
+from vehicles.airframe import laden
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
-from vehicles.payload import laden
 from vehicles.sensors import Suite
 from vehicles.wind import CALM, Wind
 

@@ -23,7 +23,7 @@ from foundation import extras
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from vehicles import airframe as airframes
-from vehicles.payload import laden
+from vehicles.airframe import laden
 
 FREE_HEIGHT_M = 2.5  # of the start of a flight on a map over the map's spawn: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()

@@ -6,13 +6,13 @@ since it is not a part of the measured loop. Flights do not use this: they compi
 
 import math
 
-from autopilot.compiled_frames import quat_conjugate, quat_multiply, rotate, rotate_inverse
 from autopilot.control.cascade import update as control
 from autopilot.estimator.ekf import update as estimate_motion
+from autopilot.records import quat_conjugate, quat_multiply, rotate, rotate_inverse
 from foundation.compiled import Grid, Record, njit
 from foundation.frames import Vec3
-from vehicles.collision_records import SolidTriangles
 from vehicles.multirotor import step
+from vehicles.solids import SolidTriangles
 
 RATE, ATTITUDE, VELOCITY = 0, 1, 2  # the loop whose feedback is late
 LINE = 4096  # samples in a delay line, a millisecond each

@@ -1,6 +1,6 @@
 """The cascade linearised about a hover in discrete time, and its delay margins by python-control.
 
-`autopilot.design.loop_shaping` designs the loops with an airframe's constants, at nominal voltage and in still air.
+`autopilot.control.loop_design` designs the loops with an airframe's constants, at nominal voltage and in still air.
 This is the same cascade about a flown hover: with the voltage at the rotors, the damping of the air, sample-and-hold
 rates, and the filters that are in the feedback alone.
 """
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from autopilot.control.cascade import ACCELERATION_CUTOFF, ATTITUDE_PERIOD_US, OUTER_PERIOD_US
-from autopilot.design.loop_shaping import FREQUENCIES, Complex, Gains, Response, loops, rotor_lag, yaw_lead
+from autopilot.control.loop_design import FREQUENCIES, Complex, Gains, Response, loops, rotor_lag, yaw_lead
 from dronecats.study.loop.hover import TURNS, CascadeLoop
 from foundation.airframe import Airframe
 from foundation.frames import Vec3

@@ -10,7 +10,7 @@ import pytest
 from pyulog import ULog
 from pyulog.px4 import PX4ULog
 
-from autopilot.logging.directory import LogDirectory
+from autopilot.logging.flight_log import LogDirectory
 from autopilot.logging.topics import TABLE
 from foundation.errors import UsageError
 from foundation.sensors import ACTUATORS

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from autopilot.mavlink.streams import TABLE
+from autopilot.mavlink.port import TABLE
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from foundation.sensors import ACTUATORS, CALENDAR_START_US
@@ -169,13 +169,13 @@ def test_long_texts_are_chunked() -> None:
     bench = Bench(profile="minimal")
     text = "".join(chr(65 + i % 26) for i in range(120))
     bench.client.forget()
-    bench.autopilot.node.say(6, text)
+    bench.autopilot.node.send_text(6, text)
     chunks = bench.client.of("STATUSTEXT")
     assert [c.chunk_seq for c in chunks] == [0, 1, 2]
     assert len({c.id for c in chunks}) == 1
     assert chunks[0].id != 0
     assert "".join(c.text for c in chunks) == text
-    bench.autopilot.node.say(6, "short")
+    bench.autopilot.node.send_text(6, "short")
     assert bench.client.of("STATUSTEXT")[-1].id == 0
 
 

@@ -10,7 +10,7 @@ from dronecats.flight.sitl.simulation import build, load_world
 from episodes.world.world import World
 from foundation.frames import rotate
 from foundation.mavlink import Parser
-from vehicles.nearest import in_triangle
+from vehicles.solids import in_triangle
 
 CAMERA = (0.5, 0.0, 0.1)
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from autopilot.commander.plan.items import FENCE, MISSION, RALLY, PlanItem
-from autopilot.mavlink.streams import BY_NAME
+from autopilot.commander.plans import FENCE, MISSION, RALLY, PlanItem
+from autopilot.mavlink.port import BY_NAME
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.mavlink import dialect

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.commander.plan.plans import Plans
+from autopilot.commander.plans import Plans
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench

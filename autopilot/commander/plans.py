@@ -1,4 +1,7 @@
-"""The three plans in force, and whether an uploaded item, a whole plan, or a mission at this place can be flown.
+"""Plans: missions, geofence and rally points, their items, the checks of uploads, and their storage.
+
+The geofence has polygons and circles, and the cylinder of GF_MAX_HOR_DIST and GF_MAX_VER_DIST. As on PX4 a place must
+lie in at least one inclusion area, if there is any, and in no exclusion area.
 
 A plan is replaced as a whole, never in part: an upload that breaks off changes nothing. With a file the plans outlive
 the process, as in the memory that PX4 calls dataman: missions, geofence and rally points, and the number of the
@@ -7,31 +10,199 @@ mission's item that comes next. Results of checks are MAV_MISSION_RESULT numbers
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 from msgspec import Meta
 
-from autopilot.commander.plan import fence
-from autopilot.commander.plan.items import (
-    FENCE,
-    FRAME_MISSION,
-    GLOBAL_FRAMES,
-    KINDS,
-    MISSION,
-    RALLY,
-    Home,
-    PlanItem,
-    local_place,
-)
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from foundation.errors import UsageError
+from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import dialect
+from foundation.polygon import Point, contains
 from foundation.typed_file import file_bytes, json_of, typed
 from foundation.whole_file import write_text
+
+MOVED_HORIZONTAL_M = 1.0
+MOVED_VERTICAL_M = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Home:
+    """Where the vehicle returns to."""
+
+    position_ned: Vec3  # m, local frame
+    yaw: float  # rad
+    lat_deg: float
+    lon_deg: float
+    alt_m: float  # m above mean sea level
+
+
+def home_at(state: EstimatedState, position_ned: Vec3 | None = None) -> Home | None:
+    """Return a home at a local position (m), here by default; None while the global position is not known."""
+    if not state.global_valid:
+        return None
+    place = position_ned or state.position_ned
+    return Home(place, state.yaw, *state.geodetic(place))
+
+
+def moved(home: Home, state: EstimatedState) -> bool:
+    """Return whether the vehicle stands clearly elsewhere, so that home should follow it while it is disarmed."""
+    n, e, z = state.position_ned
+    away = math.hypot(n - home.position_ned[0], e - home.position_ned[1])
+    return away > MOVED_HORIZONTAL_M or abs(z - home.position_ned[2]) > MOVED_VERTICAL_M
+
+
+MISSION, FENCE, RALLY = 0, 1, 2  # MAV_MISSION_TYPE
+KINDS = (MISSION, FENCE, RALLY)
+NOT_GIVEN = (1 << 31) - 1  # INT32_MAX in x or y
+DEGREES = 1e-7
+
+FRAME_MISSION = int(dialect.MAV_FRAME_MISSION)
+ABOVE_SEA = frozenset({int(dialect.MAV_FRAME_GLOBAL), int(dialect.MAV_FRAME_GLOBAL_INT)})
+ABOVE_HOME = frozenset({int(dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT), int(dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT)})
+GLOBAL_FRAMES = ABOVE_SEA | ABOVE_HOME
+
+
+@dataclass(frozen=True, slots=True)
+class PlanItem:
+    """One item. x and y are kept as they came, so that a download returns the very bits of the upload."""
+
+    command: int  # MAV_CMD
+    frame: int  # MAV_FRAME
+    p: tuple[float, float, float, float]
+    x: int  # 1e-7 deg of latitude in the global frames
+    y: int  # 1e-7 deg of longitude
+    z: float  # m, above sea level or home as the frame says
+    autocontinue: int = 1
+
+    @property
+    def lat_deg(self) -> float:
+        """Latitude, nan where the item names no place."""
+        return math.nan if self._nowhere else self.x * DEGREES
+
+    @property
+    def lon_deg(self) -> float:
+        """Longitude, nan where the item names no place."""
+        return math.nan if self._nowhere else self.y * DEGREES
+
+    @property
+    def _nowhere(self) -> bool:
+        # (0, 0) is what clients send for 'where you are' in landings and take-offs
+        return NOT_GIVEN in (self.x, self.y) or (self.x == 0 and self.y == 0)
+
+
+def horizontal(lat_deg: float, lon_deg: float, state: EstimatedState) -> tuple[float, float]:
+    """Return (north, east) in m of a place in the local frame, nan for nan."""
+    if not (math.isfinite(lat_deg) and math.isfinite(lon_deg)):
+        return (math.nan, math.nan)
+    north, east, _ = geodetic_to_ned(state.origin_lat_deg, state.origin_lon_deg, 0.0, lat_deg, lon_deg, 0.0)
+    return (north, east)
+
+
+def local_place(item: PlanItem, state: EstimatedState, home: Home | None) -> Vec3:
+    """Return the item's place in the local frame (m, NED), nan for what it does not say or what has no reference."""
+    if item.frame not in GLOBAL_FRAMES:
+        return (math.nan, math.nan, math.nan)
+    north, east = horizontal(item.lat_deg, item.lon_deg, state)
+    if not abs(item.z) < 1e5:
+        return (north, east, math.nan)
+    if item.frame in ABOVE_HOME:
+        return (north, east, home.position_ned[2] - item.z if home is not None else math.nan)
+    return (north, east, state.origin_alt_m - item.z)
+
+
+RETURN_POINT = int(dialect.MAV_CMD_NAV_FENCE_RETURN_POINT)
+POLYGON_IN = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION)
+POLYGON_OUT = int(dialect.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION)
+CIRCLE_IN = int(dialect.MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION)
+CIRCLE_OUT = int(dialect.MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION)
+POLYGONS = frozenset({POLYGON_IN, POLYGON_OUT})
+FENCE_COMMANDS = POLYGONS | {RETURN_POINT, CIRCLE_IN, CIRCLE_OUT}
+MOST_VERTICES = 250
+
+
+@dataclass(frozen=True, slots=True)
+class FenceArea:
+    """A polygon (vertices) or a circle (one centre and a radius)."""
+
+    inclusion: bool
+    vertices: tuple[Point, ...]
+    radius: float = 0.0  # m, circles only
+
+    def contains(self, north: float, east: float) -> bool:
+        """Return whether the point lies inside."""
+        if len(self.vertices) == 1:
+            centre = self.vertices[0]
+            return math.hypot(north - centre[0], east - centre[1]) < self.radius
+        return contains(self.vertices, (north, east))
+
+
+def well_formed(items: tuple[PlanItem, ...]) -> bool:
+    """Return whether every polygon has as many consecutive vertices as its first one announces, and at least three."""
+    i = 0
+    while i < len(items):
+        item = items[i]
+        if item.command not in POLYGONS:
+            i += 1
+            continue
+        count = item.p[0]
+        if not 3 <= count <= MOST_VERTICES or i + int(count) > len(items):
+            return False
+        if any((v.command, v.p[0]) != (item.command, count) for v in items[i : i + int(count)]):
+            return False
+        i += int(count)
+    return True
+
+
+def areas(items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
+    """Return the areas of a well-formed fence in the local frame."""
+    result: list[FenceArea] = []
+    i = 0
+    while i < len(items):
+        item = items[i]
+        count = int(item.p[0]) if item.command in POLYGONS else 1
+        if item.command != RETURN_POINT:
+            # a place of (0, 0) is a real one here, though no vehicle is near it
+            points = tuple(horizontal(v.x * 1e-7, v.y * 1e-7, state) for v in items[i : i + count])
+            radius = item.p[0] if item.command not in POLYGONS else 0.0
+            result.append(FenceArea(item.command in (POLYGON_IN, CIRCLE_IN), points, radius))
+        i += count
+    return tuple(result)
+
+
+class Fence:
+    """The areas in force, worked out once per plan and origin."""
+
+    def __init__(self) -> None:
+        self._of: tuple[int, float, float] | None = None
+        self._areas: tuple[FenceArea, ...] = ()
+
+    def areas(self, version: int, items: tuple[PlanItem, ...], state: EstimatedState) -> tuple[FenceArea, ...]:
+        """Return the areas of the plan in force, whose `version` tells it from others."""
+        key = (version, state.origin_lat_deg, state.origin_lon_deg)
+        if key != self._of:
+            self._of, self._areas = key, areas(items, state)
+        return self._areas
+
+
+def breach(place_ned: Vec3, home: Home | None, p: ParameterTable, areas: Iterable[FenceArea]) -> str:
+    """Return which limit a local place breaks: 'height', 'distance' or 'area'; empty when none."""
+    if home is not None:
+        n, e, z = home.position_ned
+        if 0.0 < p["GF_MAX_VER_DIST"] < z - place_ned[2]:
+            return "height"
+        if 0.0 < p["GF_MAX_HOR_DIST"] < math.hypot(place_ned[0] - n, place_ned[1] - e):
+            return "distance"
+    inclusions = [area for area in areas if area.inclusion]
+    exclusions = [area for area in areas if not area.inclusion]
+    if inclusions and not any(area.contains(place_ned[0], place_ned[1]) for area in inclusions):
+        return "area"
+    return "area" if any(area.contains(place_ned[0], place_ned[1]) for area in exclusions) else ""
+
 
 ACCEPTED = int(dialect.MAV_MISSION_ACCEPTED)
 UNSUPPORTED, UNSUPPORTED_FRAME = int(dialect.MAV_MISSION_UNSUPPORTED), int(dialect.MAV_MISSION_UNSUPPORTED_FRAME)
@@ -61,12 +232,12 @@ PAYLOAD = frozenset(
     )
 )  # fmt: skip
 IMMEDIATE = PAYLOAD | {CHANGE_SPEED, JUMP, SET_HOME}
-_KNOWN = {MISSION: NAVIGATION | IMMEDIATE, FENCE: fence.COMMANDS, RALLY: {int(dialect.MAV_CMD_NAV_RALLY_POINT)}}
+_COMMANDS = {MISSION: NAVIGATION | IMMEDIATE, FENCE: FENCE_COMMANDS, RALLY: {int(dialect.MAV_CMD_NAV_RALLY_POINT)}}
 
 
 def refusal(kind: int, item: PlanItem, total: int) -> int:
     """Return why one item of an upload of `total` items cannot be taken, ACCEPTED when it can."""
-    if item.command not in _KNOWN[kind]:
+    if item.command not in _COMMANDS[kind]:
         return UNSUPPORTED
     placed = kind != MISSION or item.command in PLACES
     if placed:
@@ -87,7 +258,7 @@ def refusal(kind: int, item: PlanItem, total: int) -> int:
 
 def plan_refusal(kind: int, items: tuple[PlanItem, ...]) -> int:
     """Return why a complete plan cannot be taken, ACCEPTED when it can."""
-    return ACCEPTED if kind != FENCE or fence.well_formed(items) else INVALID_PARAM1
+    return ACCEPTED if kind != FENCE or well_formed(items) else INVALID_PARAM1
 
 
 def mission_failures(
@@ -95,7 +266,7 @@ def mission_failures(
     state: EstimatedState,
     home: Home | None,
     parameters: ParameterTable,
-    areas: Sequence[fence.FenceArea],
+    areas: Sequence[FenceArea],
 ) -> list[str]:
     """Return why a mission cannot be flown from here: MIS_DIST_1WP, the geofence's `areas`; empty when it can."""
     if not items:
@@ -110,7 +281,7 @@ def mission_failures(
     if 0.0 < farthest < math.hypot(first[0] - start[0], first[1] - start[1]):
         return ["first waypoint too far away"]
     for i, place in places:
-        if parameters["GF_ACTION"] and fence.breach(place, home, parameters, areas):
+        if parameters["GF_ACTION"] and breach(place, home, parameters, areas):
             return [f"waypoint {i} outside the geofence"]
     return []
 

@@ -1,14 +1,15 @@
-"""The gains of any airframe, from its constants by loop shaping.
+"""Design of an airframe's gains from its constants by loop shaping, with Bode plots and step responses of the loops.
 
 Each loop is a function L(s) of the complex frequency: controller, actuator lag, filters, transport delay and the closed
-loop inside it. The rate loops are made as fast as their margins allow, the outer loops a fixed ratio slower each, and
-no airframe leaves here with less than 45° of phase and 6 dB of gain margin in any loop.
+loop inside it. The rate loops are made as fast as their margins allow, the outer loops a fixed ratio slower each. Every
+loop of every design has at least 45° of phase margin and 6 dB of gain margin.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -168,8 +169,8 @@ def shape_rate(airframe: Airframe, cutoff_hz: float, derivative_hz: float, yaw: 
     top = YAW_CROSSOVER_MAX if yaw else 1.0 / rotor_lag(airframe)
     for p in np.geomspace(top, 0.02 * top, 120):
         i, d = (0.05 if yaw else 0.15) * p * p, lead * p
-        found = margin(rate_loop(airframe, p, i, d, cutoff_hz, derivative_hz, yaw), FREQUENCIES[::6])
-        if found.phase_deg >= RATE_PHASE_MARGIN and found.gain_db >= RATE_GAIN_MARGIN:
+        result = margin(rate_loop(airframe, p, i, d, cutoff_hz, derivative_hz, yaw), FREQUENCIES[::6])
+        if result.phase_deg >= RATE_PHASE_MARGIN and result.gain_db >= RATE_GAIN_MARGIN:
             return float(p), float(i), float(d)
     raise UsageError(f"no stable rate loop for airframe {airframe.name!r}: check its rotor time constants")
 
@@ -241,12 +242,12 @@ def design(airframe: Airframe) -> Gains:
         margins={},
     )
     for name, loop in loops(airframe, gains).items():
-        found = margin(loop)
-        gains.margins[name] = found
-        if not (found.phase_deg >= PHASE_MARGIN_MIN and found.gain_db >= GAIN_MARGIN_MIN):
+        result = margin(loop)
+        gains.margins[name] = result
+        if not (result.phase_deg >= PHASE_MARGIN_MIN and result.gain_db >= GAIN_MARGIN_MIN):
             raise UsageError(
-                f"the {name} loop of airframe {airframe.name!r} keeps only {found.phase_deg:.0f}° and "
-                f"{found.gain_db:.1f} dB: check its inertia, rotors and time constants"
+                f"the {name} loop of airframe {airframe.name!r} keeps only {result.phase_deg:.0f}° and "
+                f"{result.gain_db:.1f} dB: check its inertia, rotors and time constants"
             )
     return gains
 
@@ -258,9 +259,101 @@ def margins_by_control(airframe: Airframe, gains: Gains) -> dict[str, Margin]:
     """
     import control
 
-    found = {}
+    result = {}
     for name, loop in loops(airframe, gains).items():
         response = control.FRD(loop(1j * FREQUENCIES), FREQUENCIES)
         gain, phase, _, _, crossover, _ = control.stability_margins(response)
-        found[name] = Margin(float(phase), 20.0 * math.log10(gain), float(crossover))
-    return found
+        result[name] = Margin(float(phase), 20.0 * math.log10(gain), float(crossover))
+    return result
+
+
+Array = NDArray[np.float64]
+
+SAMPLES = 1 << 16  # of the inverse transform: 4 ms resolution, or finer, over the slowest loop
+GROUPS = (
+    ("rate", ("roll rate", "yaw rate")),
+    ("attitude", ("roll attitude", "yaw attitude")),
+    ("velocity", ("horizontal velocity", "vertical velocity")),
+    ("position", ("horizontal position", "vertical position")),
+)
+
+
+def step_response(loop: Response, crossover: float) -> tuple[Array, Array]:
+    """Return (time in s, output) of the closed loop to a unit step.
+
+    From the frequency response, which holds the transport delays exactly: the response to a square wave whose half
+    period is sixty times the loop's own time, as a Fourier series over its odd harmonics, damped against Gibbs' ripple.
+    """
+    half = 60.0 / crossover
+    harmonic = np.arange(1, SAMPLES // 8, 2)
+    omega = harmonic * np.pi / half
+    value = closed(loop)(1j * omega) * np.sinc(harmonic / harmonic[-1])
+    spectrum = np.zeros(SAMPLES, np.complex128)
+    spectrum[harmonic] = value * 2.0 / (np.pi * 1j * harmonic)
+    wave = np.fft.ifft(spectrum).real * SAMPLES
+    time = np.arange(SAMPLES) * 2.0 * half / SAMPLES
+    kept = time < 0.4 * half
+    return time[kept], 0.5 + wave[kept]
+
+
+def step_figures(airframe: Airframe, gains: Gains) -> dict[str, dict[str, float]]:
+    """Return by loop: bandwidth_rad_s (closed loop, -3 dB), rise_s (10 to 90 %) and overshoot_percent of its step."""
+    result = {}
+    for name, loop in loops(airframe, gains).items():
+        time, output = step_response(loop, gains.margins[name].crossover)
+        size = np.abs(closed(loop)(1j * FREQUENCIES))
+        above = np.flatnonzero(size >= np.sqrt(0.5))
+        rise = time[np.argmax(output >= 0.9)] - time[np.argmax(output >= 0.1)]
+        result[name] = {
+            "bandwidth_rad_s": round(float(FREQUENCIES[above[-1]]), 3),
+            "rise_s": round(float(rise), 4),
+            "overshoot_percent": round(max(float(output.max()) - 1.0, 0.0) * 100.0, 1),
+        }
+    return result
+
+
+def draw(airframe: Airframe, gains: Gains, folder: Path) -> list[Path]:
+    """Draw NAME-bode.png and NAME-steps.png into a folder; return their paths."""
+    from matplotlib.figure import Figure
+
+    folder.mkdir(parents=True, exist_ok=True)
+    result = loops(airframe, gains)
+    bode = Figure(figsize=(11.0, 7.0), layout="constrained")
+    axes = bode.subplots(2, len(GROUPS), sharex="col", sharey="row")
+    steps = Figure(figsize=(11.0, 3.4), layout="constrained")
+    panels = steps.subplots(1, len(GROUPS), sharey=True)
+    for column, (title, members) in enumerate(GROUPS):
+        top, bottom, panel = axes[0, column], axes[1, column], panels[column]
+        middle = max(gains.margins[name].crossover for name in members)
+        shown = np.abs(np.log(FREQUENCIES / middle)) < np.log(50.0)
+        omega, longest = FREQUENCIES[shown], 0.0
+        for k, name in enumerate(members):
+            margin, value = gains.margins[name], result[name](1j * FREQUENCIES)
+            phase = np.degrees(np.unwrap(np.angle(value)))
+            phase -= 360.0 * round((phase[0] + 135.0) / 360.0)
+            label = f"{name.split()[0]}: {margin.phase_deg:.0f}°, {margin.gain_db:.0f} dB"
+            top.semilogx(omega, 20.0 * np.log10(np.abs(value))[shown], color=f"C{k}", label=label)
+            bottom.semilogx(omega, phase[shown], color=f"C{k}")
+            top.axvline(margin.crossover, color=f"C{k}", linewidth=0.7, linestyle=":")
+            bottom.axvline(margin.crossover, color=f"C{k}", linewidth=0.7, linestyle=":")
+            time, output = step_response(result[name], margin.crossover)
+            panel.plot(time, output, color=f"C{k}", label=name.split()[0])
+            longest = max(longest, 9.0 / margin.crossover)
+        top.axhline(0.0, color="black", linewidth=0.6)
+        bottom.axhline(-180.0, color="black", linewidth=0.6)
+        top.set(title=f"{title} loops", ylim=(-40.0, 40.0))
+        bottom.set(xlabel="rad/s", ylim=(-270.0, -45.0), yticks=np.arange(-270.0, -44.0, 45.0))
+        top.legend(fontsize=8, loc="upper right")
+        panel.set(title=f"{title} step", xlabel="s", xlim=(0.0, longest), ylim=(-0.1, 1.4))
+        panel.axhline(1.0, color="black", linewidth=0.6)
+        panel.legend(fontsize=8, loc="lower right")
+        for chart in (top, bottom, panel):
+            chart.grid(visible=True, which="major", linewidth=0.3)
+    axes[0, 0].set_ylabel("gain (dB)")
+    axes[1, 0].set_ylabel("phase (°)")
+    bode.suptitle(f"{airframe.name}: open loops; dotted: crossover; in the legends phase and gain margin")
+    steps.suptitle(f"{airframe.name}: closed loops")
+    paths = [folder / f"{airframe.name}-bode.png", folder / f"{airframe.name}-steps.png"]
+    bode.savefig(paths[0], dpi=110)
+    steps.savefig(paths[1], dpi=110)
+    return paths

@@ -1,1 +1,0 @@
-"""What a ground station loads before or during a flight: mission, geofence, rally points."""

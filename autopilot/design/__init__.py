@@ -1,1 +1,0 @@
-"""Computes the gains of an airframe and draws its loops."""
