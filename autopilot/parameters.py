@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from foundation.errors import UsageError
+from foundation.files import write_text
 from foundation.typed_file import file_bytes, json_of, typed
-from foundation.whole_file import write_text
 
 DEFAULTS: dict[str, int | float] = {
     # identity

@@ -31,8 +31,8 @@ from episodes.world.obstacles import obstacles
 from episodes.world.world import World
 from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic, quat_yaw, wrap_pi
 from foundation.mavlink import dialect
-from foundation.obstacles import Obstacles
 from foundation.setpoints import Velocity
+from foundation.terrain import Obstacles
 from hil.link.link import Link
 from vehicles.solids import in_triangle
 from vehicles.wind import Wind

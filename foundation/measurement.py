@@ -1,6 +1,6 @@
-"""What is true of one drone and its target at one instant: measured in the world, written by the logger, then judged.
+"""The true measurement of one drone and its target at one instant, which the logger writes and the judge reads.
 
-The fields are declared here once, for `World.measure`, for the rows of truth.jsonl and for their published schema.
+Its fields are declared here once, for `World.measure`, for the rows of truth.jsonl and for their published schema.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from msgspec import Meta
 
 LARGE = 1e12  # beyond it a number is damage
 
-# `wrong`: what the reader says of a value that is none of these
+# `wrong`: the reader's message about any other value
 Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
 Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
 Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
@@ -19,27 +19,28 @@ Visible = Annotated[bool | None, Meta(description="whether the target is in view
                                       extra={"wrong": "is neither true nor false"})]  # fmt: skip
 
 
-def _of(description: str) -> Meta:
+def doc(description: str) -> Meta:
+    """Return the description of a field, for the published schema."""
     return Meta(description=description)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetMeasurement:
-    """A target as one drone and its camera have it. A world measures all of it; None: nobody has."""
+    """A target as one drone and its camera have it. None: not measured. A world measures all of it."""
 
-    target_ned: Annotated[Place | None, _of("m, NED, of the target's centre")] = None
-    distance_m: Annotated[Distance | None, _of("m, body to the target's centre in three dimensions")]
-    distance_box_m: Annotated[Distance | None, _of("m, body to the nearest point of the target's box")] = None
+    target_ned: Annotated[Place | None, doc("m, NED, of the target's centre")] = None
+    distance_m: Annotated[Distance | None, doc("m, body to the target's centre in three dimensions")]
+    distance_box_m: Annotated[Distance | None, doc("m, body to the nearest point of the target's box")] = None
     visible: Visible
-    visible_fraction: Annotated[Number | None, _of("share of the target's silhouette that is open to view")] = None
-    bearing_deg: Annotated[Number | None, _of("°, of the target's centre from the nose, + right")] = None
+    visible_fraction: Annotated[Number | None, doc("share of the target's silhouette that is open to view")] = None
+    bearing_deg: Annotated[Number | None, doc("°, of the target's centre from the nose, + right")] = None
     oracle_depth_m: Annotated[
-        Number | None, _of("m along the optical axis, median of the target's surface that is seen; null: none is")
+        Number | None, doc("m along the optical axis, median of the target's surface that is seen; null: none is")
     ] = None
     target_frd: Annotated[
-        Place | None, _of("m, of the target's centre from the optical centre: forward, right, down of the camera")
+        Place | None, doc("m, of the target's centre from the optical centre: forward, right, down of the camera")
     ] = None
     target_box: Annotated[
         InPicture | None,
-        _of("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
+        doc("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
     ] = None

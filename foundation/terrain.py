@@ -1,9 +1,11 @@
-"""The height of the ground, as the world tells it to the physics."""
+"""The world of the physics: height of the ground, solid triangles, and a moving box."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from foundation.frames import Vec3
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,3 +34,48 @@ class HeightField:
 
 
 FLAT = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
+
+
+@dataclass(frozen=True, slots=True)
+class MovingBox:
+    """An upright box that follows a pose: what a moving car is to a vehicle that meets it."""
+
+    name: str
+    half_m: Vec3  # (3,) m, half its length, width and height, along its own forward, right and down axes
+    centre_frd: Vec3  # (3,) m, from the origin of the asset to the middle of the box, in the asset's axes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Obstacles:
+    """Solid triangles sorted into the cells of a regular grid; the ground is not among them.
+
+    Cell (i, j, k) has the number (i · columns + j) · layers + k and begins at `origin_ned` + `cell_m` · (i, j, k). Its
+    triangles are `index[start[n] : start[n + 1]]`: all that come within `reach_m` of any point of the cell, so that a
+    vehicle no larger than that needs to look into the one cell where its origin is.
+    """
+
+    corners: NDArray[np.float32]  # (T, 9) m, NED, three points, counter-clockwise seen from outside
+    bounds: NDArray[np.float32]  # (T, 4) m, NED, middle and radius of a ball around each
+    owner: NDArray[np.int32]  # (T,) row of `names`
+    names: tuple[str, ...]
+    origin_ned: Vec3  # m
+    cell_m: float
+    cells: tuple[int, int, int]  # rows north, columns east, layers down
+    start: NDArray[np.int32]  # (cells + 1,)
+    index: NDArray[np.int32]
+    reach_m: float
+    moving: MovingBox | None = None
+
+
+OPEN = Obstacles(
+    corners=np.zeros((0, 9), np.float32),
+    bounds=np.zeros((0, 4), np.float32),
+    owner=np.zeros(0, np.int32),
+    names=(),
+    origin_ned=(0.0, 0.0, 0.0),
+    cell_m=1.0,
+    cells=(0, 0, 0),
+    start=np.zeros(1, np.int32),
+    index=np.zeros(0, np.int32),
+    reach_m=0.0,
+)

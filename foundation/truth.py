@@ -1,8 +1,9 @@
-"""The truth as it travels: HIL_STATE_QUATERNION from the simulator, CAMERA_IMAGE_CAPTURED from its camera.
+"""Messages of the truth bus: HIL_STATE_QUATERNION and STATUSTEXT on contacts from the simulator, CAMERA_IMAGE_CAPTURED.
 
 The agent and the autopilot may not import this.
 """
 
+import re
 import threading
 from collections import deque
 from collections.abc import Sequence
@@ -196,3 +197,41 @@ def frame_taken(message: dialect.MAVLink_message) -> FrameTaken:
 
 def _int16(value: float) -> int:
     return max(-32768, min(32767, round(value)))
+
+
+@dataclass(frozen=True, slots=True)
+class SaidHit:
+    """A contact that began with some speed."""
+
+    what: str  # name of what was hit
+    closing_speed: float | None  # m/s; None: it was the ground
+    crash: bool  # it was hard enough to break something
+
+
+HIT = re.compile(r"(Collision|Crash): hit (.+?)(?: at ([\d.]+) m/s)?")
+CLEAR = re.compile(r"Collision: clear after ([\d.]+) s")
+
+
+def hit_text(hit: SaidHit) -> str:
+    """Return the text of a hit, at most 50 bytes of UTF-8: MAVLink takes no more."""
+    speed = "" if hit.closing_speed is None else f" at {hit.closing_speed:.1f} m/s"
+    begin = f"{'Crash' if hit.crash else 'Collision'}: hit "
+    name = hit.what.encode()[: 50 - len(begin) - len(speed)].decode(errors="ignore")
+    return begin + name + speed
+
+
+def clear_text(seconds: float) -> str:
+    """Return the text of the end of a contact of so many seconds."""
+    return f"Collision: clear after {seconds:.2f} s"
+
+
+def hit_of(text: str) -> SaidHit | None:
+    """Return the hit that a text tells, None for another text."""
+    found = HIT.fullmatch(text)
+    return found and SaidHit(found[2], float(found[3]) if found[3] else None, found[1] == "Crash")
+
+
+def seconds_of(text: str) -> float | None:
+    """Return the length (s) of the contact whose end a text tells, None for another text."""
+    found = CLEAR.fullmatch(text)
+    return float(found[1]) if found else None

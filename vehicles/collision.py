@@ -18,7 +18,7 @@ import numpy as np
 
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
-from foundation.obstacles import Obstacles
+from foundation.terrain import Obstacles
 from vehicles.ground import CRASH_BODY, CRASH_FOOT
 from vehicles.records import STEP_S, STEP_US, rotate, rotate_inverse
 from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, SolidTriangles, in_box, in_triangle

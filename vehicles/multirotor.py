@@ -11,9 +11,8 @@ from foundation.airframe import Airframe
 from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, Vec3, quat_from_euler
-from foundation.obstacles import OPEN, Obstacles
 from foundation.sensors import ACTUATORS, MAX_ROTORS, SENSORS, TRUTH
-from foundation.terrain import FLAT, HeightField
+from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from vehicles import ground
 from vehicles.collision import fresh_near, meet, solids_record
 from vehicles.faults import Fault, script, strike_rotors

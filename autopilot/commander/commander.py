@@ -31,8 +31,7 @@ from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from autopilot.records import IDLE, CascadeSetpoint, SetpointWriter
 from foundation.frames import Vec3
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 
 ACCEPTED = int(dialect.MAV_RESULT_ACCEPTED)
 REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)

@@ -20,11 +20,11 @@ from msgspec import Meta
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from foundation.errors import UsageError
+from foundation.files import write_text
 from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import dialect
 from foundation.polygon import Point, contains
 from foundation.typed_file import file_bytes, json_of, typed
-from foundation.whole_file import write_text
 
 MOVED_HORIZONTAL_M = 1.0
 MOVED_VERTICAL_M = 0.5

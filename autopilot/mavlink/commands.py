@@ -14,8 +14,7 @@ from autopilot.mavlink.node import Node
 from autopilot.mavlink.port import BY_ID, BY_NAME, COMPONENT_ID, Port
 from autopilot.mavlink.status_makers import Message, standard_mode
 from foundation.frames import Vec3, geodetic_to_ned
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 
 ACCEPTED, DENIED, FAILED = dialect.MAV_RESULT_ACCEPTED, dialect.MAV_RESULT_DENIED, dialect.MAV_RESULT_FAILED
 REJECTED = dialect.MAV_RESULT_TEMPORARILY_REJECTED

@@ -13,8 +13,7 @@ from autopilot.commander.health import STICK_MODES, SensorCalibration, sensor_he
 from autopilot.estimator.estimated_state import EstimatedState, Vibration
 from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe
-from foundation.mavlink import dialect
-from foundation.px4 import MODES, PX4_AUTOPILOT
+from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
 from foundation.sensors import CALENDAR_START_US
 
 Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes carry no types a checker can use

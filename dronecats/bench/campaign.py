@@ -19,11 +19,11 @@ from dronecats.judge.metrics.failure_mode import is_stuck, poses_of, track_m
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from foundation.errors import InfrastructureError, UsageError
+from foundation.files import write_json
 from foundation.run_folder import layout
 from foundation.run_folder.folder import LOCK, differences, hold, prepare, write_run
 from foundation.run_folder.reading import json_object
 from foundation.run_folder.results import SCORED, Result
-from foundation.whole_file import write_json
 
 RETRIED = "retried"  # folder of the run for flights that did not move and were flown again
 

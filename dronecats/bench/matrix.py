@@ -14,7 +14,7 @@ from dronecats.flight.spec.spec_file import as_kept
 from episodes.records import catalogue, suites
 from episodes.records.record import VERSION, EpisodeRecord
 from foundation.errors import UsageError
-from foundation.run_folder.benchmark import Benchmark, BenchmarkRun, FlownSuite
+from foundation.run_folder.results import Benchmark, BenchmarkRun, FlownSuite
 
 COMMANDS: tuple[str, ...] = get_args(get_type_hints(FlightSpec)["command"])
 FLIGHTS_MAX = 1000

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
-from foundation.whole_file import whole_file
+from foundation.files import whole_file
 
 if TYPE_CHECKING:
     from dronecats.report.results.database import Selected

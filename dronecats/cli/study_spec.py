@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from dronecats.flight.spec.flight_spec import FlightSpec
     from dronecats.study.design import Axis, Design
     from dronecats.study.plan import StudyPlan
-    from foundation.run_folder.benchmark import Level
+    from foundation.run_folder.results import Level
 
 # keys of a file besides those of a benchmark's file
 LISTS = ("cells", "maps", "generators")

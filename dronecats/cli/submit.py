@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from dronecats.cli.output import show
 from foundation.errors import UsageError
-from foundation.whole_file import whole_file, write_text
+from foundation.files import whole_file, write_text
 
 if TYPE_CHECKING:
     from dronecats.report.archive.verification import Verification

@@ -26,12 +26,12 @@ from dronecats.judge.verdict import (
     reasons,
 )
 from foundation.errors import InfrastructureError, UsageError
+from foundation.files import write_json
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
 from foundation.run_folder.reading import Logs, check_version, episodes, exchanges, json_object, read
 from foundation.run_folder.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
 from foundation.run_folder.writing import as_json
-from foundation.whole_file import write_json
 
 SAME = 1.001e-3  # seconds, metres: numbers are rounded to a thousandth, whose last digit a rounding may turn
 EXPLANATIONS = ("error", "note")  # sentences, whose words may be others in another version

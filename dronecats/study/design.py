@@ -16,7 +16,7 @@ from string import ascii_uppercase
 import numpy as np
 
 from foundation.errors import UsageError
-from foundation.run_folder.benchmark import Level
+from foundation.run_folder.results import Level
 
 KINDS = ("full", "fractional", "latin", "one-at-a-time")
 POINTS_MAX = 10_000

@@ -16,7 +16,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec, carried, latency_polic
 from dronecats.pilots import roster
 from foundation.declaration import DeclaredNumber
 from foundation.errors import UsageError
-from foundation.run_folder.benchmark import Level
+from foundation.run_folder.results import Level
 from foundation.wording import did_you_mean, nearest
 
 ENTRANT_FACTORS = ("pilot", "model", "agent", "command")  # factors that choose the entrant

@@ -14,13 +14,12 @@ from dronecats.flight.spec.spec_file import as_kept
 from dronecats.study.factors import factor_of, level_text
 from dronecats.study.plan import StudyPlan
 from foundation.errors import UsageError
+from foundation.files import write_json
 from foundation.run_folder import layout
-from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
-from foundation.run_folder.damage import taken
 from foundation.run_folder.folder import PER_EPISODE, PER_SITTING
-from foundation.run_folder.reading import json_object
+from foundation.run_folder.reading import json_object, taken
+from foundation.run_folder.results import Level, Study, StudyFactor, StudyRun
 from foundation.run_folder.writing import as_json
-from foundation.whole_file import write_json
 
 
 def read(folder: Path) -> Study:

@@ -18,7 +18,7 @@ from dronecats.study.design import Design, DesignPoint
 from dronecats.study.factors import FACTORS, at_levels, check_together, level_text, stored_levels
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
-from foundation.run_folder.benchmark import Level, Study, StudyFactor, StudyRun
+from foundation.run_folder.results import Level, Study, StudyFactor, StudyRun
 
 RUNS_MAX = 10_000
 NAME_MAX = 100  # letters of a folder named by its levels; longer ones have the number of the point

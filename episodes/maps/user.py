@@ -8,7 +8,7 @@ from pathlib import Path
 
 from episodes.maps.scene import Scene
 from foundation.errors import UsageError
-from foundation.whole_file import whole_file
+from foundation.files import whole_file
 
 FOLDER = "DRONECATS_MAPS"  # environment variable: where the maps are
 _NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from episodes.maps.scene import Instance, Scene
 from foundation.frames import Vec3
-from foundation.obstacles import OPEN, MovingBox, Obstacles
+from foundation.terrain import OPEN, MovingBox, Obstacles
 from foundation.threads import recurring
 
 CELL_M = 2.0

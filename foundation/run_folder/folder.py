@@ -1,4 +1,4 @@
-"""Where a run is kept. Layout: docs/run-folder.md."""
+"""Creates run folders and episode folders, and locks them. Layout: docs/run-folder.md."""
 
 import contextlib
 import fcntl
@@ -13,14 +13,14 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from foundation.errors import UsageError
+from foundation.files import write_json as write_json
 from foundation.run_folder import layout
 from foundation.run_folder.reading import SCHEMA, check_version, json_object, run_configuration
 from foundation.version import __version__
-from foundation.whole_file import write_json as write_json
 
-PER_EPISODE = ("episode", "record")  # in which the flights of one run differ
-PER_SITTING = ("accounts",)  # in which a run may be gone on with
-LOCK = ".lock"  # of a run: held by the processes that fly it
+PER_EPISODE = ("episode", "record")  # may differ between the flights of one run
+PER_SITTING = ("accounts",)  # may differ when a run is resumed
+LOCK = ".lock"  # of a run; the processes that fly it hold it
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
 
@@ -32,13 +32,12 @@ def create(
     configuration: dict[str, Any],
     first: Callable[[], None] = lambda: None,
 ) -> Iterator[Path]:
-    """Yield a new episode folder inside a run folder, with its empty logs and the run's run.json, held until the end.
+    """Yield a new episode folder in a run folder, with empty logs and the run's run.json, locked until the end.
 
-    The run folder is `out`, or a new one named after the time and the pilot. A flight there without a score is kept
-    under UNFINISHED and flown again: one whose verdict is an error, or one that was killed, which has no verdict and no
-    process that holds it. `first` is called once the folder is known to take this flight, before anything is written
-    or moved there; when it raises, a folder that was new is gone again. Raises UsageError when `out` has another flight
-    of that episode or another configuration, or when nothing can be written there.
+    The run folder is `out`, or a new one named after the time and the pilot. An earlier flight without a score (its
+    verdict is an error, or it was killed) is moved to UNFINISHED. `first` is called when the folder is known to accept
+    this flight, before anything is written or moved; when it raises, a new folder is removed again. Raises UsageError
+    when `out` has another flight of that episode or another configuration, or cannot be written.
     """
     with contextlib.ExitStack() as held:
         try:
@@ -76,10 +75,10 @@ def _remove_unused(run: Path) -> None:
             run.rmdir()
 
 
-def hold(lock: Path, what: Path, *, shared: bool = False) -> TextIO:
-    """Return a file with its lock, held until it is closed, or until the process ends, however it ends.
+def hold(lock: Path, folder: Path, *, shared: bool = False) -> TextIO:
+    """Return a locked file. The lock lasts until the file is closed or the process ends.
 
-    Raises UsageError when another process holds the lock: that one is flying `what`. Raises OSError.
+    Raises UsageError when another process holds the lock, since that process is flying `folder`. Raises OSError.
     """
     file = lock.open("a")
     try:
@@ -87,16 +86,13 @@ def hold(lock: Path, what: Path, *, shared: bool = False) -> TextIO:
     except BlockingIOError:
         file.close()
         raise UsageError(
-            f"another process is flying {what}; wait for it, or choose another folder (option out)"
+            f"another process is flying {folder}; wait for it, or choose another folder (option out)"
         ) from None
     return file
 
 
 def prepare(folder: Path) -> None:
-    """Make an episode folder with its empty logs: a flight that breaks off before its first line is judged too.
-
-    Raises OSError when the disk does not take it.
-    """
+    """Make an episode folder with empty logs, so that a flight without a first line is judged, too. Raises OSError."""
     (folder / layout.FRAMES).mkdir(parents=True, exist_ok=True)
     for log in (layout.DECISIONS, layout.TRUTH):
         (folder / log).touch()
@@ -124,7 +120,7 @@ def fresh_run(pilot_name: str) -> Path:
         runs.mkdir(exist_ok=True)
         for suffix in ("", *(f"-{n}" for n in range(2, 1000))):
             with contextlib.suppress(FileExistsError):
-                (runs / (name + suffix)).mkdir()  # atomic: two flights that start in one second do not share a folder
+                (runs / (name + suffix)).mkdir()  # atomic: two flights in one second get two folders
                 return runs / (name + suffix)
     except OSError as error:
         raise UsageError(_unwritable(runs, error)) from None
@@ -136,23 +132,23 @@ def _unwritable(run: Path, error: OSError) -> str:
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:
-    """Return what a run was configured with otherwise, but for its episodes; `before` is as it stands in run.json."""
-    now = json.loads(json.dumps(configuration))  # tuples are lists there
+    """Return the keys in which a configuration differs from run.json (`before`), except those of episodes."""
+    now = json.loads(json.dumps(configuration))  # tuples become lists, as in run.json
     flight, then = now.pop("flight", {}), before.get("flight", {})
     named = [key for key in flight if key not in (*PER_EPISODE, *PER_SITTING) and then.get(key) != flight[key]]
     return named + [key for key, value in now.items() if before.get(key) != value]
 
 
 def of_several(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the configuration of a run of several episodes: it names none of them."""
+    """Return the configuration of a run of several episodes, without their names."""
     return {**configuration, "flight": {**configuration["flight"], **dict.fromkeys(PER_EPISODE)}}
 
 
 def write_run(run: Path, configuration: dict[str, Any]) -> None:
-    """Write run.json: the resolved configuration with the versions of everything that matters to a number.
+    """Write run.json: the resolved configuration, with the versions of all packages that affect results.
 
-    Where the one that stands there is of another episode, it is that of several from now on. Raises UsageError when a
-    newer version wrote that, OSError.
+    If the present one is of another episode, the new one is of several. Raises UsageError when a newer version wrote
+    it, and OSError.
     """
     check_version(run)
     before, flight = run_configuration(run), configuration.get("flight", {})

@@ -1,30 +1,30 @@
-"""The names of everything in a run folder. Contract: docs/run-folder.md."""
+"""Names of the files and folders in a run folder. Contract: docs/run-folder.md."""
 
 # of the run
 RUN = "run.json"
-LEDGER = "ledger.sqlite"  # what its models have cost, and whose turn it is
-UNFINISHED = "unfinished"  # folder of what was broken off or was nobody's score, for whoever wants to look at it
-RETRIES = "retries.json"  # which episodes did not move, and were flown once more
+LEDGER = "ledger.sqlite"  # cost of its models, and rate limits
+UNFINISHED = "unfinished"  # folder of flights without a score, kept for inspection
+RETRIES = "retries.json"  # episodes that did not move and were retried once
 
 # of a benchmark, above its runs
-BENCH = "bench.json"  # what it consists of
-STUDY = "study.json"  # of a study: which of the runs was flown at which levels
+BENCH = "bench.json"  # its suite and its runs
+STUDY = "study.json"  # of a study: the levels of each run
 
 # of an episode
 EPISODE = "episode.json"  # the record that was flown
-WORLD = "world.json"  # the record that was drawn and not judged
+WORLD = "world.json"  # the record that was rendered and not judged
 DECISIONS = "decisions.jsonl"  # by the agent
 COMMANDER = "commander.jsonl"  # by the agent, of a hierarchy: every exchange with its commander
 PROMPTS = "prompts.jsonl"  # by the agent: the text of every question
 TRUTH = "truth.jsonl"  # by the logger
 ESTIMATE = "estimate.jsonl"  # derived after a flight without truth
 VERDICT = "verdict.json"
-IDENTITY = "identity.json"  # what was really flown
+IDENTITY = "identity.json"  # digests of the code, the record and the frames
 TLOG = "flight.tlog"  # raw MAVLink
-FRAMES = "frames"  # folder of what the pilot saw
-INTENT = "intent"  # folder of what a dry run meant
+FRAMES = "frames"  # folder of the pilot's pictures
+INTENT = "intent"  # folder of the pictures of a dry run
 PICTURE = "flight.png"
-SAFETY = "safety.jsonl"  # what the envelope limited, if it ever did
+SAFETY = "safety.jsonl"  # interventions of the envelope, if any
 
 
 def frame_name(frame_id: int, drone: int = 0) -> str:

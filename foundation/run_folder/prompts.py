@@ -14,7 +14,7 @@ from foundation.run_folder.writing import NEW_LINE
 
 @dataclass(frozen=True, slots=True)
 class SentPrompt:
-    """One question as it was sent. The text is `head + changed + tail`; `changed` is what differs from step to step."""
+    """One question as it was sent. Its text is `head + changed + tail`; `changed` differs from step to step."""
 
     row: LoggedPrompt
     head: str
@@ -23,22 +23,22 @@ class SentPrompt:
 
     @property
     def text(self) -> str:
-        """Return the whole text."""
+        """The full text."""
         return self.head + self.changed + self.tail
 
 
 class PromptReader:
-    """Puts the texts of a prompts.jsonl together, line by line in their order."""
+    """Reconstructs the texts of a prompts.jsonl, row by row in their order."""
 
     def __init__(self) -> None:
-        self._whole: dict[tuple[str, int], list[str]] = {}
+        self._bases: dict[tuple[str, int], list[str]] = {}
 
     def read(self, row: LoggedPrompt) -> SentPrompt:
-        """Return the question of a line. Raises UsageError for one that refers to text that no earlier line has."""
+        """Return the question of a row. Raises UsageError for a reference to missing text."""
         if isinstance(row.text, str):
-            self._whole[row.role, row.drone] = row.text.split(NEW_LINE)
+            self._bases[row.role, row.drone] = row.text.split(NEW_LINE)
             return SentPrompt(row, row.text, "", "")
-        base = self._whole.get((row.role, row.drone))
+        base = self._bases.get((row.role, row.drone))
         head, lines, tail = row.head or 0, row.lines or (), row.tail or 0  # what is UNSET is false
         if base is None or head + tail > len(base):
             raise UsageError(f"the text of question {row.number} to the {row.role} refers to lines that are missing")
@@ -52,7 +52,7 @@ class PromptReader:
 
 
 def read_prompts(folder: Path) -> tuple[SentPrompt, ...]:
-    """Return the questions of an episode folder, none where none were logged. Raises UsageError when it is damaged."""
+    """Return the questions of an episode folder; empty without a log. Raises UsageError for a damaged one."""
     path = folder / layout.PROMPTS
     if not path.exists():
         return ()
@@ -64,9 +64,9 @@ def read_prompts(folder: Path) -> tuple[SentPrompt, ...]:
 
 
 def prompts_of(decisions: Iterable[Decision], prompts: Iterable[SentPrompt]) -> dict[tuple[int, int], SentPrompt]:
-    """Return the question that each decision answers, by its drone and step; of some there is none.
+    """Return the question of each decision by drone and step, as far as there is one.
 
-    A question is answered by the next step of its decider. What a commander confirms answers no question to a pilot.
+    The next step of its decider answers a question. A commander's confirmation answers no question to a pilot.
     """
     answers: dict[int, list[int]] = defaultdict(list)  # first drone of a question → steps that answer its questions
     drones: dict[int, list[int]] = defaultdict(list)  # step → its drones
@@ -75,10 +75,10 @@ def prompts_of(decisions: Iterable[Decision], prompts: Iterable[SentPrompt]) -> 
             if decision.step not in drones:
                 answers[decision.drone].append(decision.step)
             drones[decision.step].append(decision.drone)
-    found: dict[tuple[int, int], SentPrompt] = {}
+    questions: dict[tuple[int, int], SentPrompt] = {}
     for prompt in prompts:
         steps = answers.get(prompt.row.drone, [])
         if prompt.row.role == "pilot" and prompt.row.number < len(steps):
             step = steps[prompt.row.number]
-            found |= {(drone, step): prompt for drone in drones[step]}
-    return found
+            questions |= {(drone, step): prompt for drone in drones[step]}
+    return questions

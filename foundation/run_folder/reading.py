@@ -1,19 +1,22 @@
-"""The one reader of the logs. Strict about what it knows, patient with what it does not. Good lines go by `quick.py`.
+"""Reader of the logs of a run folder. It is strict about known fields and skips unknown ones.
 
-A torn last line is what a kill leaves, and is skipped; a value that cannot be is damage, named in one sentence; fields
-and kinds of rows that a later version added are passed over.
+A torn last line, which a kill leaves, is skipped. An impossible value is damage, named in one sentence. Fields and
+kinds of rows of later versions are skipped. Valid lines take a fast path that gives the same rows.
 """
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
+
+import msgspec
 
 from foundation.errors import UsageError
+from foundation.measurement import LARGE
 from foundation.run_folder import layout
-from foundation.run_folder.damage import taken
-from foundation.run_folder.quick import quick, quick_of_kinds
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import (
     ESTIMATE_ROWS,
@@ -33,8 +36,9 @@ from foundation.run_folder.rows import (
     Reset,
     drone_label,
 )
+from foundation.typed_file import MISSING, fields_of, rule_of
 
-SCHEMA = 1  # version of the run folder's files; counts up when a field changes its meaning, which adding one does not
+SCHEMA = 1  # version of the run folder's files: rises when a field changes its meaning, not when one is added
 
 Row = TypeVar("Row")
 TruthRow = Begin | Pose | FrameTruth | Hit | Clear | Reset | End
@@ -43,7 +47,7 @@ EstimateRow = EstimateHead | EstimatedPose | EstimatedFrame
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """estimate.jsonl: where the autopilot thought it was, smoothed, in a flight whose truth nobody knew."""
+    """estimate.jsonl: the autopilot's own position, smoothed, of a flight without truth."""
 
     head: EstimateHead
     frames: dict[tuple[int, int], EstimatedFrame]  # by (drone, frame id)
@@ -52,40 +56,40 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Logs:
-    """What is known of an episode when its process is gone."""
+    """The logs of an episode."""
 
     decisions: tuple[Decision, ...]
     frames: dict[tuple[int, int], FrameTruth]  # by (drone, frame id)
     poses: tuple[Pose, ...]
     begin: Begin | None
     end: End | None
-    estimate: Estimate | None = None  # None: not derived, or not needed because the truth was known
-    record: FlownRecord | None = None  # None: there is none that can be read
+    estimate: Estimate | None = None  # None: not derived, or not needed
+    record: FlownRecord | None = None  # None: missing or unreadable
     hits: tuple[Hit, ...] = ()
     clears: tuple[Clear, ...] = ()
     resets: tuple[Reset, ...] = ()
 
     @property
     def true(self) -> bool:
-        """Whether truth.jsonl is the truth, and not what an autopilot said of itself."""
+        """True when truth.jsonl is the truth, and not an autopilot's estimate."""
         return self.begin is None or self.begin.source != "estimate"
 
 
 def read(folder: Path) -> Logs:
     """Return the logs of an episode folder. Raises UsageError when a file is missing or a line in it is damaged."""
     check_version(folder.resolve().parent)
-    told: dict[type, list[Any]] = {kind: [] for kind in TRUTH_ROWS.values()}
+    by_kind: dict[type, list[Any]] = {kind: [] for kind in TRUTH_ROWS.values()}
     for row in truth(folder):
-        told[type(row)].append(row)
+        by_kind[type(row)].append(row)
     logs = Logs(
         decisions=tuple(rows(folder / layout.DECISIONS, Decision)),
-        frames=_frames(told[FrameTruth], folder / layout.TRUTH),
-        poses=tuple(told[Pose]),
-        begin=next(iter(told[Begin]), None),
-        end=next(iter(told[End]), None),
-        hits=tuple(told[Hit]),
-        clears=tuple(told[Clear]),
-        resets=tuple(told[Reset]),
+        frames=_frames(by_kind[FrameTruth], folder / layout.TRUTH),
+        poses=tuple(by_kind[Pose]),
+        begin=next(iter(by_kind[Begin]), None),
+        end=next(iter(by_kind[End]), None),
+        hits=tuple(by_kind[Hit]),
+        clears=tuple(by_kind[Clear]),
+        resets=tuple(by_kind[Reset]),
         record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))
@@ -97,26 +101,26 @@ def truth(folder: Path) -> Iterator[TruthRow]:
 
 
 def estimate(folder: Path) -> Estimate | None:
-    """Return an episode's estimate.jsonl, None where none was derived. Raises UsageError."""
+    """Return an episode's estimate.jsonl; None without one. Raises UsageError."""
     path = folder / layout.ESTIMATE
     if not path.exists():
         return None
-    told: list[EstimateRow] = list(_of_kinds(path, ESTIMATE_ROWS, never="end"))
-    head = next((row for row in told if isinstance(row, EstimateHead)), None)
+    estimate_rows: list[EstimateRow] = list(_of_kinds(path, ESTIMATE_ROWS, never="end"))
+    head = next((row for row in estimate_rows if isinstance(row, EstimateHead)), None)
     if head is None:
         raise UsageError(f"{path} is damaged: it does not say what it was derived from")
-    frames = _frames([row for row in told if isinstance(row, EstimatedFrame)], path)
-    return Estimate(head, frames, tuple(row for row in told if isinstance(row, EstimatedPose)))
+    frames = _frames([row for row in estimate_rows if isinstance(row, EstimatedFrame)], path)
+    return Estimate(head, frames, tuple(row for row in estimate_rows if isinstance(row, EstimatedPose)))
 
 
 def exchanges(folder: Path) -> tuple[Exchange, ...]:
-    """Return an episode's commander.jsonl, nothing where no commander was asked. Raises UsageError."""
+    """Return an episode's commander.jsonl; empty without a commander. Raises UsageError."""
     path = folder / layout.COMMANDER
     return tuple(rows(path, Exchange)) if path.exists() else ()
 
 
 def rows(path: Path, row: type[Row]) -> Iterator[Row]:
-    """Yield the lines of a file that holds one kind of row. Raises UsageError naming the file and the line."""
+    """Yield the rows of a file with one kind of row. Raises UsageError naming the file and the line."""
     at_once = quick(row)
     for number, text in _lines(path):
         if (made := at_once(text)) is not None:
@@ -126,11 +130,11 @@ def rows(path: Path, row: type[Row]) -> Iterator[Row]:
         value = line.value()
         if value is None:
             return
-        yield line.whole(value, row)
+        yield line.row(value, row)
 
 
 def episode_folder(path: Path) -> Path:
-    """Return the episode folder that is meant: the folder itself, or a run's only one. Raises UsageError."""
+    """Return the folder itself if it is an episode's, or the only episode folder of a run. Raises UsageError."""
     if (path / layout.TRUTH).exists():
         return path
     inside = sorted(p.parent for p in path.glob(f"*/{layout.TRUTH}"))
@@ -148,28 +152,28 @@ def episodes(run: Path) -> list[Path]:
 
 
 def stored_result(episode: str, folder: Path) -> Result:
-    """Return what verdict.json says of an episode that was judged. Raises UsageError when that is no verdict."""
+    """Return the result in an episode's verdict.json. Raises UsageError for an invalid one."""
     path = folder / layout.VERDICT
     return result_of({**(json_object(path) or {}), "episode": episode}, str(path))
 
 
-def result_of(told: Mapping[str, Any], where: str = "a worker's answer") -> Result:
-    """Return the result that a JSON object is. Raises UsageError naming where it stands."""
-    made, fault = taken(dict(told), Result)
+def result_of(value: Mapping[str, Any], where: str = "a worker's answer") -> Result:
+    """Return the result of a JSON object. Raises UsageError naming `where`."""
+    made, fault = taken(dict(value), Result)
     if made is None:
         raise UsageError(f"{where} is damaged: {fault}")
     return made
 
 
 def run_configuration(run: Path) -> dict[str, Any] | None:
-    """Return what run.json holds, None when there is none. Raises UsageError when a newer version wrote it."""
+    """Return the content of run.json; None without one. Raises UsageError when a newer version wrote it."""
     check_version(run)
     return json_object(run / layout.RUN)
 
 
 def check_version(run: Path) -> None:
-    """Raise UsageError when a run folder's files are of a version that this one does not know."""
-    version = (json_object(run / layout.RUN) or {}).get("schema", SCHEMA)  # none was written before there were any
+    """Raise UsageError when the files of a run folder have an unknown version."""
+    version = (json_object(run / layout.RUN) or {}).get("schema", SCHEMA)  # the first files had none
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         raise UsageError(f"{run / layout.RUN} is damaged: its schema is not a version")
     if version > SCHEMA:
@@ -177,7 +181,7 @@ def check_version(run: Path) -> None:
 
 
 def json_object(path: Path) -> dict[str, Any] | None:
-    """Return the object that a JSON file holds, None when there is no such file or a kill has left half of one."""
+    """Return the object in a JSON file; None when the file is missing or incomplete."""
     try:
         value = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
@@ -186,7 +190,7 @@ def json_object(path: Path) -> dict[str, Any] | None:
 
 
 def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = None) -> Iterator[Any]:
-    """Yield the rows of these kinds; others are passed over, but for one that must not be."""
+    """Yield the rows of these kinds. Other kinds are skipped; `never` is damage."""
     at_once = quick_of_kinds(kinds)
     for number, text in _lines(path):
         if (made := at_once(text)) is not None:
@@ -202,15 +206,15 @@ def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = No
         if kind == never:
             raise line.damaged(f"there is no {never} of what it tells")
         if kind in kinds:
-            yield line.whole(value, kinds[kind])
+            yield line.row(value, kinds[kind])
 
 
 Framed = TypeVar("Framed", FrameTruth, EstimatedFrame)
 
 
-def _frames(told: list[Framed], path: Path) -> dict[tuple[int, int], Framed]:
+def _frames(frame_rows: list[Framed], path: Path) -> dict[tuple[int, int], Framed]:
     frames: dict[tuple[int, int], Framed] = {}
-    for row in told:
+    for row in frame_rows:
         first = frames.setdefault((row.drone, row.frame_id), row)
         if first is not row and first != row:
             raise UsageError(
@@ -224,11 +228,11 @@ class LogLine:
     """A line of a file of JSON lines, read strictly."""
 
     path: Path
-    number: int  # 1 is the first; below 0: the last, after which there is no newline, so that it may be torn
+    number: int  # from 1; negative: the last line, without a newline, which may be torn
     text: bytes
 
     def value(self) -> dict[str, Any] | None:
-        """Return the object that it holds, None where it is torn. Raises UsageError."""
+        """Return its object; None where it is torn. Raises UsageError."""
         try:
             value = json.loads(self.text, parse_constant=_refuse)
         except (ValueError, RecursionError):
@@ -239,8 +243,8 @@ class LogLine:
             raise self.damaged("it is not a JSON object")
         return value
 
-    def whole(self, value: dict[str, Any], row: type[Row]) -> Row:
-        """Return the row that its object is. Raises UsageError."""
+    def row(self, value: dict[str, Any], row: type[Row]) -> Row:
+        """Return the row of its object. Raises UsageError."""
         made, fault = taken(value, row)
         if made is None:
             raise self.damaged(str(fault))
@@ -251,7 +255,7 @@ class LogLine:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
-    """Yield the lines in which something stands, with their numbers as `LogLine` has them. Raises UsageError."""
+    """Yield the lines that are not blank, with their numbers as in `LogLine`. Raises UsageError."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -264,3 +268,89 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
 
 def _refuse(constant: str) -> Any:
     raise ValueError(constant)
+
+
+LONG = 4000  # bytes; a longer line may hold a number with more digits than Python's own reader accepts
+KIND = 15  # first bytes of a line of our writer, which contain its kind: {"kind": "pose"
+
+Quick = Callable[[bytes], Row | None]  # line → its row; None: the strict reader must read it
+
+
+def quick(row: type[Row]) -> Quick[Row]:
+    """Return the fast reader of lines of one kind of row."""
+    decode: Callable[[bytes], Row] = _decoder(cast(Hashable, row))
+    checked = row is Decision
+
+    def read(line: bytes) -> Row | None:
+        made = _decoded(line, decode)
+        return None if checked and made is not None and impossible(made) else made  # type: ignore[arg-type]
+
+    return read
+
+
+def quick_of_kinds(kinds: Mapping[str, type[Row]]) -> Quick[Row]:
+    """Return the fast reader of lines of several kinds of rows, which their first bytes distinguish."""
+    decoders = {f'{{"kind": "{kind}", '.encode()[:KIND]: _decoder(cast(Hashable, row)) for kind, row in kinds.items()}
+
+    def read(line: bytes) -> Row | None:
+        decode = decoders.get(line[:KIND])
+        return _decoded(line, decode) if decode else None
+
+    return read
+
+
+def _decoded(line: bytes, decode: Callable[[bytes], Row]) -> Row | None:
+    if len(line) > LONG or not line.isascii():  # msgspec does not check other bytes in fields that it skips
+        return None
+    try:
+        return decode(line)
+    except (msgspec.MsgspecError, ValueError, RecursionError):
+        return None
+
+
+@cache
+def _decoder(row: Hashable) -> Callable[[bytes], Any]:
+    return msgspec.json.Decoder(cast(Any, row)).decode
+
+
+EARLY_S = 0.05  # s, one telemetry message: tolerance of a decision before its own frame
+AT = re.compile(r"\$\.(\w+)")  # the field in an error of msgspec
+
+
+def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[None, str]:
+    """Return (the row of a JSON object, None), or (None, the fault in it)."""
+    try:
+        made = msgspec.convert(value, row)
+    except msgspec.ValidationError as error:
+        if missing := MISSING.search(str(error)):
+            return None, f"it has no {missing[1]}"
+        at = AT.search(str(error))
+        return None, _wrong(row, at[1]) if at else str(error)
+    except UnicodeError:  # half a surrogate pair, which has no UTF-8
+        return None, "one of its words is no text"
+    if large := next((name for name in fields_of(row) if _too_large(getattr(made, name))), None):
+        return None, _wrong(row, large)
+    fault = impossible(made) if isinstance(made, Decision) else None
+    return (None, fault) if fault else (made, None)
+
+
+def impossible(decision: Decision) -> str | None:
+    """Return the impossible property of a decision; None for a possible one."""
+    if decision.action is not None and not isinstance(decision.action.get("action"), str):
+        return "its action is not an action"
+    if decision.t_decided < max(0.0, decision.t_frame - EARLY_S):
+        return "its t_decided is before its t_frame" if decision.t_decided >= 0.0 else "its t_decided is below 0"
+    return None
+
+
+def _too_large(value: Any) -> bool:
+    """Return whether a number, or one of a tuple or a table, is too large for any measurement."""
+    if isinstance(value, float):
+        return not abs(value) < LARGE
+    several = value.values() if isinstance(value, dict) else value if isinstance(value, tuple) else ()
+    return any(isinstance(item, float) and not abs(item) < LARGE for item in several)
+
+
+def _wrong(row: type, name: str) -> str:
+    """Return the message of a field's annotation about a wrong value."""
+    return f"its {name} {rule_of(fields_of(row)[name]).words}"

@@ -1,4 +1,4 @@
-"""The published schemas of the run folder's files, made from the rows themselves. `make schemas` writes them."""
+"""The published JSON Schemas of the run folder's files, made from the rows. `make schemas` writes them."""
 
 import json
 from collections.abc import Mapping
@@ -8,15 +8,14 @@ from typing import Any
 import msgspec
 
 from foundation.run_folder import layout
-from foundation.run_folder.benchmark import Benchmark, Study
-from foundation.run_folder.results import Result, Verdict
+from foundation.run_folder.results import Benchmark, Result, Study, Verdict
 from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision, EpisodeIdentity, Exchange, LoggedPrompt, Run
 from foundation.run_folder.writing import field_names
 
 FOLDER = Path(__file__).with_name("schemas")
-SAYS = "https://json-schema.org/draft/2020-12/schema"
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
 EMPTY = {"type": "object", "maxProperties": 0}
-FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name -> (what it is of, the rows that it may be)
+FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name → (title, kinds of rows)
     "run": (layout.RUN, (Run,)),
     "bench": (layout.BENCH, (Benchmark,)),
     "study": (layout.STUDY, (Study,)),
@@ -33,7 +32,7 @@ FILES: Mapping[str, tuple[str, tuple[type, ...]]] = {  # name -> (what it is of,
 
 def published() -> dict[str, dict[str, Any]]:
     """Return the JSON Schemas by the names of their files."""
-    return {f"{name}.schema.json": _of(title, rows) for name, (title, rows) in FILES.items()}
+    return {f"{name}.schema.json": _schema(title, rows) for name, (title, rows) in FILES.items()}
 
 
 def text(schema: Mapping[str, Any]) -> str:
@@ -48,17 +47,17 @@ def write() -> None:
         (FOLDER / name).write_text(text(schema), encoding="utf-8")
 
 
-def _of(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
-    tops, parts = msgspec.json.schema_components(rows, ref_template="#/$defs/{name}")
-    for row in rows:  # in the order in which they are written, where msgspec has inherited fields first
-        part, names = parts[row.__name__], field_names(row)
-        part["required"] = [name for name in names if name in part["required"]]
-        part["properties"] = {name: part["properties"][name] for name in (*part["required"], *names)}
-    for part in parts.values():
-        if kind := part["properties"].pop("kind", None):  # which a row's constructor knows, and a line has to tell
-            part["properties"] = {"kind": {"const": kind["default"]}, **part["properties"]}
-            part["required"] = ["kind", *part["required"]]
-    if verdict := parts.get("Verdict"):
+def _schema(title: str, rows: tuple[type, ...]) -> dict[str, Any]:
+    tops, definitions = msgspec.json.schema_components(rows, ref_template="#/$defs/{name}")
+    for row in rows:  # fields in the order of writing; msgspec puts inherited ones first
+        definition, names = definitions[row.__name__], field_names(row)
+        definition["required"] = [name for name in names if name in definition["required"]]
+        definition["properties"] = {name: definition["properties"][name] for name in (*definition["required"], *names)}
+    for definition in definitions.values():
+        if kind := definition["properties"].pop("kind", None):  # has a default in the class, and is required in a line
+            definition["properties"] = {"kind": {"const": kind["default"]}, **definition["properties"]}
+            definition["required"] = ["kind", *definition["required"]]
+    if verdict := definitions.get("Verdict"):
         verdict["properties"]["diagnostics"]["anyOf"].append(EMPTY)  # as a row it is None
-    one = dict(next(iter(tops))) if len(rows) == 1 else {"anyOf": list(tops)}
-    return {"$schema": SAYS, "title": title, **one, "$defs": parts}
+    root = dict(next(iter(tops))) if len(rows) == 1 else {"anyOf": list(tops)}
+    return {"$schema": DRAFT, "title": title, **root, "$defs": definitions}

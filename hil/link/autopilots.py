@@ -8,9 +8,8 @@ divided until they fit. STATUSTEXT goes only to a wire on which a ground station
 
 from dataclasses import dataclass
 
-from foundation.mavlink import dialect
-from foundation.px4 import MODES, PX4_AUTOPILOT
-from foundation.px4 import mode_name as name_of
+from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
+from foundation.mavlink import mode_name as name_of
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 
 KINDS = {0: "", 64: "alpha", 128: "beta", 192: "rc", 255: ""}  # FIRMWARE_VERSION_TYPE; 0 is a developer's build

@@ -7,8 +7,7 @@ charged, measured, and of as many cells as the autopilot believes.
 import math
 from collections.abc import Mapping
 
-from foundation.mavlink import dialect
-from foundation.px4 import mode_name
+from foundation.mavlink import dialect, mode_name
 from hil.link.parameters import Value
 from hil.preflight.observation import Message, Observation, Row
 

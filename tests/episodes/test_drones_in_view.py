@@ -14,7 +14,7 @@ from episodes.world.fleet import DronePose, Fleet, hovering
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_from_euler
-from foundation.obstacles import OPEN
+from foundation.terrain import OPEN
 from vehicles import airframe as airframes
 from vehicles.collision import solids_record
 from vehicles.multirotor import Multirotor

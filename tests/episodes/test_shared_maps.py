@@ -15,7 +15,7 @@ from episodes.world.obstacles import obstacles, sorted_into_cells, with_more
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
-from foundation.obstacles import MovingBox
+from foundation.terrain import MovingBox
 
 SMALL = CameraModel(64, 36)
 # a placed target, one that moves, a fleet with its look-alikes, and a target that the map has already

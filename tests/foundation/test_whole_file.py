@@ -2,7 +2,7 @@
 
 import pytest
 
-from foundation.whole_file import whole_file, write_text
+from foundation.files import whole_file, write_text
 
 
 def break_off(path):

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge import episode
-from foundation.run_folder.damage import taken
-from foundation.run_folder.reading import Logs
+from foundation.run_folder.reading import Logs, taken
 from foundation.run_folder.rows import TRUTH_ROWS, Decision, FlownRecord
 
 BEGIN = {"kind": "begin", "t": 0.0, "t0_us": 5}

@@ -16,7 +16,7 @@ from dronecats.study import design, folder
 from dronecats.study.plan import StudyPlan, plan
 from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import folder as folders
-from foundation.run_folder.benchmark import Level
+from foundation.run_folder.results import Level
 from tests.judge.episode_logs import BEGIN, END, frame, pose, write
 
 TRACKING = tuple(f"{place}-tracking-{k:02}" for place in ("campus", "residential") for k in range(1, 11))

@@ -14,7 +14,7 @@ from dronecats.flight.spec.spec_file import as_json, from_json
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, level_text
 from foundation.declaration import shown
 from foundation.errors import UsageError
-from foundation.run_folder.benchmark import Level
+from foundation.run_folder.results import Level
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("rate:2"))
 NUMBERS = [factor for factor in FACTORS.values() if factor.quantity]

@@ -4,8 +4,7 @@ import socket
 import threading
 import time
 
-from foundation.mavlink import Packer, Parser, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, Parser, dialect
 
 
 class Tap(threading.Thread):

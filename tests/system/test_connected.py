@@ -9,8 +9,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
-from foundation.mavlink import Packer, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, dialect
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import is_first_question
 from tests.support.simulated_vehicle import simulated_rig

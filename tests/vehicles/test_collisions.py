@@ -8,7 +8,7 @@ import pytest
 from episodes.world.obstacles import sorted_into_cells
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY, quat_from_euler, quat_integrate, quat_to_euler, rotate
-from foundation.obstacles import OPEN, MovingBox, Obstacles
+from foundation.terrain import OPEN, MovingBox, Obstacles
 from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
 from vehicles.collision import BOX, REBOUND_SPEED

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.flight.sitl.collisions import CollisionReport, Encounters
-from foundation.contact_report import hit_of, seconds_of
+from foundation.truth import hit_of, seconds_of
 from tests.vehicles.fleet import spin, vehicle
 from vehicles.airframe import names
 from vehicles.encounter import DRONE, Ball, _first_touch, girth

@@ -15,7 +15,7 @@ from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance, Limiter, Turns
 from foundation.errors import BudgetError, UsageError
-from foundation.sqlite_file import FileKind, SqliteFile
+from foundation.files import FileKind, SqliteFile
 
 KIND = FileKind(
     "ledger",

@@ -11,7 +11,7 @@ import msgspec
 from dronecats.agent.latency import LONGEST_S
 from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
 from foundation.errors import InfrastructureError, ModelError
-from foundation.sqlite_file import FileKind, SqliteFile
+from foundation.files import FileKind, SqliteFile
 
 _BROKEN_OFF = {  # by the reason of a flight's end
     "budget": "it was ended by its budget",

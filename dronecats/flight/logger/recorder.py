@@ -12,7 +12,6 @@ from msgspec import UNSET
 
 from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
 from foundation.camera import CameraModel
-from foundation.contact_report import hit_of, seconds_of
 from foundation.frames import quat_yaw
 from foundation.mavlink import Parser, dialect, frame_of
 from foundation.measurement import TargetMeasurement
@@ -20,7 +19,7 @@ from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
 from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, Pose
 from foundation.run_folder.writing import LineLog, TelemetryLog
-from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, nearest, truth_sample
+from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, hit_of, nearest, seconds_of, truth_sample
 
 # (t in s, where the drone is, its camera, where the fleet's others are at that time)
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]

@@ -12,11 +12,11 @@ import foundation
 from dronecats.flight.run import source_digest
 from foundation import protocol
 from foundation.errors import UsageError
+from foundation.files import write_json
 from foundation.run_folder import layout
 from foundation.run_folder.reading import exchanges, rows
 from foundation.run_folder.rows import Decision, EpisodeIdentity
 from foundation.run_folder.writing import as_json
-from foundation.whole_file import write_json
 
 ROOT = Path(foundation.__file__).resolve().parents[1]
 SOURCES = (".py", ".toml", ".txt", ".npz")

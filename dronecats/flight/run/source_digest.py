@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from foundation.errors import UsageError
+from foundation.files import write_text
 from foundation.machine import user_cache
-from foundation.whole_file import write_text
 
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256

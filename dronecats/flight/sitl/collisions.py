@@ -3,9 +3,9 @@
 import itertools
 from collections.abc import Callable, Sequence
 
-from foundation.contact_report import SaidHit, clear_text, hit_text
 from foundation.frames import Vec3, wrap_pi
 from foundation.mavlink import dialect
+from foundation.truth import SaidHit, clear_text, hit_text
 from vehicles.collision import BOX
 from vehicles.encounter import DRONE, ball, girth, meet
 from vehicles.multirotor import Multirotor
@@ -75,7 +75,7 @@ class CollisionReport:
         self._reported: set[str] = set()  # what the present contact is known to be with
 
     def message(self) -> dialect.MAVLink_message | None:
-        """Return a STATUSTEXT (`foundation.contact_report`) about what is new since the last call, None for nothing.
+        """Return a STATUSTEXT (`foundation.truth`) about what is new since the last call, None for nothing.
 
         Each thing that one contact hits is reported once. The contact ends after half a second without a touch.
         """

@@ -28,8 +28,7 @@ from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.mavlink import Packer
-from foundation.obstacles import OPEN, Obstacles
-from foundation.terrain import FLAT, HeightField
+from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
 from vehicles import airframe as airframes
 from vehicles.airframe import laden

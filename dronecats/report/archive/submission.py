@@ -28,9 +28,9 @@ from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.identity import Identity, differences, identity, identity_digest
 from episodes.records import catalogue, suites
 from foundation.errors import UsageError
+from foundation.files import whole_file
 from foundation.run_folder import layout
 from foundation.run_folder.results import SCORED
-from foundation.whole_file import whole_file
 
 RUNS_MAX = 99
 

@@ -16,8 +16,8 @@ from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tabulation
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
+from foundation.files import whole_file
 from foundation.run_folder import layout
-from foundation.whole_file import whole_file
 
 FILE_OF_EPISODE = {
     "mcap": (".mcap", "mcap", "write"),

@@ -35,7 +35,7 @@ from dronecats.report.results.entrants import entrants
 from dronecats.report.table import ReportTable, TableColumn, TableRow
 from dronecats.report.writers import as_html
 from foundation.errors import UsageError
-from foundation.whole_file import whole_file
+from foundation.files import whole_file
 
 RESERVED = ("of",)  # first words of addresses that name no run
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")  # in the order of the paper

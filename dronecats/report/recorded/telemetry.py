@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from foundation import wire
 from foundation.errors import UsageError
 from foundation.frames import Vec3
-from foundation.mavlink import Parser, dialect
-from foundation.px4 import mode_name
+from foundation.mavlink import Parser, dialect, mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_sample
 from hil.link.telemetry import WARNING, StatusTexts, VehicleClock, VehicleState, setpoint_velocity, update
 

@@ -18,7 +18,7 @@ from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results import tabulation
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
-from foundation.whole_file import whole_file
+from foundation.files import whole_file
 
 # What a query cannot do: read or write files, load code, see this process's variables, change these settings
 LOCKED = (

@@ -15,8 +15,7 @@ from typing import Any
 from dronecats.agent.names import FORMER, agent_name
 from dronecats.report.recorded.run import RecordedRun
 from foundation.run_folder import layout
-from foundation.run_folder.damage import taken
-from foundation.run_folder.reading import json_object
+from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import EpisodeIdentity
 
 NOT_TOLD = "not told"

@@ -22,7 +22,7 @@ from dronecats.study.factors import ENTRANT_FACTORS, POLICY, at_levels
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.run_folder import layout
-from foundation.run_folder.benchmark import Level, Study, StudyRun
+from foundation.run_folder.results import Level, Study, StudyRun
 
 MORE_IS_EASIER = ("rate", "frame_rate", "setpoint_rate", "link_baud")  # factors whose highest level is the reference
 NONE_COUNTS = "No flight counts yet."

@@ -22,7 +22,7 @@ from dronecats.study.report.drawing import StudyFigure, draw
 from dronecats.study.report.findings import compute_findings
 from dronecats.study.report.sections import ReportContent, report_content
 from foundation.errors import InfrastructureError
-from foundation.whole_file import whole_file, write_text
+from foundation.files import whole_file, write_text
 
 PAGE, MARKDOWN = "index.html", "report.md"
 TABLES, FIGURES, DATA = "tables", "figures", "data"

@@ -19,8 +19,8 @@ from episodes.authoring.check.finding import RuleFinding
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, parse
 from foundation.errors import UsageError
+from foundation.files import write_text
 from foundation.threads import Latest
-from foundation.whole_file import write_text
 
 MOST_UNDONE = 200
 

@@ -19,9 +19,9 @@ from dronecats.view.film.plan import FilmPlan, filmable
 from episodes.authoring.processes import share_out
 from foundation.errors import InfrastructureError, UsageError
 from foundation.extras import not_installed
+from foundation.files import write_json
 from foundation.run_folder.reading import json_object
 from foundation.threads import once
-from foundation.whole_file import write_json
 
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
 

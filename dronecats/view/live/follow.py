@@ -15,9 +15,8 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.run_folder import layout
-from foundation.run_folder.damage import Row, taken
 from foundation.run_folder.prompts import PromptReader
-from foundation.run_folder.reading import json_object
+from foundation.run_folder.reading import Row, json_object, taken
 from foundation.run_folder.rows import (
     TRUTH_ROWS,
     Begin,

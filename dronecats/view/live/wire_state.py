@@ -14,8 +14,7 @@ from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
 from episodes.world.world import World
 from foundation import wire
 from foundation.frames import Quat, Vec3, quat_from_euler
-from foundation.mavlink import Parser, dialect
-from foundation.px4 import mode_name
+from foundation.mavlink import Parser, dialect, mode_name
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_sample
 from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoint_velocity, update
 

@@ -16,7 +16,7 @@ from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance
 from dronecats.agent.models.wire_formats import open_model
 from foundation.errors import ModelError, UsageError
-from foundation.sqlite_file import make
+from foundation.files import make
 from tests.agent.models.faulty_wire import Wire, answer, completion, say
 
 REQUEST = Request("text", (b"jpeg",), thinking=False)

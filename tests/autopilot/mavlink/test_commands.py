@@ -6,8 +6,7 @@ import math
 import pytest
 from pymavlink import mavutil
 
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from tests.autopilot.commander_bench import ORIGIN, Bench, Client
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED, FAILED = 0, 1, 2, 3, 4

@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from foundation.mavlink import Packer, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, dialect
 from tests.autopilot.commander_bench import TICK_US, Bench, Client
 
 ACCEPTED, REJECTED, DENIED, UNSUPPORTED = 0, 1, 2, 3

@@ -9,8 +9,7 @@ import pytest
 from autopilot.mavlink.steering import RejectedError, trajectory
 from autopilot.records import KIND_ATTITUDE, KIND_RATES
 from foundation.frames import Quat, quat_from_euler
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from tests.autopilot.commander_bench import ORIGIN, Bench
 from tests.support.refusal import refusal
 

@@ -6,9 +6,9 @@ from dronecats.flight.logger.recorder import Recorder
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.trajectories import contact_time, crashes, hardest_hit, hits
 from foundation.camera import CameraModel
-from foundation.contact_report import SaidHit, clear_text, hit_of, hit_text, seconds_of
 from foundation.measurement import TargetMeasurement
 from foundation.run_folder.reading import read
+from foundation.truth import SaidHit, clear_text, hit_of, hit_text, seconds_of
 from tests.flight.sitl.before_a_wall import flying, stream
 
 ORIGIN = (47.4, 8.5, 488.0)

@@ -9,8 +9,7 @@ from autopilot.commander.plans import FENCE, MISSION, RALLY, PlanItem
 from autopilot.mavlink.port import BY_NAME
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from hil.link.link import Link
 from vehicles import airframe
 

@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from foundation.errors import UsageError
 from foundation.measurement import LARGE
 from foundation.run_folder import reading
-from foundation.run_folder.damage import taken
-from foundation.run_folder.quick import LONG, quick, quick_of_kinds
+from foundation.run_folder.reading import LONG, quick, quick_of_kinds, taken
 from foundation.run_folder.rows import TRUTH_ROWS, Decision
 from tests.foundation.run_folder.test_schemas import ROWS
 

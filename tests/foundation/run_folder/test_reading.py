@@ -10,8 +10,8 @@ from dronecats.judge.episode import judge_run, write_verdict
 from dronecats.pilots.scripted import replies
 from foundation.errors import UsageError
 from foundation.run_folder import layout, reading
-from foundation.run_folder.damage import taken
 from foundation.run_folder.folder import create, write_run
+from foundation.run_folder.reading import taken
 from foundation.run_folder.results import Result
 from foundation.run_folder.rows import Begin, Decision
 from foundation.run_folder.writing import LineLog, as_json

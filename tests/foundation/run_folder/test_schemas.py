@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from foundation.run_folder.damage import taken
+from foundation.run_folder.reading import taken
 from foundation.run_folder.rows import ESTIMATE_ROWS, TRUTH_ROWS, Decision
 from foundation.run_folder.schema import FOLDER, published, text
 from tests.foundation.run_folder.published import validator

@@ -1,7 +1,6 @@
 """A vehicle of a few lines at the other end of a memory wire: it moves as it is told and says what the test wants."""
 
-from foundation.mavlink import Packer, Parser, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, Parser, dialect
 from foundation.setpoints import Velocity
 from hil.link.link import Link
 from hil.link.transport import MemoryTransport

@@ -3,8 +3,7 @@
 import pytest
 
 from foundation.errors import LinkError
-from foundation.mavlink import Packer, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, dialect
 from foundation.setpoints import Velocity
 from hil.link.link import Link, TakeoverError
 from hil.link.transport import MemoryTransport, UdpTransport

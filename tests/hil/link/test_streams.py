@@ -1,7 +1,6 @@
 """What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
 
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from hil.link.link import Link
 from hil.link.streams import FAST, OFFERED, WATCHED, Streams
 from tests.hil.link.scripted_vehicle import ScriptedVehicle

@@ -2,8 +2,7 @@
 
 import pytest
 
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from foundation.setpoints import Hold, Velocity
 from hil.link.envelope import Limits
 from hil.link.link import Link, TakeoverError

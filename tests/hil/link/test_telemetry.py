@@ -2,8 +2,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from foundation.mavlink import Packer, Parser, dialect
-from foundation.px4 import MODES, mode_name
+from foundation.mavlink import MODES, Packer, Parser, dialect, mode_name
 from hil.link.telemetry import VehicleClock, VehicleState, update
 
 

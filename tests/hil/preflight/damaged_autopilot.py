@@ -4,8 +4,7 @@ import struct
 import threading
 import time
 
-from foundation.mavlink import Packer, Parser, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, Parser, dialect
 from hil.link.transport import connect
 
 HEALTHY = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x200000 | 0x2000000 | 0x10000000

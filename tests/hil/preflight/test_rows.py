@@ -4,8 +4,7 @@ import re
 
 from dronecats.cli.preflight import proposal, table
 from dronecats.report.writers import as_terminal
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from foundation.sensors import CALENDAR_START_US
 from hil.preflight import ground_side, vehicle
 from hil.preflight.check import PX4_DEFAULTS, Check

@@ -8,7 +8,7 @@ import sys
 
 from dronecats.cli.main import main
 from dronecats.flight.sitl import simulation as scenario
-from foundation.obstacles import OPEN
+from foundation.terrain import OPEN
 
 vars(scenario)["obstacles"] = lambda scene: OPEN
 sys.exit(main(["sitl", *sys.argv[1:]]))

@@ -7,8 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.view.replay.moments import Occurrence, OccurrenceKind, flight_moments, following, preceding
-from foundation.mavlink import Packer, dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, Packer, dialect
 from foundation.run_folder import layout
 from foundation.run_folder.writing import TelemetryLog
 from foundation.truth import TRUTH_COMPONENT

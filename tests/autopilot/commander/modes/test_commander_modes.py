@@ -5,8 +5,7 @@ import math
 
 import pytest
 
-from foundation.mavlink import dialect
-from foundation.px4 import MODES
+from foundation.mavlink import MODES, dialect
 from tests.autopilot.commander_bench import Bench, sticks
 
 

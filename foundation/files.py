@@ -1,6 +1,7 @@
-"""SQLite files that many processes share and that a kill leaves whole, each known by what it is for."""
+"""Files that stay intact after a kill or on a full disk: text and JSON written atomically, and SQLite files."""
 
 import contextlib
+import json
 import os
 import sqlite3
 import threading
@@ -8,8 +9,39 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from foundation.errors import InfrastructureError, UsageError
+
+
+@contextlib.contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Give the path of a draft beside `path`, which takes its place when the block ends well, and else is removed.
+
+    Threads and processes that write the same file have drafts of their own: the one that ends last stays. Raises
+    OSError.
+    """
+    draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")
+    try:
+        yield draft
+        draft.replace(path)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            draft.unlink()
+        raise
+
+
+def write_text(path: Path, text: str, *, errors: str = "strict") -> None:
+    """Write a text file in UTF-8, its line ends as they are, whole or not at all. Raises OSError."""
+    with whole_file(path) as draft:
+        draft.write_text(text, encoding="utf-8", errors=errors, newline="\n")
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Write a JSON file beside its place and move it there. Raises OSError, and leaves no draft behind then."""
+    text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
+    write_text(path, text, errors="backslashreplace")  # half a surrogate pair: JSON has it
+
 
 BUSY_S = 30.0  # wall s that another process may hold the file
 
