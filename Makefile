@@ -59,7 +59,7 @@ lock: install
 # changes.
 schemas: install
 	$(BIN)/python -c "from foundation.run_folder.schema import write; write()"
-	$(BIN)/python -c "from episodes.records.schema import write; write()"
+	$(BIN)/python -c "from episodes.records.record import write_schema; write_schema()"
 
 # Rewrites the tables of docs/metrics.md from the registry. Run it when a metric changes.
 metrics: install

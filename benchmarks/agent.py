@@ -39,7 +39,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from episodes.world.world import World
 from foundation.camera import CameraModel, Frame
 from foundation.frames import quat_from_euler
@@ -193,7 +193,7 @@ def _held(process: psutil.Process) -> tuple[int, int] | None:
 
 def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
     """Return what `jobs` episodes at once cost beside their model, each `seconds` of vehicle time long."""
-    episodes = suites.ids("one-drone")[:: max(1, 80 // jobs)][:jobs]
+    episodes = catalogue.suite_ids("one-drone")[:: max(1, 80 // jobs)][:jobs]
     memory = Memory()
     with stand_in(MODEL_S, ACTION) as address, tempfile.TemporaryDirectory() as folder:
         model = ModelSpec(provider="local", name="stand-in", base_url=f"{address}/v1")

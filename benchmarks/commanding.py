@@ -18,7 +18,7 @@ from dronecats.cli.exit_status import exit_status
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.pilots import roster
-from episodes.records import suites
+from episodes.records import catalogue
 from foundation.run_folder.layout import DECISIONS
 from foundation.run_folder.reading import exchanges, rows
 from foundation.run_folder.rows import Decision
@@ -103,7 +103,7 @@ def main() -> int:
     args = parser.parse_args()
     if args.short:
         args.episodes, args.drones, args.seconds = ["blocks-commanding-01"], 2, 4.0
-    chosen = args.episodes or suites.ids("commanding")
+    chosen = args.episodes or catalogue.suite_ids("commanding")
     by_mode: dict[str, list[CommandedFlight]] = {mode: [] for mode in get_args(Mode)}
     for episode in chosen:
         for mode in get_args(Mode):

@@ -29,7 +29,7 @@ from dronecats.cli.exit_status import exit_status
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.pilots.vision import ocr
-from episodes.records import suites
+from episodes.records import catalogue
 from foundation.threads import expect_more
 
 ROOT = Path(__file__).parent.parent
@@ -164,7 +164,7 @@ def main() -> int:
     one_job, two_jobs = (benched(["--suite", args.suite, *undrawn], jobs) for jobs in (1, 2))
     fleets = benched(["--suite", "commanding", *undrawn], 2)
     drawn = benched(["--suite", args.drawn, "--pilot", "vision", *few], 2)
-    names = suites.ids(args.suite)
+    names = catalogue.suite_ids(args.suite)
     chosen = names[:1] if args.short else names[:: max(1, len(names) // PROFILED)]
     with tempfile.TemporaryDirectory() as folder:
         sampler = profiled(chosen, Path(folder))

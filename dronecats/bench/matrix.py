@@ -11,7 +11,7 @@ from dronecats.agent.names import PAPER
 from dronecats.flight.run.identity import suite_digest
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_kept
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from episodes.records.record import VERSION, EpisodeRecord
 from foundation.errors import UsageError
 from foundation.run_folder.results import Benchmark, BenchmarkRun, FlownSuite
@@ -45,7 +45,7 @@ def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
         raise UsageError("choose one: the episodes by name, or --suite")
     chosen = list(dict.fromkeys(episodes))
     for name in () if chosen else names:
-        chosen += [episode for episode in suites.ids(name) if episode not in chosen]
+        chosen += [episode for episode in catalogue.suite_ids(name) if episode not in chosen]
     if not chosen:
         raise UsageError("no episodes: add --suite NAME, or episodes by id or file")
     records = {episode: catalogue.load(episode) for episode in chosen}
@@ -53,7 +53,7 @@ def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
     for episode, record in records.items():
         if times[record.id] > 1:
             raise UsageError(f"two of the episodes have the id '{record.id}'; give each its own")
-        if record.id in catalogue.known() and not catalogue.ships(record):
+        if record.id in catalogue.all_ids() and not catalogue.ships(record):
             raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; choose another id")
     versions = {record.version for record in records.values()}
     title = None if episodes else "+".join(names)

@@ -15,8 +15,8 @@ from dronecats.judge.statistics.shares import known_share
 from dronecats.report.cells import NONE
 from dronecats.report.table import CellValue, ReportTable, TableCell, TableRow, in_blocks, numbers, table_of, words
 from dronecats.report.table import row as table_row
-from episodes.records import suites
-from episodes.records.baselines import BlindFlight, BlindTable
+from episodes.records import catalogue
+from episodes.records.catalogue import BlindFlight, BlindTable
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.run_folder import layout
@@ -77,7 +77,7 @@ def groups(results: Iterable[Result]) -> dict[str, list[Result]]:
         cells.setdefault(cell_of(result.episode), []).append(result)
     grouped = {name: cells[name] for name in sorted(cells, key=cell_order)}
     for suite in ("quick", "one-drone", "commanding", "v1"):
-        episodes = set(suites.ids(suite))
+        episodes = set(catalogue.suite_ids(suite))
         if members := [r for r in results if r.episode in episodes]:
             grouped[suite] = members
     return {**grouped, "all": results}

@@ -58,13 +58,14 @@ def add_episodes_options(parser: argparse.ArgumentParser) -> None:
 def _list(args: argparse.Namespace) -> int:
     """Print the episodes."""
     from dronecats.report.table import numbers, table_of, words
-    from episodes.records import catalogue, suites
-    from episodes.records.baselines import load_par
+    from episodes.records import catalogue
+    from episodes.records.catalogue import load_par
 
     pars = load_par()
-    records = [catalogue.load(episode) for episode in suites.ids(args.suite)]
+    records = [catalogue.load(episode) for episode in catalogue.suite_ids(args.suite)]
     if args.json:
-        rows = [{**_summary(r, suites.of(r.id), pars.get(r.id)), "instruction": r.instruction} for r in records]
+        summaries = (_summary(r, catalogue.suites_of(r.id), pars.get(r.id)) for r in records)
+        rows = [{**summary, "instruction": r.instruction} for summary, r in zip(summaries, records, strict=True)]
         print(json.dumps({"episodes": rows}))
         return 0
     columns = (words("id"), words("map"), words("cell"), numbers("drones"), numbers("par"), words("instruction"))
@@ -86,11 +87,11 @@ def _summary(record: "EpisodeRecord", suites: "Sequence[str]", par: int | None) 
 def _show(args: argparse.Namespace) -> int:
     """Print the episode and, with --picture, write its first frame."""
     from dronecats.report.table import table_of, words
-    from episodes.records import catalogue, suites
-    from episodes.records.baselines import load_par
+    from episodes.records import catalogue
+    from episodes.records.catalogue import load_par
 
     record = catalogue.load(args.episode)
-    member, par = (suites.of(record.id), load_par().get(record.id)) if catalogue.ships(record) else ((), None)
+    member, par = (catalogue.suites_of(record.id), load_par().get(record.id)) if catalogue.ships(record) else ((), None)
     if args.picture is not None:
         from episodes.authoring.scene_pictures import write_first_frame
 
@@ -127,13 +128,13 @@ def _lines(record: "EpisodeRecord", member: "Sequence[str]", par: int | None) ->
 def _check(args: argparse.Namespace) -> int:
     """Check the records; status 1 when any is rejected."""
     from episodes.authoring.check.rules import check_all, check_suite
-    from episodes.records import catalogue, suites
+    from episodes.records import catalogue
 
     if args.jobs < 0:
         raise UsageError("--jobs wants a number of processes, 1 or more")
     if args.episodes and args.suite:
         raise UsageError("choose one: the episodes by name, or --suite")
-    names = args.episodes or suites.ids(args.suite or "all")
+    names = args.episodes or catalogue.suite_ids(args.suite or "all")
     for name in names:
         catalogue.must_exist(name)
     # version 1 was drawn before there were rules about the spread, and breaks them: that is why there is a version 2

@@ -16,7 +16,7 @@ LOG_PERIOD_S = 30.0  # s between two progress lines in a log
 if TYPE_CHECKING:
     from dronecats.bench.campaign import EndedFlight
     from dronecats.flight.spec.flight_spec import FlightSpec
-    from episodes.records.baselines import BlindFlight
+    from episodes.records.catalogue import BlindFlight
     from foundation.run_folder.results import Result
 
 
@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.bench.tables import audit_table, blind_flights, floor, groups, pars, score_row
     from dronecats.flight.run.fly import settings
     from dronecats.flight.spec.flight import look_up
-    from episodes.records.baselines import load_blind
+    from episodes.records.catalogue import load_blind
     from foundation.run_folder.folder import fresh_run
     from foundation.run_folder.reading import stored_result
 
@@ -131,17 +131,17 @@ def _reason(result: "Result") -> str:
 def _keep(steps: dict[str, int]) -> None:
     """Write the steps of shipped episodes to the table of pars. Episodes that were not flown keep theirs."""
     from episodes.records import catalogue
-    from episodes.records.baselines import PAR, load_par
+    from episodes.records.catalogue import PAR, load_par
     from foundation.run_folder.folder import write_json
 
     table = {**load_par(), **steps}
-    write_json(PAR, {episode: table[episode] for episode in catalogue.known() if episode in table})
+    write_json(PAR, {episode: table[episode] for episode in catalogue.all_ids() if episode in table})
 
 
 def _keep_blind(pilot: str, flights: "dict[str, BlindFlight]") -> None:
     """Write a blind pilot's flights of shipped episodes to the table of results without looking."""
     from episodes.records import catalogue
-    from episodes.records.baselines import BLIND, load_blind, merged
+    from episodes.records.catalogue import BLIND, load_blind, merged
     from foundation.run_folder.folder import write_json
 
-    write_json(BLIND, merged(load_blind(), pilot, flights, catalogue.known()))
+    write_json(BLIND, merged(load_blind(), pilot, flights, catalogue.all_ids()))

@@ -349,7 +349,7 @@ def _of_episode(name: str) -> dict[str, Any]:
 
     from episodes.records import catalogue
 
-    if name in catalogue.known():
+    if name in catalogue.all_ids():
         return {"episode": name}
     return {"record": json.loads(catalogue.load(name).to_json())}
 

@@ -139,7 +139,7 @@ def _from_file(factors: Mapping[str, Any], file: Path | None) -> dict[str, Any]:
 def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
     """Return the episodes: by name, or those of a suite with these cells and maps."""
     from dronecats.bench.matrix import suite_of
-    from episodes.records import catalogue, suites
+    from episodes.records import catalogue
     from episodes.records.record import CELLS
 
     if not (args.cells or args.maps):
@@ -147,7 +147,7 @@ def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
     if args.episodes:
         raise UsageError("--cells and --maps choose from a suite; leave them out, or the episodes by name")
     names = args.suite or ["all"]
-    records = [catalogue.load(episode) for episode in dict.fromkeys(id for name in names for id in suites.ids(name))]
+    records = [catalogue.load(id) for id in dict.fromkeys(id for name in names for id in catalogue.suite_ids(name))]
     cells = _valid("--cells", args.cells or CELLS, CELLS)
     maps = _valid("--maps", args.maps or (), sorted({record.map for record in records}))
     kept = [record.id for record in records if record.cell in cells and (not maps or record.map in maps)]

@@ -10,7 +10,7 @@ from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import differences, identity, refusal
 from dronecats.report.table import TableBlock, TableCell, TableColumn, TableRow, row
-from episodes.records.baselines import BlindTable
+from episodes.records.catalogue import BlindTable
 from episodes.records.record import CELLS
 
 MODELS = "Models"

@@ -10,7 +10,7 @@ from dronecats.report.results.entrants import entrants
 from dronecats.report.results.exclusion import Exclusion, exclusion_sentences, unflown
 from dronecats.report.table import ReportTable
 from dronecats.report.writers import as_csv, as_markdown, as_shell, escaped
-from episodes.records.baselines import load_blind
+from episodes.records.catalogue import load_blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
 

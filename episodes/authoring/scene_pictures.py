@@ -140,7 +140,7 @@ def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
     views = []
     for drone, start in enumerate(record.starts):
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
-        moved = world.moved(0.0, world.fleet.others(drone))
+        moved = world.moved(0.0, world.fleet.other_starts(drone))
         views.append(renderer.render(camera_pose(start.position_ned, attitude, camera), moved).rgb)
     renderer.close()
     if len(views) == 1:

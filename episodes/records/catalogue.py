@@ -1,10 +1,20 @@
-"""The episodes that ship with the project, by id."""
+"""The episodes that ship: their ids, their suites, and the baselines of the oracle and the blind pilots.
 
+A suite is a named list of episodes, for runs and reports. `dronecats episodes audit` writes the baselines.
+"""
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from msgspec import Meta
 
 from episodes.records import record as records
 from episodes.records.record import EpisodeRecord
 from foundation.errors import UsageError
+from foundation.typed_file import file_bytes, json_of, typed
 from foundation.wording import did_you_mean, nearest
 
 DEFAULT = "residential-approaching-01"
@@ -13,31 +23,55 @@ FOLDER = RECORDS / "v2"
 FORMER = RECORDS / "v1"  # the first hundred, which results from before the second are about
 OPEN_GROUND = "open-ground"  # where `dronecats sitl` starts: 30 m free of solids; no episode of the benchmark
 
+SUITES = ("one-drone", "commanding", "quick", "all", "v1")
+# Every cell on every map it is flown on, the commanding ones twice: twelve, for a run over a cup of coffee.
+QUICK = (
+    "residential-approaching-01",
+    "residential-searching-01",
+    "residential-tracking-01",
+    "residential-search-and-track-01",
+    "campus-approaching-01",
+    "campus-searching-01",
+    "campus-tracking-01",
+    "campus-search-and-track-01",
+    "residential-commanding-01",
+    "residential-commanding-02",
+    "blocks-commanding-01",
+    "blocks-commanding-02",
+)
+
+PAR = RECORDS / "par.json"
+BLIND = RECORDS / "blind.json"
+
+FlightCount = Annotated[int, Meta(ge=0)]
+Pars = dict[str, Annotated[int, Meta(gt=0)]]  # episode → steps that the oracle takes
+T = TypeVar("T")
+
 
 def ids() -> list[str]:
     """Return the ids of the benchmark's episodes, sorted."""
     return sorted(path.stem for path in FOLDER.glob("*.json"))
 
 
-def former() -> list[str]:
+def v1_ids() -> list[str]:
     """Return the ids of the episodes of version 1, sorted; each begins with `v1-`."""
     return sorted(path.stem for path in FORMER.glob("*.json"))
 
 
-def known() -> list[str]:
-    """Return the ids of everything that ships, what is flown now first."""
-    return [*ids(), *former()]
+def all_ids() -> list[str]:
+    """Return the ids of all episodes that ship, those of the benchmark first."""
+    return [*ids(), *v1_ids()]
 
 
 def ships(record: EpisodeRecord) -> bool:
-    """Return whether this is a shipped episode, and not merely one that bears the id of one."""
-    return record.id in known() and load(record.id) == record
+    """Return whether this is a shipped episode, and not only one with the id of one."""
+    return record.id in all_ids() and load(record.id) == record
 
 
 def must_exist(id_or_path: str | Path) -> None:
     """Raise UsageError when this is neither a shipped episode nor something on the disk that could be a record."""
     name = str(id_or_path)
-    if name not in (*known(), OPEN_GROUND) and _file(name) is None:
+    if name not in (*all_ids(), OPEN_GROUND) and _file(name) is None:
         raise UsageError(_unknown(name))
 
 
@@ -47,7 +81,7 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
     Raises UsageError when there is no such episode or its record is wrong.
     """
     name = str(id_or_path)
-    for folder, names in ((FOLDER, ids()), (FORMER, former()), (RECORDS / "open", [OPEN_GROUND])):
+    for folder, names in ((FOLDER, ids()), (FORMER, v1_ids()), (RECORDS / "open", [OPEN_GROUND])):
         if name in names:
             return records.load(folder / f"{name}.json")
     path = _file(name)
@@ -57,7 +91,7 @@ def load(id_or_path: str | Path) -> EpisodeRecord:
 
 
 def _file(name: str) -> Path | None:
-    """Return the file that a path means; None when it means none."""
+    """Return the record file of a path to it or to its folder; None when there is none."""
     path = Path(name)
     try:
         if path.is_dir() and (path / "episode.json").is_file():
@@ -70,6 +104,72 @@ def _file(name: str) -> Path | None:
 
 
 def _unknown(name: str) -> str:
-    near = nearest(name, known(), cutoff=0.4) or [DEFAULT]
+    near = nearest(name, all_ids(), cutoff=0.4) or [DEFAULT]
     shown = name if len(name) <= 80 else name[:77] + "..."
     return f"episode {shown!r} is neither an id nor a record file: {did_you_mean(near)} See: dronecats episodes list"
+
+
+def suite_ids(suite: str) -> list[str]:
+    """Return the ids of a suite's episodes, sorted. Raises UsageError for a name that is no suite."""
+    if suite == "v1":
+        return v1_ids()
+    if suite == "all":
+        return ids()
+    if suite == "quick":
+        return [name for name in ids() if name in QUICK]
+    if suite in ("commanding", "one-drone"):
+        return [name for name in ids() if ("-commanding-" in name) == (suite == "commanding")]
+    near = ", ".join(difflib.get_close_matches(suite, SUITES, 2, 0.4) or SUITES)
+    raise UsageError(f"suite {suite[:60]!r} does not exist: did you mean {near}?")
+
+
+def episodes_of(suite: str | Sequence[str]) -> list[str]:
+    """Return the episodes of a suite's name, or of ids and files: a sequence, or one text with commas between."""
+    if isinstance(suite, str):
+        return suite_ids(suite) if suite in SUITES else [name.strip() for name in suite.split(",")]
+    return [name for entry in suite for name in episodes_of(entry)]
+
+
+def suites_of(episode: str) -> tuple[str, ...]:
+    """Return the suites that an episode belongs to; none when it does not ship with the project."""
+    return tuple(name for name in SUITES if episode in suite_ids(name))
+
+
+@dataclass(frozen=True, slots=True)
+class BlindFlight:
+    """One blind flight of the full time."""
+
+    success: bool
+    first: bool  # its first declaration was true
+    within_three: bool  # one of its first three was
+    declarations: FlightCount
+    false_declarations: FlightCount
+    steps: FlightCount
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for an impossible flight."""
+        if not self.first <= self.within_three <= self.success or self.false_declarations > self.declarations:
+            raise ValueError(f"no flight is {self}")
+
+
+BlindTable = dict[str, dict[str, BlindFlight]]  # pilot → episode → flight
+
+
+def load_par(file: Path = PAR) -> Pars:
+    """Return the pars; none when the audit has not been run. Raises UsageError for a wrong table."""
+    return _table(file, Pars)
+
+
+def load_blind(file: Path = BLIND) -> BlindTable:
+    """Return the blind flights; none when none has been flown. Raises UsageError for a wrong table."""
+    return _table(file, BlindTable)
+
+
+def merged(table: BlindTable, pilot: str, flights: dict[str, BlindFlight], episodes: list[str]) -> dict[str, Any]:
+    """Return the table as JSON with new flights of a pilot in place of its former ones of the same episodes."""
+    new = {**table, pilot: {**table.get(pilot, {}), **flights}}
+    return {name: {id_: asdict(new[name][id_]) for id_ in episodes if id_ in new[name]} for name in sorted(new)}
+
+
+def _table(file: Path, kind: type[T]) -> T:
+    return typed(json_of(file_bytes(file, file.name), file.name) if file.exists() else {}, kind, file.name)

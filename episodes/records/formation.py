@@ -1,9 +1,9 @@
-"""A record flown by another number of drones than it was made for.
+"""A record with another number of drones than it was made for.
 
-Fewer are the first of its starts. More stand on the lattice that its square of four is a part of, 2 m from one another,
-at the nearest places behind and beside the square with which the record still passes every check of its own: room to
-stand and to climb, level ground, a fair height, every candidate in sight and none to be read. Source: none, the paper
-flies one drone or four.
+Fewer drones take the first of its starts. More drones stand on the lattice that continues its square of four, 2 m from
+one another, at the nearest places behind and beside the square with which the record still passes all its checks: room
+to stand and to climb, level ground, a fair height, every candidate in sight and no inscription legible. Source: none,
+the paper flies one drone or four.
 """
 
 import itertools
@@ -19,11 +19,11 @@ from episodes.world.world import World
 from foundation.errors import UsageError
 
 FLEET = 4  # of the commanding records that ship
-RINGS = 3  # of places around the square that are looked at
+RINGS = 3  # of places around the square that are tried
 
 
-def flown_by(record: EpisodeRecord, drones: int) -> EpisodeRecord:
-    """Return the record with as many starts. Raises UsageError where there is no room, or the record has no square."""
+def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
+    """Return the record with this number of starts. Raises UsageError without room, or without a square to continue."""
     if not 1 <= drones <= MAX_STARTS:
         raise UsageError(f"--drones wants a whole number from 1 to {MAX_STARTS}, got {drones}")
     if drones <= len(record.starts):
@@ -32,47 +32,46 @@ def flown_by(record: EpisodeRecord, drones: int) -> EpisodeRecord:
         raise UsageError(f"--drones {drones}: {record.id} is an episode for one drone; name a commanding one")
     if len(record.starts) != FLEET or not formation(World(record)).passed:
         raise UsageError(f"--drones {drones}: the starts of {record.id} are no square of 2 m sides that could go on")
-    alone = World(record)
-    standing = StaticObstacles(alone.scene.instances)
+    world = World(record)
+    obstacles = StaticObstacles(world.scene.instances)
     for place in places(record.starts):
         if len(record.starts) == drones:
             break
         more = replace(record, starts=(*record.starts, place))
-        if has_room(alone, standing, place) and in_sight(more):
+        if has_room(world, obstacles, place) and in_sight(more):
             record = more
     if len(record.starts) < drones:
         raise UsageError(f"--drones {drones}: around the starts of {record.id} is room for {len(record.starts)} only")
-    if wrong := next((found for found in failed(record)), None):
-        raise UsageError(f"--drones {drones}: {record.id} would not pass its checks: {wrong.sentence}")
+    if failure := next(failed(record), None):
+        raise UsageError(f"--drones {drones}: {record.id} would not pass its checks: {failure.sentence}")
     return record
 
 
-def has_room(world: World, standing: StaticObstacles, place: StartPose) -> bool:
-    """Return whether a drone may stand on the level ground below a place, and climb to a fair height there."""
+def has_room(world: World, obstacles: StaticObstacles, place: StartPose) -> bool:
+    """Return whether a drone can stand on level ground below a place, and climb to a fair height there."""
     north, east, down = place.position_ned
     least, most = RULES.get(world.record.map, OF_OTHER_MAPS).altitude_m
     fair = least <= world.ground_down(north, east) - down <= most
     level = unevenness_m(world, north, east) <= LEVEL_M
-    return fair and level and not any(standing.nearest(point, REACH_M)[1] for point in climb(world, place))
+    return fair and level and not any(obstacles.nearest(point, REACH_M)[1] for point in climb(world, place))
 
 
 def in_sight(record: EpisodeRecord) -> bool:
-    """Return whether every drone has every candidate in sight, past the others, and can read none."""
-    world = World(record)
-    return all(found.passed for found in candidates.rules(world, StaticObstacles(())))
+    """Return whether every drone sees every candidate past the other drones, and can read no inscription."""
+    return all(finding.passed for finding in candidates.rules(World(record), StaticObstacles(())))
 
 
 def failed(record: EpisodeRecord) -> Iterator[RuleFinding]:
-    """Yield what a record fails of all checks but that of the number of its drones."""
+    """Yield the failed findings about a record, but for that about the number of its drones."""
     world = World(record)
     number = formation(world).rule
-    yield from (found for found in rules.check(world) if not found.passed and found.rule != number)
+    yield from (finding for finding in rules.check(world) if not finding.passed and finding.rule != number)
 
 
 def places(square: tuple[StartPose, ...]) -> Iterator[StartPose]:
     """Yield further places of the lattice of a square (front left, front right, rear left, rear right), nearest first.
 
-    None is ahead of the square, where it would stand in the pictures and nearer to the candidates.
+    No place is ahead of the square, where a drone would be in the pictures and nearer to the candidates.
     """
     corners = [start.position_ned for start in square]
     north, east, down = (sum(axis) / len(corners) for axis in zip(*corners, strict=True))

@@ -1,6 +1,6 @@
-"""The episode record: everything that defines one flight, read from and written to JSON.
+"""The episode record, everything that defines one flight: its types, its JSON, and the published schema.
 
-The annotations are the rules of the file. `record.schema.json` beside this file publishes them (`schema.py`).
+The annotations are the rules of the file. `make schemas` publishes them in `record.schema.json` beside this module.
 Source: paper, "Maps and Episodes".
 """
 
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
+import msgspec
 from msgspec import Meta
 
 from episodes import maps
@@ -44,14 +45,25 @@ MapName = Annotated[
     ),
 ]
 
+SCHEMA_FILE = Path(__file__).with_name("record.schema.json")
+SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SHARED = {"seed": RecordSeed, "yaw": Yaw, "vector": MapPlace, "name": MapName}
+PLACED = {"asset": {"$ref": "#/$defs/asset"}}
+SHAPES: list[dict[str, Any]] = [  # of a target: what it has, what it has not
+    {"title": "placed, standing", "has": ("paint", "position_ned", "yaw_deg"), "not": ("path", "native")},
+    {"title": "placed, on a path", "has": ("paint", "path"), "not": ("position_ned", "yaw_deg", "native")},
+    {"title": "native to the map", "has": ("native", "position_ned", "yaw_deg"),
+     "not": ("paint", "inscription", "path")},
+]  # fmt: skip
 
-def _of(description: str) -> Meta:
+
+def _about(description: str) -> Meta:
     return Meta(description=description)
 
 
-def _choice(known: Iterable[str]) -> Meta:
+def _choice(words: Iterable[str]) -> Meta:
     """Return the rule of a text that the loader compares with these words."""
-    return Meta(extra_json_schema={"enum": list(known)})
+    return Meta(extra_json_schema={"enum": list(words)})
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +86,7 @@ class Path3D:
 class TargetRecord:
     """Placed on the map, standing or on a path; or native: an instance that the map brings."""
 
-    asset: Annotated[MapName, _of("Of a native target, the kind of the instance.")]  # else one of `assets.names()`
+    asset: Annotated[MapName, _about("Of a native target, the kind of the instance.")]  # else one of `assets.names()`
     paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None of a native target
     # on its plates or its board
     inscription: (
@@ -90,7 +102,7 @@ class TargetRecord:
     position_ned: MapPlace | None = None  # m, origin of the asset: on the ground under its middle
     yaw_deg: Yaw | None = None
     path: Path3D | None = None
-    native: Annotated[MapName, _of("The name of the instance.")] | None = None  # the pose repeats where it stands
+    native: Annotated[MapName, _about("The name of the instance.")] | None = None  # the pose repeats where it stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +117,9 @@ class EpisodeRecord:
             extra={"wrong": "may hold small letters, digits and hyphens only"},
         ),
     ]
-    map: Annotated[MapName, _of("One that ships (blocks, campus, residential) or one of the user's own, by its name.")]
+    map: Annotated[
+        MapName, _about("One that ships (blocks, campus, residential) or one of the user's own, by its name.")
+    ]
     map_seed: RecordSeed
     cell: Annotated[str, _choice(CELLS)]
     instruction: Annotated[str, Meta(min_length=1, max_length=500, description="What the agent is told.")]
@@ -164,7 +178,7 @@ def parse(data: bytes | str, source: str) -> EpisodeRecord:
 
 
 def _faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
-    """Yield (field, reason) of what the types alone do not refuse: words, and fields that do not go together."""
+    """Yield (field, reason) of faults that the types allow: unknown words, and fields that contradict each other."""
     if record.map not in maps.names():
         yield "map", no_choice(record.map, maps.names())
     if record.cell not in CELLS:
@@ -185,7 +199,7 @@ def _text_faults(field: str, text: str) -> Iterator[tuple[str, str]]:
 
 
 def _target_faults(at: str, target: TargetRecord) -> Iterator[tuple[str, str]]:
-    """Yield what no target is: placed, on a path and native targets have fields of their own."""
+    """Yield the faults of a target: placed, on a path and native targets have different fields."""
     for name in ("asset", "inscription", "native"):
         yield from _text_faults(f"{at}.{name}", getattr(target, name) or "-")
     absent: tuple[str, ...] = ()
@@ -212,7 +226,7 @@ def _target_faults(at: str, target: TargetRecord) -> Iterator[tuple[str, str]]:
 
 
 def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
-    """Yield what the cell does not allow: who moves, who is hidden, who has look-alikes."""
+    """Yield contradictions to the cell: about motion, visibility and look-alikes."""
     moving, commanding = record.target.path is not None, record.cell == "commanding"
     if record.cell in MOVING and not moving:
         yield "target.path", f"is missing: the target of a {record.cell} episode moves"
@@ -227,8 +241,76 @@ def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
         yield "candidates", f"is given, but a {record.cell} episode has one target only"
     if commanding and record.target.native is not None:
         yield "target.native", "is given, but the target of a commanding episode is placed, as its look-alikes are"
-    for k, other in enumerate(record.candidates):
-        if other.path is not None or other.native is not None:
+    for k, candidate in enumerate(record.candidates):
+        if candidate.path is not None or candidate.native is not None:
             yield f"candidates[{k}]", "has a path or is native, but look-alikes are placed and stand still"
     if moving and record.target.asset in STATIONARY:
         yield "target.path", f"is given, but a {record.target.asset} cannot move"
+
+
+TABLES = {"start": StartPose, "path": Path3D, "target": TargetRecord}  # by their names in the schema
+
+
+def schema() -> dict[str, Any]:
+    """Return the JSON Schema."""
+    (_,), tables = msgspec.json.schema_components([EpisodeRecord], ref_template="#/$defs/{name}")
+    record = tables.pop("EpisodeRecord")
+    shared = {name: _strict(msgspec.json.schema(kind)) for name, kind in SHARED.items()}
+    definitions = {name: _folded(_strict(tables[kind.__name__]), shared) for name, kind in TABLES.items()}
+    definitions["start"].pop("description")  # which `starts` has
+    definitions["target"]["oneOf"] = [_shape(**shape) for shape in SHAPES]
+    top = _folded(_strict(record), shared)
+    return {
+        "$schema": SCHEMA_DIALECT,
+        **{**top, "title": f"DroneCATS episode record, version {VERSION}"},
+        "$defs": {**shared, **definitions, "asset": {"enum": assets.names()}},
+    }
+
+
+def write_schema() -> None:
+    """Write the schema file unless it has this schema already, in any layout. Raises OSError."""
+    if not SCHEMA_FILE.exists() or json.loads(SCHEMA_FILE.read_text(encoding="utf-8")) != schema():
+        SCHEMA_FILE.write_text(json.dumps(schema(), indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def _shape(title: str, has: tuple[str, ...], **rest: tuple[str, ...]) -> dict[str, Any]:
+    forbidden = [{"required": [name]} for name in rest["not"]]
+    shape = {"title": title, "required": list(has), "not": {"anyOf": forbidden}}
+    return shape if "native" in has else {**shape, "properties": PLACED}
+
+
+def _strict(schema: Any) -> Any:
+    """Return a schema as strict as the reader: no null for a missing field, no unknown keys."""
+    if isinstance(schema, list):
+        return [_strict(item) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    plain = {key: _strict(value) for key, value in schema.items() if key not in ("default", "$schema")}
+    if kinds := plain.pop("anyOf", None):
+        (kind,) = (kind for kind in kinds if kind != {"type": "null"})
+        plain = {**kind, **plain}
+    if "enum" in plain:
+        plain.pop("type", None)
+        if len(plain["enum"]) == 1:
+            plain["const"] = plain.pop("enum")[0]
+    if plain.pop("prefixItems", None):  # all of a vector's items are alike
+        plain["items"] = _strict(schema["prefixItems"][0])
+    if plain.get("type") == "object":
+        plain.pop("title", None)
+        plain["additionalProperties"] = False
+    if "$ref" in plain:
+        name = plain["$ref"].rpartition("/")[2]
+        plain["$ref"] = "#/$defs/" + next((short for short, kind in TABLES.items() if kind.__name__ == name), name)
+    return plain
+
+
+def _folded(schema: Any, shared: dict[str, Any]) -> Any:
+    """Return a schema with references in place of repeated shared schemas."""
+    if isinstance(schema, list):
+        return [_folded(item, shared) for item in schema]
+    if not isinstance(schema, dict):
+        return schema
+    for name, part in shared.items():
+        if part.items() <= schema.items():
+            return {**{k: v for k, v in schema.items() if k not in part}, "$ref": f"#/$defs/{name}"}
+    return {key: _folded(value, shared) for key, value in schema.items()}

@@ -1,4 +1,4 @@
-"""The drones of an episode as things that its pictures show, and that stand between one of them and the target."""
+"""The drones of an episode: as instances in each other's pictures, and as obstacles to the view of the target."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -18,55 +18,57 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class DronePose:
-    """Where a drone is."""
+    """The pose of a drone."""
 
     position_ned: Vec3  # m, body origin
     attitude: Quat  # FRD → NED
 
 
 class Fleet:
-    """The drones of a record, each seen by all but itself. A drone that is alone is nowhere to be seen."""
+    """The drones of a record, each visible to all others. A single drone is not drawn."""
 
     def __init__(
         self, starts: tuple[StartPose, ...], first_id: int, shape: Outline = X500, count: int | None = None
     ) -> None:
         """Drone k has the id `first_id` + k in a picture. `count`: how many fly, if not one from each start."""
         self.starts = tuple(hovering(start) for start in starts)
-        everyone = (*starts, *[starts[-1]] * ((count or 0) - len(starts)))[:count]
+        all_starts = (*starts, *[starts[-1]] * ((count or 0) - len(starts)))[:count]
         self.instances: tuple[Instance, ...] = ()
-        self._shape = _Shape(shape) if len(everyone) > 1 else None
+        self._shape = _Shape(shape) if len(all_starts) > 1 else None
         if self._shape:
             mesh = multirotor(shape)
             self.instances = tuple(
-                Instance(first_id + k, f"drone-{k}", "drone", mesh, one.position_ned, math.radians(one.yaw_deg), True)
-                for k, one in enumerate(everyone)
+                Instance(
+                    first_id + k, f"drone-{k}", "drone", mesh, start.position_ned, math.radians(start.yaw_deg), True
+                )
+                for k, start in enumerate(all_starts)
             )
 
     def moved(self, poses: Mapping[int, DronePose]) -> Moved:
-        """Return for the renderer where each drone is; one that `poses` (by number) leaves out is not there."""
+        """Return the drones' poses for the renderer; a drone that `poses` (by number) leaves out is not drawn."""
         return {
-            one.id: (poses[k].position_ned, poses[k].attitude) if k in poses else None
-            for k, one in enumerate(self.instances)
+            instance.id: (poses[k].position_ned, poses[k].attitude) if k in poses else None
+            for k, instance in enumerate(self.instances)
         }
 
-    def others(self, drone: int) -> dict[int, DronePose]:
-        """Return where all drones but one hover when the episode begins."""
+    def other_starts(self, drone: int) -> dict[int, DronePose]:
+        """Return the start poses of all drones but one, by number."""
         return {k: pose for k, pose in enumerate(self.starts) if k != drone}
 
-    def among(self, standing: Hides, poses: Iterable[DronePose]) -> Hides:
-        """Return what stands and drones at `poses` as one."""
-        return _Among(standing, self._shape, tuple(poses)) if self._shape else standing
+    def among(self, solids: Hides, poses: Iterable[DronePose]) -> Hides:
+        """Return solids and drones at `poses` as one obstacle to views."""
+        return _Among(solids, self._shape, tuple(poses)) if self._shape else solids
 
 
 @dataclass(frozen=True, slots=True)
 class _Among:
-    standing: Hides
+    solids: Hides
     shape: "_Shape"
     poses: tuple[DronePose, ...]
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
-        """Return for each point (N, 3) whether something lies between it and the origin."""
-        hidden = self.standing.hidden(origin, points)
+        """Return for each point (N, 3) whether a solid or a drone lies between it and the origin."""
+        hidden = self.solids.hidden(origin, points)
         for pose in self.poses:
             hidden = hidden | self.shape.between(origin, points, pose)
         return hidden

@@ -1,4 +1,4 @@
-"""The solid things of a map as the physics wants them: triangles in a grid, and the moving target as a box."""
+"""The solids of a map for the physics: triangles in a grid, and the moving target as a box."""
 
 import math
 from collections.abc import Sequence
@@ -20,39 +20,39 @@ Array = NDArray[np.float64]
 
 
 def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
-    """Return what a vehicle that reaches `reach_m` from its origin can hit in a scene, its ground excepted.
+    """Return everything in a scene, but for its ground, that a vehicle can hit that reaches `reach_m` from its origin.
 
-    What stands is taken triangle by triangle; the first solid that may move becomes an upright box.
+    Static solids keep their triangles; the first movable solid becomes an upright box.
     """
-    moving = [one for one in scene.instances if one.solid and one.movable]
-    box = bounding_box(moving[0]) if moving else None
+    movable = [instance for instance in scene.instances if instance.solid and instance.movable]
+    box = bounding_box(movable[0]) if movable else None
     if scene.base and (of_map := _of_map(scene.base, reach_m)):
-        more = _standing(scene.instances[len(scene.base.instances) :])
-        whole = with_more(of_map, *more) if more[2] else of_map
-        if whole:
-            return replace(whole, moving=box)
-    triangles, owner, names = _standing(scene.instances)
+        added = _static_triangles(scene.instances[len(scene.base.instances) :])
+        together = with_more(of_map, *added) if added[2] else of_map
+        if together:
+            return replace(together, moving=box)
+    triangles, owner, names = _static_triangles(scene.instances)
     return sorted_into_cells(triangles, owner, names, reach_m, moving=box) if names else replace(OPEN, moving=box)
 
 
 @recurring(3)
 def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
-    triangles, owner, names = _standing(scene.instances)
+    triangles, owner, names = _static_triangles(scene.instances)
     return sorted_into_cells(triangles, owner, names, reach_m) if names else None
 
 
-def _standing(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
-    """Return the triangles of what stands among these, ground excepted, for each its row of the names, and those."""
-    standing = [one for one in instances if one.solid and one.kind != "ground" and not one.movable]
-    placed = [one.triangles_ned() for one in standing]
-    owner = np.repeat(np.arange(len(standing), dtype=np.int32), [len(t) for t in placed])
-    return np.concatenate([np.zeros((0, 3, 3)), *placed]), owner, tuple(one.name for one in standing)
+def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
+    """Return the triangles of static solids without the ground, the index of each triangle's name, and the names."""
+    static = [i for i in instances if i.solid and i.kind != "ground" and not i.movable]
+    placed = [instance.triangles_ned() for instance in static]
+    owner = np.repeat(np.arange(len(static), dtype=np.int32), [len(t) for t in placed])
+    return np.concatenate([np.zeros((0, 3, 3)), *placed]), owner, tuple(instance.name for instance in static)
 
 
-def bounding_box(one: Instance) -> MovingBox:
+def bounding_box(instance: Instance) -> MovingBox:
     """Return the box around an instance, in its own axes."""
-    low, high = one.mesh.vertices.min(axis=0), one.mesh.vertices.max(axis=0)
-    return MovingBox(one.name, _vector((high - low) / 2), _vector((high + low) / 2))
+    low, high = instance.mesh.vertices.min(axis=0), instance.mesh.vertices.max(axis=0)
+    return MovingBox(instance.name, _vector((high - low) / 2), _vector((high + low) / 2))
 
 
 def sorted_into_cells(
@@ -86,28 +86,30 @@ def sorted_into_cells(
     )
 
 
-def with_more(whole: Obstacles, triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...]) -> Obstacles | None:
-    """Return what `sorted_into_cells` returns of those of `whole` and these after them, byte for byte and sooner.
+def with_more(
+    before: Obstacles, triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...]
+) -> Obstacles | None:
+    """Return the result of `sorted_into_cells` for all triangles of `before` and these, byte for byte and sooner.
 
-    None where these reach beyond the cells of `whole`, which then would be others.
+    None when these reach beyond the cells of `before`, as its cells would change then.
     """
-    low, high = triangles.min(axis=1) - whole.reach_m, triangles.max(axis=1) + whole.reach_m
-    origin, cells = np.array(whole.origin_ned), np.array(whole.cells, np.int64)
-    if (low.min(axis=0) < origin).any() or (np.ceil((high.max(axis=0) - origin) / whole.cell_m) > cells).any():
+    low, high = triangles.min(axis=1) - before.reach_m, triangles.max(axis=1) + before.reach_m
+    origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)
+    if (low.min(axis=0) < origin).any() or (np.ceil((high.max(axis=0) - origin) / before.cell_m) > cells).any():
         return None
-    number, which = _in_cells(triangles, low, high, origin, cells, whole.cell_m, whole.reach_m)
+    number, which = _in_cells(triangles, low, high, origin, cells, before.cell_m, before.reach_m)
     order = np.argsort(number, kind="stable")
-    number, which = number[order], which[order] + np.int32(len(whole.corners))
-    start = whole.start.copy()
+    number, which = number[order], which[order] + np.int32(len(before.corners))
+    start = before.start.copy()
     start[1:] += np.cumsum(np.bincount(number, minlength=len(start) - 1)).astype(np.int32)
     return replace(
-        whole,
-        corners=np.concatenate([whole.corners, triangles.reshape(-1, 9).astype(np.float32)]),
-        bounds=np.concatenate([whole.bounds, _bounds(triangles)]),
-        owner=np.concatenate([whole.owner, owner + np.int32(len(whole.names))]),
-        names=whole.names + names,
+        before,
+        corners=np.concatenate([before.corners, triangles.reshape(-1, 9).astype(np.float32)]),
+        bounds=np.concatenate([before.bounds, _bounds(triangles)]),
+        owner=np.concatenate([before.owner, owner + np.int32(len(before.names))]),
+        names=before.names + names,
         start=start,
-        index=np.insert(whole.index, whole.start[number + 1], which),
+        index=np.insert(before.index, before.start[number + 1], which),
     )
 
 
@@ -121,7 +123,7 @@ def _bounds(triangles: Array) -> NDArray[np.float32]:
 def _in_cells(
     triangles: Array, low: Array, high: Array, origin: Array, cells: NDArray[np.int64], cell_m: float, reach_m: float
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (cell, triangle) for all that `_cells_of` returns, a batch after the other."""
+    """Return (cell, triangle) of `_cells_of` for all triangles, batch by batch."""
     pairs = [
         _cells_of(triangles[k : k + BATCH], k, low[k : k + BATCH], high[k : k + BATCH], origin, cells, cell_m, reach_m)
         for k in range(0, len(triangles), BATCH)

@@ -1,12 +1,21 @@
-"""Where a target is: a pure function of the time since the episode began."""
+"""The pose of a target over time: its motion along a path, and its wheels on uneven ground.
+
+The motion is a pure function of the time since the episode began. A target on wheels pitches and rolls so that its
+wheels touch the ground.
+"""
 
 import bisect
 import itertools
 import math
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.maps.scene import Mesh
 from episodes.records.record import TargetRecord
-from foundation.frames import Vec3
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate
+from foundation.terrain import HeightField
 
 # Distance (m) between the two points of the path that the heading is drawn through: a vehicle's wheelbase, and about
 # a step of what walks.
@@ -16,7 +25,12 @@ AXLES_M = {
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip
 AXLES_OF_OTHERS_M = 1.0
-WALKERS = ("person", "pedestrian")  # who stay upright on a slope; all others of these stand on wheels
+WALKERS = ("person", "pedestrian")  # upright on a slope; the other assets of AXLES_M have wheels
+
+TOUCHES_M = 0.01  # height of the part of a wheel that counts as touching the ground
+ONE_TRACK_M = 0.3  # wheels nearer to one another across are in line, and their vehicle does not roll
+LEVEL_RAD = 1e-6  # a slope below it is rounding
+TURNS = 3  # by then the place has moved by less than 0.1 mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,12 +69,12 @@ class TargetMotion:
 
 
 def has_wheels(asset: str) -> bool:
-    """Return whether what moves stands on wheels."""
+    """Return whether a moving asset has wheels."""
     return asset in AXLES_M and asset not in WALKERS
 
 
 def motion(target: TargetRecord) -> TargetMotion:
-    """Return the movement that a record asks for."""
+    """Return the motion of a target's record."""
     if target.path is None:
         if target.position_ned is None or target.yaw_deg is None:
             raise ValueError("a target has either a pose or a path")
@@ -72,3 +86,77 @@ def motion(target: TargetRecord) -> TargetMotion:
     return TargetMotion(
         points, tuple(reached), target.path.speed_mps, 0.0, AXLES_M.get(target.asset, AXLES_OF_OTHERS_M)
     )
+
+
+def contact_patch(mesh: Mesh) -> NDArray[np.float64]:
+    """Return the points (N, 3) of a mesh, m in its own axes, that touch level ground under it."""
+    points = mesh.vertices.astype(np.float64)
+    low: NDArray[np.float64] = points[points[:, 2] >= points[:, 2].max() - TOUCHES_M]
+    return low
+
+
+@dataclass(frozen=True, slots=True)
+class Wheels:
+    """The places of an asset's wheels in its own axes, and the middle of its box."""
+
+    ahead_m: tuple[float, float]  # of the rear and of the front wheels
+    aside_m: tuple[float, float]  # of the left and of the right wheels; both 0 where they are in line
+    middle_frd: Vec3  # m, of the box around it
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> "Wheels":
+        """Return the wheels of a mesh: the corners of its contact patch."""
+        low = contact_patch(mesh)
+        box = (mesh.vertices.min(axis=0).astype(np.float64) + mesh.vertices.max(axis=0).astype(np.float64)) / 2
+        left, right = float(low[:, 1].min()), float(low[:, 1].max())
+        return cls(
+            (float(low[:, 0].min()), float(low[:, 0].max())),
+            (left, right) if right - left >= ONE_TRACK_M else (0.0, 0.0),
+            (float(box[0]), float(box[1]), float(box[2])),
+        )
+
+    def on(self, ground: HeightField, level_ned: Vec3, yaw: float) -> tuple[Vec3, float | Quat]:
+        """Return the pose (m NED, attitude FRD → NED) in which they touch the ground.
+
+        `level_ned` is the origin of the level asset: the middle of its box stays straight above or below its place on
+        level ground. Level ground gives back the given pose, with its yaw.
+        """
+        c, s = math.cos(yaw), math.sin(yaw)
+        x, y, _ = self.middle_frd
+        north, east = level_ned[0] + c * x - s * y, level_ned[1] + s * x + c * y  # of the middle
+        place, turned = level_ned, quat_from_euler(0.0, 0.0, yaw)
+        for _ in range(TURNS):
+            ahead, aside, down = self._plane(ground, place, yaw)
+            if abs(ahead) < LEVEL_RAD and abs(aside) < LEVEL_RAD:
+                return level_ned, yaw
+            pitch = -math.atan(ahead)
+            turned = quat_from_euler(math.atan(aside * math.cos(pitch)), pitch, yaw)
+            arm = rotate(turned, self.middle_frd)
+            further = north - arm[0] - place[0], east - arm[1] - place[1]
+            down += ahead * (c * further[0] + s * further[1]) + aside * (c * further[1] - s * further[0])
+            place = (north - arm[0], east - arm[1], down)
+        return place, turned
+
+    @classmethod
+    def if_any(cls, asset: str, mesh: Mesh) -> "Wheels | None":
+        """Return the wheels of an asset; None when it has none."""
+        return cls.of(mesh) if has_wheels(asset) else None
+
+    def _plane(self, ground: HeightField, place: Vec3, yaw: float) -> tuple[float, float, float]:
+        """Return the plane under the wheels: its slopes ahead and aside, and its NED z (m) at a place."""
+        c, s = math.cos(yaw), math.sin(yaw)
+        feet = [
+            (x, y, ground.at(place[0] + c * x - s * y, place[1] + s * x + c * y))
+            for x, y in itertools.product(self.ahead_m, self.aside_m)
+        ]
+        long, wide = self.ahead_m[1] - self.ahead_m[0], self.aside_m[1] - self.aside_m[0]
+        rear, front = (feet[0][2] + feet[1][2]) / 2, (feet[2][2] + feet[3][2]) / 2
+        left, right = (feet[0][2] + feet[2][2]) / 2, (feet[1][2] + feet[3][2]) / 2
+        ahead, aside = (front - rear) / long, (right - left) / wide if wide else 0.0
+        middle = (sum(self.ahead_m) / 2, sum(self.aside_m) / 2)
+        return ahead, aside, (rear + front) / 2 - ahead * middle[0] - aside * middle[1]
+
+
+def on_ground(wheels: Wheels | None, ground: HeightField, pose: tuple[Vec3, float]) -> tuple[Vec3, float | Quat]:
+    """Return the pose of an asset with its wheels on the ground, if it has any; `pose` is its level pose."""
+    return pose if wheels is None else wheels.on(ground, *pose)

@@ -1,7 +1,8 @@
-"""What the camera can see of a target, and how far anything solid is: ray casts and distances, all exact geometry."""
+"""Visibility of a target by exact geometry: rays past solids, distances to them, and the box around it in a picture."""
 
+import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -13,7 +14,8 @@ from numpy.typing import NDArray
 from episodes.maps.scene import Instance, Mesh, turn
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Quat, Vec3, rotate_inverse
-from foundation.protocol import DETECTION_RANGE_M
+from foundation.measurement import InPicture
+from foundation.protocol import DETECTION_RANGE_M, POINT_SPAN
 
 SAMPLES = 1600  # points on the target's whole surface; some 300 … 500 of them face the camera first
 SURELY_M = 0.01  # m, beside a ball around the target, for what rounding does
@@ -22,25 +24,29 @@ VISIBLE_FRACTION = 0.05  # of the silhouette, unhidden and inside the frame: les
 
 Array = NDArray[np.float64]
 
+EDGES = tuple(
+    (a, b) for a, b in itertools.combinations(range(8), 2) if (a ^ b).bit_count() == 1
+)  # of a box whose corners are numbered by the bits of (x, y, z)
+
 
 @dataclass(frozen=True, slots=True)
 class Visibility:
-    """How much of a target one camera sees."""
+    """The part of a target that one camera sees."""
 
     fraction: float  # 0 … 1 of the target's silhouette (as seen unclipped and unhidden) that is in the picture
     depth_m: float | None  # median planar depth of what is seen; None when nothing is
 
     @property
     def visible(self) -> bool:
-        """Whether enough is seen to count."""
+        """Whether enough of the target is seen to count."""
         return self.fraction >= VISIBLE_FRACTION
 
 
 class Hides(Protocol):
-    """Whatever may stand in the way."""
+    """Obstacles to a view."""
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
-        """Return for each point (N, 3) whether something lies between it and the origin."""
+        """Return for each point (N, 3) whether an obstacle lies between it and the origin."""
         ...
 
 
@@ -71,14 +77,14 @@ def ray_scene(triangles: NDArray[np.floating]) -> EmbreeScene:
 
 
 class Solids:
-    """Everything that stands in the way and does not move."""
+    """Static solids, laid out for rays."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         self._instances = [i for i in instances if i.solid and not i.movable]
         world, self._boxes = [], np.empty((len(self._instances), 2, 3))
-        for k, one in enumerate(self._instances):
-            placed = one.vertices_ned()
-            world.append(placed[one.mesh.triangles])
+        for k, instance in enumerate(self._instances):
+            placed = instance.vertices_ned()
+            world.append(placed[instance.mesh.triangles])
             self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
         self._owner = np.repeat(np.arange(len(world)), [len(triangles) for triangles in world])
         self._scene = ray_scene(np.concatenate(world))
@@ -106,14 +112,14 @@ class Solids:
         for k in np.argsort(to_box):
             if to_box[k] >= best:
                 break
-            one = self._instances[k]
-            local = turn(one.turned).T @ (p - np.array(one.position_ned))
-            best = min(best, distance_to_mesh(one.mesh, local))
+            instance = self._instances[k]
+            local = turn(instance.turned).T @ (p - np.array(instance.position_ned))
+            best = min(best, distance_to_mesh(instance.mesh, local))
         return best
 
 
 class Together(Solids):
-    """Several groups of solids as one: a map's, laid out once, and the few that a record adds."""
+    """Several groups of solids: those of a map, laid out once, and the few that a record adds."""
 
     def __init__(self, *groups: Solids) -> None:
         self._groups = groups
@@ -133,13 +139,13 @@ class Together(Solids):
 
 
 class Without(Solids):
-    """A map's solids but one, on the rays that are laid out for all of them: what may hide that one."""
+    """A map's solids without one of them, for the view of that one. Shares the layout of all of them."""
 
     def __init__(self, everything: Solids, left_out: Instance) -> None:
-        """Share what `everything` has laid out. Raises ValueError when the one left out is none of it."""
+        """Share the layout of `everything`. Raises ValueError when the one left out is not part of it."""
         self._instances, self._boxes = everything._instances, everything._boxes.copy()
         self._owner, self._scene = everything._owner, everything._scene
-        self._out = next((k for k, one in enumerate(self._instances) if one.id == left_out.id), -1)
+        self._out = next((k for k, instance in enumerate(self._instances) if instance.id == left_out.id), -1)
         if self._out < 0:
             raise ValueError(f"{left_out.name} is not among the solids")
         self._boxes[self._out] = np.inf  # never near anything
@@ -152,10 +158,9 @@ class Without(Solids):
         start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
         way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
         hit = self._scene.run(start, way, np.full(len(points), 0.999, dtype=np.float32), output=1)
-        met = hit["primID"] >= 0
-        met &= hit["tfar"] < 0.999
-        met[met] = self._owner[hit["primID"][met]] != self._out
-        return np.asarray(met)
+        hidden = (hit["primID"] >= 0) & (hit["tfar"] < 0.999)
+        hidden[hidden] = self._owner[hit["primID"][hidden]] != self._out
+        return np.asarray(hidden)
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
         """Return the distance (m) to the first solid along a direction; inf when there is none."""
@@ -198,7 +203,7 @@ def distance_to_mesh(mesh: Mesh, point: Array) -> float:
 
 
 class TargetView:
-    """Answers how much of one target a camera sees past the solids."""
+    """Measures the part of one target that a camera sees past the solids."""
 
     def __init__(self, mesh: Mesh, solids: Hides) -> None:
         self._points, self._normals = surface_samples(mesh)
@@ -214,9 +219,9 @@ class TargetView:
         camera: CameraModel,
         past: Hides | None = None,
     ) -> Visibility:
-        """Return what the camera sees of the target standing at a pose, past the solids or past what is given.
+        """Return the visibility of the target at a pose, past the solids or past the obstacles in `past`.
 
-        Each sample that the target shows towards the camera counts with the solid angle of the surface it stands for.
+        Each sample that the target shows towards the camera counts with the solid angle of the surface around it.
         """
         matrix, eye = turn(turned), np.array(pose.position_ned)
         origin = np.array(position_ned)
@@ -275,3 +280,39 @@ def _axes(pose: CameraPose) -> tuple[Vec3, Vec3, Vec3]:
     """Return the camera's forward, right and down axes in NED."""
     n, e, d = (rotate_inverse(pose.attitude, axis) for axis in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
     return (n[0], e[0], d[0]), (n[1], e[1], d[1]), (n[2], e[2], d[2])
+
+
+def in_camera(point_ned: Vec3, pose: CameraPose) -> Vec3:
+    """Return a point (m, NED) in camera axes: forward, right, down, m from the optical centre."""
+    x, y, z = pose.position_ned
+    return rotate_inverse(pose.attitude, (point_ned[0] - x, point_ned[1] - y, point_ned[2] - z))
+
+
+def picture_box(corners: Sequence[Vec3], camera: CameraModel) -> InPicture | None:
+    """Return the smallest upright box in the picture around a box whose corners (camera axes, m) are numbered by EDGES.
+
+    It is cut at the picture's edges and counts nothing as hidden. None when no part of it is in the picture.
+    """
+    across, under = 2.0 * camera.focal_px / camera.width, 2.0 * camera.focal_px / camera.height
+    shown = [(across * y / x, under * z / x) for x, y, z in _ahead(corners)]  # -1 … 1 within the picture
+    if not shown:
+        return None
+    x0, x1 = _cut(x for x, _ in shown)
+    y0, y1 = _cut(y for _, y in shown)
+    return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
+
+
+def _ahead(corners: Sequence[Vec3]) -> Iterator[Vec3]:
+    """Yield the corners of the part of a box beyond the near plane."""
+    yield from (corner for corner in corners if corner[0] >= NEAR_M)
+    for a, b in ((corners[a], corners[b]) for a, b in EDGES):
+        if (a[0] < NEAR_M) != (b[0] < NEAR_M):
+            part = (NEAR_M - a[0]) / (b[0] - a[0])
+            yield (NEAR_M, a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2]))
+
+
+def _cut(values: Iterable[float]) -> tuple[float, float]:
+    """Return the least and the greatest on 0 … 1000, cut there."""
+    numbers = list(values)
+    low, high = max(min(numbers), -1.0), min(max(numbers), 1.0)
+    return 0.5 * POINT_SPAN * (low + 1.0), 0.5 * POINT_SPAN * (high + 1.0)

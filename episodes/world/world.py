@@ -1,4 +1,4 @@
-"""One episode's world: its map with the target in it, and every true answer about the two."""
+"""The world of one episode: its map with the target in it, and the truth about both."""
 
 import difflib
 import itertools
@@ -9,15 +9,13 @@ from dataclasses import replace
 import numpy as np
 
 from episodes import maps
-from episodes.camera.framing import in_camera, picture_box
 from episodes.maps import assets
 from episodes.maps.assets.multirotor import X500, Outline
 from episodes.maps.scene import Instance, Moved, Scene, turn
 from episodes.records.record import EpisodeRecord, TargetRecord
 from episodes.world.fleet import DronePose, Fleet
-from episodes.world.target import TargetMotion, motion
-from episodes.world.visibility import Hides, Solids, TargetView, Together, Without
-from episodes.world.wheels import Wheels, on_ground
+from episodes.world.target import TargetMotion, Wheels, motion, on_ground
+from episodes.world.visibility import Hides, Solids, TargetView, Together, Without, in_camera, picture_box
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
@@ -35,7 +33,7 @@ class World:
     def __init__(self, record: EpisodeRecord, drone: Outline = X500, drones: int | None = None) -> None:
         """Build the scene; of a fleet, each drone looks like `drone`, and there are as many as the record has starts.
 
-        Raises UsageError for an unknown map, asset or paint, or a native target that is not so.
+        Raises UsageError for an unknown map, asset or paint, or a native target that the map does not have.
         """
         self.record = record
         self._motion = motion(record.target)
@@ -46,42 +44,42 @@ class World:
             self._motion = TargetMotion((native.position_ned,), (0.0,), 0.0, native.yaw, 0.0)
         moves, ground = self._motion.speed_mps > 0.0, built.terrain
         target = native or _placed(next_id, "target", record.target, ground, movable=moves)
-        others = tuple(
-            _placed(next_id + k, f"candidate-{k}", one, ground) for k, one in enumerate(record.candidates, 1)
+        lookalikes = tuple(
+            _placed(next_id + k, f"candidate-{k}", candidate, ground)
+            for k, candidate in enumerate(record.candidates, 1)
         )
         self.target = target
         self.target_id: int = target.id
-        self.target_and_lookalikes = (target, *others)
-        added = others if native else (target, *others)
+        self.target_and_lookalikes = (target, *lookalikes)
+        added = lookalikes if native else self.target_and_lookalikes
         self.scene: Scene = replace(built, instances=(*built.instances, *added), base=built)
         self.fleet = Fleet(record.starts, next_id + 1 + len(record.candidates), drone, drones)
-        # what cameras see: the scene and the drones of a fleet
+        # for cameras: the scene and the drones of a fleet
         self.filmed: Scene = replace(self.scene, instances=(*self.scene.instances, *self.fleet.instances))
-        # what may hide the target: everything that stands but the target itself
-        standing = solids(record.map, record.map_seed)
+        # everything static that may hide the target
+        of_map = solids(record.map, record.map_seed)
         if native:
-            standing = Without(standing, native)
-        self.solids = Together(standing, Solids(others)) if others else standing
+            of_map = Without(of_map, native)
+        self.solids = Together(of_map, Solids(lookalikes)) if lookalikes else of_map
         self._view = TargetView(target.mesh, self.solids)
-        # what keeps a target that drives on the ground
         self._wheels = Wheels.if_any(record.target.asset, target.mesh) if moves else None
         low, high = target.mesh.vertices.min(axis=0), target.mesh.vertices.max(axis=0)
         self._half = tuple(float(v) for v in (high - low) / 2)
         self._middle = tuple(float(v) for v in (high + low) / 2)
 
     def target_pose(self, t_s: float) -> tuple[Vec3, float | Quat]:
-        """Return how the target stands: m NED of its origin, and its yaw (rad) or its attitude (FRD → NED)."""
+        """Return the target's pose: m NED of its origin, and its yaw (rad) or its attitude (FRD → NED)."""
         if not self.target.movable:
             return self.target.position_ned, self.target.turned
         return on_ground(self._wheels, self.scene.terrain, self._motion.pose(t_s))
 
     def target_upright(self, t_s: float) -> tuple[Vec3, float]:
-        """Return where the target's origin (m NED) would be if it stood level around the same middle, and its yaw."""
+        """Return the origin (m NED) of a level target with the same middle, and its yaw."""
         place, yaw = self._motion.pose(t_s)
-        standing, turned = self.target_pose(t_s)
+        leaning, turned = self.target_pose(t_s)
         if not isinstance(turned, tuple):
             return place, yaw
-        higher = self._centre(standing, turned)[2] - self._centre(place, yaw)[2]
+        higher = self._centre(leaning, turned)[2] - self._centre(place, yaw)[2]
         return (place[0], place[1], place[2] + higher), yaw
 
     def target_centre(self, t_s: float) -> Vec3:
@@ -97,16 +95,16 @@ class World:
         return (place[0] + c * x - s * y, place[1] + s * x + c * y, place[2] + z)
 
     def moved(self, t_s: float, drones: Mapping[int, DronePose] | None = None) -> Moved:
-        """Return for the renderer where everything that moves is: of `scene`, or with `drones` of `filmed`.
+        """Return the poses of everything that moves for the renderer: in `scene`, or with `drones` in `filmed`.
 
-        `drones` are those that are to be seen, by number: all but the one whose camera it is.
+        `drones` are those to be drawn, by number: all but the one that carries the camera.
         """
         moved: Moved = {self.target_id: self.target_pose(t_s)} if self._motion.speed_mps > 0.0 else {}
         return moved if drones is None else {**moved, **self.fleet.moved(drones)}
 
-    def past(self, others: Iterable[DronePose]) -> Hides:
-        """Return what may hide the target: everything that stands, and drones at these poses among it."""
-        poses = tuple(others)
+    def past(self, drones: Iterable[DronePose]) -> Hides:
+        """Return everything that may hide the target: the static solids, and drones at these poses."""
+        poses = tuple(drones)
         return self.fleet.among(self.solids, poses) if poses else self.solids
 
     def measure(
@@ -115,9 +113,9 @@ class World:
         position_ned: Vec3,
         attitude: Quat,
         camera: CameraModel,
-        others: Iterable[DronePose] = (),
+        drones: Iterable[DronePose] = (),
     ) -> TargetMeasurement:
-        """Return the truth about a drone whose body origin and attitude (FRD → NED) are given, other drones around."""
+        """Return the truth about a drone by its body origin and attitude (FRD → NED), with other drones around it."""
         place, turned = self.target_pose(t_s)
         centre = self._centre(place, turned)
         local = turn(turned).T @ (np.array(position_ned) - np.array(centre))
@@ -125,7 +123,7 @@ class World:
         lever = rotate(attitude, camera.offset_frd)
         eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
         pose = CameraPose(eye, attitude)
-        sight = self._view.sight(place, turned, pose, camera, self.past(others))
+        sight = self._view.sight(place, turned, pose, camera, self.past(drones))
         toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
         return TargetMeasurement(
             target_ned=centre,
@@ -140,7 +138,7 @@ class World:
         )
 
     def _corners(self, centre: Vec3, turned: float | Quat) -> list[Vec3]:
-        """Return the corners (m, NED) of the target's box, where its centre is and as it is turned."""
+        """Return the corners (m, NED) of the target's box by its centre and its yaw or attitude."""
         x, y, z = self._half
         if isinstance(turned, tuple):
             arms = [rotate(turned, (a * x, b * y, d * z)) for a, b, d in itertools.product((-1.0, 1.0), repeat=3)]
@@ -158,13 +156,13 @@ class World:
     def clearance_m(self, point_ned: Vec3) -> float:
         """Return the distance (m) from a point to the nearest solid that does not move, ground included.
 
-        The target is not among them: its distance is `measure(…).distance_box_m`.
+        The target is not one of them: its distance is `measure(…).distance_box_m`.
         """
         return self.solids.clearance_m(point_ned)
 
 
 def solids(name: str, seed: int) -> Solids:
-    """Return what stands on a map and does not move; of one that ships, laid out once per process."""
+    """Return the static solids of a map; those of a map that ships are laid out once per process."""
     return _solids(name, seed) if name in maps.shipped() else Solids(maps.build(name, seed).instances)
 
 
@@ -173,15 +171,15 @@ def _solids(name: str, seed: int) -> Solids:
     return Solids(maps.build(name, seed).instances)
 
 
-def _placed(number: int, name: str, one: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
-    """Return a thing that a record adds to its map, where it is at the beginning, on its wheels if it has any."""
-    if one.paint is None:
+def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
+    """Return a target or look-alike of a record as an instance at the beginning, on its wheels if it has any."""
+    if target.paint is None:
         raise UsageError(f"field '{name}.paint' is missing: only a target that the map brings has none.")
-    mesh = assets.build(one.asset, one.paint, one.inscription)
-    level = motion(one).pose(0.0)
-    place, turned = on_ground(Wheels.if_any(one.asset, mesh), ground, level)
+    mesh = assets.build(target.asset, target.paint, target.inscription)
+    level = motion(target).pose(0.0)
+    place, turned = on_ground(Wheels.if_any(target.asset, mesh), ground, level)
     attitude = turned if isinstance(turned, tuple) else None
-    return Instance(number, name, one.asset, mesh, place, level[1], movable=movable, attitude=attitude)
+    return Instance(number, name, target.asset, mesh, place, level[1], movable=movable, attitude=attitude)
 
 
 def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
@@ -189,22 +187,22 @@ def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
     name = record.target.native
     if name is None:
         return None
-    found = next((i for i in built.instances if i.name == name and i.kind != "ground" and i.solid), None)
-    if found is None:
+    instance = next((i for i in built.instances if i.name == name and i.kind != "ground" and i.solid), None)
+    if instance is None:
         near = difflib.get_close_matches(name, [i.name for i in built.instances if i.kind != "ground"], 3, 0.4)
         hint = f": did you mean {', '.join(near)}?" if near else "."
         raise UsageError(
             f"{record.id}: field 'target.native' is '{name}', which map '{record.map}' does not have{hint}"
         )
-    if found.kind != record.target.asset:
+    if instance.kind != record.target.asset:
         raise UsageError(
-            f"{record.id}: field 'target.asset' is '{record.target.asset}', but '{name}' is a '{found.kind}'."
+            f"{record.id}: field 'target.asset' is '{record.target.asset}', but '{name}' is a '{instance.kind}'."
         )
     place, yaw = motion(record.target).pose(0.0)
-    off, turned = math.dist(place, found.position_ned), wrap_pi(yaw - found.yaw)
+    off, turned = math.dist(place, instance.position_ned), wrap_pi(yaw - instance.yaw)
     if off > NATIVE_OFF_M or abs(turned) > NATIVE_TURNED_RAD:
         raise UsageError(
             f"{record.id}: field 'target.position_ned' or 'target.yaw_deg' is {off:.3f} m and "
             f"{math.degrees(turned):.2f}° off where '{name}' stands."
         )
-    return found
+    return instance

@@ -39,7 +39,7 @@ def requests(share: float = 1.0) -> list[RecordRequest]:
 
 def must_be_new(records: Iterable[EpisodeRecord]) -> None:
     """Raise UsageError if a record is an episode of the benchmark, by its seed or by the places in it."""
-    shipped = [catalogue.load(name) for name in catalogue.known()]
+    shipped = [catalogue.load(name) for name in catalogue.all_ids()]
     maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:
         if (record.map, record.map_seed) in maps:

@@ -14,8 +14,8 @@ from dronecats.bench.tables import audit_table, blind_flights, floor, groups, sc
 from dronecats.cli.main import main
 from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.writers import as_terminal
-from episodes.records import catalogue, suites
-from episodes.records.baselines import BlindFlight, BlindTable, load_blind, merged
+from episodes.records import catalogue
+from episodes.records.catalogue import BlindFlight, BlindTable, load_blind, merged
 from foundation.errors import UsageError
 from foundation.run_folder.results import Result
 
@@ -59,8 +59,8 @@ def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, objec
     for name, line in lines.items():
         if name == "all":
             mine = flown
-        elif name in suites.NAMES:
-            mine = [f for f in flown if f["episode"] in suites.ids(name)]
+        elif name in catalogue.SUITES:
+            mine = [f for f in flown if f["episode"] in catalogue.suite_ids(name)]
         else:
             mine = [f for f in flown if str(f["episode"])[:-3] == name]
         tally: dict[str, int] = defaultdict(int)
@@ -179,7 +179,7 @@ def test_a_pattern_has_flown_the_whole_of_a_cell_or_nothing_of_it() -> None:
     """A hole would leave a pilot out of the floor without a word."""
     for pilot, flown in KEPT.items():
         assert pilot.removeprefix("blind:") in PATTERNS
-        assert set(flown) <= set(catalogue.known())
+        assert set(flown) <= set(catalogue.all_ids())
         for cell in CELLS:
             of_cell = [name for name in IDS if name.rpartition("-")[0] == cell]
             assert len([name for name in of_cell if name in flown]) in (0, len(of_cell))

@@ -16,7 +16,7 @@ from dronecats.bench.tables import bench_rows
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
 from dronecats.judge.metrics.failure_mode import is_stuck, track_m
-from episodes.records import suites
+from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.run_folder.rows import Pose
 from tests.bench.scripted_engine import BROKEN, MOVED, NEAR, REJECTED, SOLVED, SPENT, STUCK, ScriptedEngine
@@ -213,9 +213,9 @@ def test_a_matrix_is_every_pilot_under_every_latency_and_command():
 
 def test_a_suite_is_told_by_its_records_and_not_by_what_is_flown_of_it():
     quick = suite_of([], ["quick"])
-    assert list(quick.records) == suites.ids("quick")
+    assert list(quick.records) == catalogue.suite_ids("quick")
     assert quick.flown.name == "quick"
-    assert suite_of(suites.ids("quick")[:3], []).flown.sha256 != quick.flown.sha256
+    assert suite_of(catalogue.suite_ids("quick")[:3], []).flown.sha256 != quick.flown.sha256
     assert suite_of([], ["quick", "one-drone"]).flown.name == "quick+one-drone"
     with pytest.raises(UsageError, match="--suite"):
         suite_of([], [])

@@ -10,8 +10,8 @@ import pytest
 
 from dronecats.cli.main import main
 from episodes.maps import build
-from episodes.records import catalogue, suites
-from episodes.records.baselines import load_par
+from episodes.records import catalogue
+from episodes.records.catalogue import load_par
 from foundation.errors import UsageError
 from tests import pictures
 
@@ -37,15 +37,15 @@ def test_an_unknown_suite_is_refused(capsys: pytest.CaptureFixture[str]) -> None
     assert main(["episodes", "list", "--suite", "comanding"]) == 2
     assert "commanding" in capsys.readouterr().err
     with pytest.raises(UsageError):
-        suites.ids("")
+        catalogue.suite_ids("")
 
 
 def test_suites_part_the_catalogue() -> None:
-    everything = set(suites.ids("all"))
-    assert set(suites.ids("one-drone")) | set(suites.ids("commanding")) == everything
-    assert not set(suites.ids("one-drone")) & set(suites.ids("commanding"))
-    assert suites.of(catalogue.DEFAULT) == ("one-drone", "quick", "all")
-    assert suites.of("mine") == ()
+    everything = set(catalogue.suite_ids("all"))
+    assert set(catalogue.suite_ids("one-drone")) | set(catalogue.suite_ids("commanding")) == everything
+    assert not set(catalogue.suite_ids("one-drone")) & set(catalogue.suite_ids("commanding"))
+    assert catalogue.suites_of(catalogue.DEFAULT) == ("one-drone", "quick", "all")
+    assert catalogue.suites_of("mine") == ()
 
 
 def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
@@ -109,7 +109,7 @@ def test_check_asks_for_a_record_that_exists(capsys: pytest.CaptureFixture[str])
 
 
 def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
-    assert set(load_par()) <= set(catalogue.known())
+    assert set(load_par()) <= set(catalogue.all_ids())
     assert load_par(tmp_path / "none.json") == {}
     file = tmp_path / "par.json"
     file.write_text('{"a": 9}')

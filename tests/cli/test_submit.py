@@ -6,10 +6,10 @@ import re
 import pytest
 
 from dronecats.cli.main import main
-from episodes.records import suites
+from episodes.records import catalogue
 from tests.report.results.synthetic_runs import write_run
 
-TWO = tuple(suites.ids("quick"))[:2]
+TWO = tuple(catalogue.suite_ids("quick"))[:2]
 
 
 @pytest.fixture

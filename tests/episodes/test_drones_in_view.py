@@ -158,7 +158,7 @@ def test_who_stands_behind_sees_who_stands_before_in_its_first_picture(world, re
     starts = world.fleet.starts
     for i, j in itertools.permutations(range(4), 2):
         view = renderer.render(
-            camera_pose(starts[i].position_ned, starts[i].attitude, HALF), world.moved(0.0, world.fleet.others(i))
+            camera_pose(starts[i].position_ned, starts[i].attitude, HALF), world.moved(0.0, world.fleet.other_starts(i))
         )
         off = turned(0.0, 0.0, math.radians(world.record.starts[i].yaw_deg)).T @ (
             np.array(starts[j].position_ned) - np.array(starts[i].position_ned)

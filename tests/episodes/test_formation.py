@@ -8,7 +8,7 @@ import pytest
 
 from episodes.authoring.check.rules import check
 from episodes.records import catalogue, formation
-from episodes.records.formation import flown_by
+from episodes.records.formation import with_drones
 from episodes.records.record import parse
 from episodes.world.world import World
 from foundation.errors import UsageError
@@ -19,13 +19,13 @@ BLOCKS = "blocks-commanding-01"
 def test_fewer_are_the_first_of_the_records_own():
     for drones in (1, 2, 3, 4):
         record = catalogue.load(BLOCKS)
-        assert flown_by(record, drones) == replace(record, starts=record.starts[:drones]), drones
+        assert with_drones(record, drones) == replace(record, starts=record.starts[:drones]), drones
 
 
 @pytest.mark.parametrize(("episode", "drones"), [(BLOCKS, 6), (BLOCKS, 8), ("residential-commanding-10", 8)])
 def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pass(episode, drones):
     record = catalogue.load(episode)
-    more = flown_by(record, drones)
+    more = with_drones(record, drones)
     assert parse(more.to_json(), "flown") == more
     assert (more.starts[:4], len(more.starts)) == (record.starts, drones)
     (first, second, third, _), right, ahead = record.starts, [], []
@@ -47,7 +47,7 @@ def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pa
 
 def test_more_are_the_same_every_time():
     record = catalogue.load(BLOCKS)
-    assert flown_by(record, 8) == flown_by(record, 8)
+    assert with_drones(record, 8) == with_drones(record, 8)
 
 
 def test_no_place_is_ahead_of_the_square_and_none_is_in_it():
@@ -68,19 +68,19 @@ def test_what_cannot_be_flown_is_told_in_one_sentence():
         ("campus-approaching-01", 2, "campus-approaching-01"),
     ):
         with pytest.raises(UsageError, match=parts):
-            flown_by(catalogue.load(episode), drones)
+            with_drones(catalogue.load(episode), drones)
 
 
 def test_starts_that_are_no_square_do_not_go_on():
     record = catalogue.load(BLOCKS)
     for starts in (record.starts[:3], (*record.starts[:3], replace(record.starts[3], position_ned=(0.0, 0.0, -1.5)))):
         with pytest.raises(UsageError, match="2 m"):
-            flown_by(replace(record, starts=starts), 5)
+            with_drones(replace(record, starts=starts), 5)
 
 
 def test_where_there_is_no_room_it_says_for_how_many(monkeypatch):
     record = catalogue.load(BLOCKS)
-    wide = flown_by(record, 6)
+    wide = with_drones(record, 6)
     monkeypatch.setattr(formation, "has_room", lambda world, standing, place: place == wide.starts[4])
     with pytest.raises(UsageError, match=rf"{BLOCKS}\b.*\b5\b"):
-        flown_by(record, 6)
+        with_drones(record, 6)

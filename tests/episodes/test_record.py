@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from episodes import maps
 from episodes.maps import assets
-from episodes.records import catalogue, schema
+from episodes.records import catalogue
 from episodes.records import record as records
 from episodes.records.record import EpisodeRecord, parse
 from foundation.errors import UsageError
@@ -216,17 +216,17 @@ def test_any_bytes_are_refused_politely(data: bytes | str) -> None:
 
 
 def test_the_published_schema_is_that_of_the_types(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert schema.published() == SCHEMA
-    assert list(schema.published()["properties"]) == list(SCHEMA["properties"])
+    assert records.schema() == SCHEMA
+    assert list(records.schema()["properties"]) == list(SCHEMA["properties"])
     word = re.compile(SCHEMA["$defs"]["name"]["pattern"])
     assert all(word.fullmatch(known) for known in maps.names())
-    before = schema.FILE.read_bytes()
-    schema.write()
-    assert schema.FILE.read_bytes() == before  # whose layout was made by hand
-    monkeypatch.setattr(schema, "FILE", tmp_path / "record.schema.json")
-    schema.FILE.write_text("{}")
-    schema.write()
-    assert json.loads(schema.FILE.read_text()) == SCHEMA
+    before = records.SCHEMA_FILE.read_bytes()
+    records.write_schema()
+    assert records.SCHEMA_FILE.read_bytes() == before  # whose layout was made by hand
+    monkeypatch.setattr(records, "SCHEMA_FILE", tmp_path / "record.schema.json")
+    records.SCHEMA_FILE.write_text("{}")
+    records.write_schema()
+    assert json.loads(records.SCHEMA_FILE.read_text()) == SCHEMA
 
 
 def test_bounds_of_schema_and_loader_agree() -> None:

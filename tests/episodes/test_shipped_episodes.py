@@ -15,7 +15,7 @@ from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.assets.materials import NEUTRAL
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from episodes.records.record import MOVING
 from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose
@@ -27,7 +27,7 @@ CAP_S = 300.0  # an episode's longest time
 WORLDS: dict[str, World] = {}
 
 
-@pytest.fixture(params=suites.QUICK)
+@pytest.fixture(params=catalogue.QUICK)
 def world(request: pytest.FixtureRequest) -> World:
     return WORLDS.setdefault(request.param, World(catalogue.load(request.param)))
 
@@ -52,21 +52,21 @@ def test_a_hundred_episodes_ten_of_each_cell_and_map() -> None:
     wanted = {(place, cell): 10 for place in ("residential", "campus") for cell in one_drone}
     assert counted == {**wanted, ("residential", "commanding"): 10, ("blocks", "commanding"): 10}
     assert {r.id for r in records} == {f"{place}-{cell}-{k:02d}" for place, cell in counted for k in range(1, 11)}
-    assert [len(suites.ids(name)) for name in ("one-drone", "commanding", "quick", "all", "v1")] == [
+    assert [len(catalogue.suite_ids(name)) for name in ("one-drone", "commanding", "quick", "all", "v1")] == [
         80,
         20,
         12,
         100,
         100,
     ]
-    assert {(r.map, r.cell) for r in records if r.id in suites.QUICK} == set(counted)
+    assert {(r.map, r.cell) for r in records if r.id in catalogue.QUICK} == set(counted)
 
 
 def test_the_first_hundred_are_kept_as_they_were() -> None:
     """Their results stay comparable: only the id tells that there are others now."""
-    assert [f"v1-{name}" for name in catalogue.ids()] == catalogue.former()
+    assert [f"v1-{name}" for name in catalogue.ids()] == catalogue.v1_ids()
     digest = hashlib.sha256()
-    for name in catalogue.former():
+    for name in catalogue.v1_ids():
         digest.update((catalogue.FORMER / f"{name}.json").read_bytes().replace(b'"id": "v1-', b'"id": "', 1))
     assert digest.hexdigest() == FIRST_HUNDRED
 

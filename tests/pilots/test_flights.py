@@ -8,11 +8,11 @@ import pytest
 from dronecats.pilots import scripted as blind
 from dronecats.pilots.oracle import oracle
 from dronecats.pilots.vision import pilot
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from episodes.world import world as worlds
 from foundation.camera import CameraModel
 
-SINGLE = [i for i in suites.QUICK if i in catalogue.ids() and "commanding" not in i]  # `episodes audit` flies them all
+SINGLE = [i for i in catalogue.QUICK if i in catalogue.ids() and "commanding" not in i]  # `episodes audit` flies all
 SEEN = ["residential-approaching-01", "residential-searching-01", "residential-tracking-01"]
 SEEN = [i for i in SEEN if i in SINGLE]
 

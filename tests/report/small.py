@@ -7,7 +7,7 @@ from dronecats.report.results.collection import Collection
 from dronecats.report.results.entrants import entrants
 from dronecats.report.results.usage import Usage
 from dronecats.report.table import ReportTable, TableCell
-from episodes.records.baselines import BlindFlight
+from episodes.records.catalogue import BlindFlight
 from tests.support.scores import a_run, an_episode, collected, flights, named
 
 COMMAND = "dronecats report runs --out report"

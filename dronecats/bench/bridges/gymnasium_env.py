@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from dronecats.agent.models.model import Request
 from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S, POINT_SPAN
 
@@ -61,7 +61,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         flight; None: flights are not kept. `policy`: the pilot's name in run.json. Raises UsageError for episodes of
         different numbers of drones, which have different spaces.
         """
-        self._records = {name: catalogue.load(name) for name in episodes or suites.ids("one-drone")}
+        self._records = {name: catalogue.load(name) for name in episodes or catalogue.suite_ids("one-drone")}
         self._names = list(self._records)
         self._drones = len(self._records[self._names[0]].starts)
         for name, record in self._records.items():

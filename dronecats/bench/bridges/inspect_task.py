@@ -35,7 +35,7 @@ from dronecats.agent.names import PAPER
 from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError
 from foundation.protocol import CAP_S
 from foundation.run_folder.folder import fresh_run
@@ -72,7 +72,7 @@ def dronecats(
     if lifted is not None and lifted not in get_args(Effort):
         raise UsageError(f"-T lifted must be one of {', '.join(get_args(Effort))}, got '{lifted}'")
     return Task(
-        dataset=MemoryDataset([_sample(name) for name in suites.episodes_of(suite)], name=f"dronecats-{_title(suite)}"),
+        dataset=MemoryDataset([_sample(id) for id in catalogue.episodes_of(suite)], name=f"dronecats-{_title(suite)}"),
         solver=flight(latency, seconds, seed, axis_order, full, out, agent, lifted),
         scorer=verdict(),
         config=GenerateConfig(temperature=_DECLARED.temperature, max_tokens=_DECLARED.max_tokens),

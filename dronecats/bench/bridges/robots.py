@@ -27,7 +27,7 @@ from dronecats.agent.models.model import Request
 from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S, POINT_SPAN
 from foundation.run_folder.folder import fresh_run
@@ -139,7 +139,7 @@ class Verdict5m:
 
 def dronecats_task(suite: str = "one-drone") -> Task:
     """Return the one-drone episodes of a suite, or of comma-separated ids and files, as a task."""
-    names = suites.episodes_of(suite)
+    names = catalogue.episodes_of(suite)
     scenes = []
     for name in names:
         record = catalogue.load(name)

@@ -133,9 +133,9 @@ def _record(spec: FlightSpec) -> EpisodeRecord | None:
         return None
     if spec.drones is None:
         return record
-    from episodes.records.formation import flown_by  # checks records, which needs what simulating needs
+    from episodes.records.formation import with_drones  # checks records, which needs what simulating needs
 
-    return flown_by(record, spec.drones)
+    return with_drones(record, spec.drones)
 
 
 def _free_flight(name: str, instruction: str) -> EpisodeRecord:

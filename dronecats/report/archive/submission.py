@@ -26,7 +26,7 @@ from dronecats.report.archive.scrubbing import Scrubber
 from dronecats.report.archive.tar import write
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.identity import Identity, differences, identity, identity_digest
-from episodes.records import catalogue, suites
+from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.files import whole_file
 from foundation.run_folder import layout
@@ -112,24 +112,25 @@ def digest(data: bytes) -> FileDigest:
 def incomplete(flights: Sequence[Sequence[str]]) -> str | None:
     """Return what keeps flights, the ids of each, from being of one whole suite, a sentence; None: they are."""
     for ids in flights:
-        own = [id for id in ids if id not in catalogue.known()]
+        own = [id for id in ids if id not in catalogue.all_ids()]
         if own:
             return f"{own[0]} is no episode that ships"
         if _suite_of(ids) is None:
-            nearest = min((s for s in suites.NAMES if set(ids) <= set(suites.ids(s))), key=_size, default=None)
+            containing = (s for s in catalogue.SUITES if set(ids) <= set(catalogue.suite_ids(s)))
+            nearest = min(containing, key=_size, default=None)
             if nearest is None:
                 return "the episodes are of several suites"
-            absent = [id for id in suites.ids(nearest) if id not in ids]
+            absent = [id for id in catalogue.suite_ids(nearest) if id not in ids]
             return f"{len(absent)} of the {_size(nearest)} episodes of suite {nearest} are missing, {absent[0]} first"
     return None if len({_suite_of(ids) for ids in flights}) == 1 else "the flights are of several suites"
 
 
 def _size(suite: str) -> int:
-    return len(suites.ids(suite))
+    return len(catalogue.suite_ids(suite))
 
 
 def _suite_of(ids: Sequence[str]) -> str | None:
-    return next((suite for suite in suites.NAMES if sorted(ids) == suites.ids(suite)), None)
+    return next((suite for suite in catalogue.SUITES if sorted(ids) == catalogue.suite_ids(suite)), None)
 
 
 def _suite(runs: Sequence[RecordedRun]) -> str | None:

@@ -13,8 +13,7 @@ from episodes.camera.renderer.layout import camera_pose
 from episodes.maps.scene import Instance, Scene
 from episodes.records.record import EpisodeRecord, TargetRecord, parse
 from episodes.world.fleet import Fleet, hovering
-from episodes.world.target import motion
-from episodes.world.wheels import Wheels, on_ground
+from episodes.world.target import Wheels, motion, on_ground
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.errors import UsageError

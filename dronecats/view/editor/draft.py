@@ -26,8 +26,7 @@ from episodes.records.record import (
     StartPose,
     TargetRecord,
 )
-from episodes.world.target import motion
-from episodes.world.wheels import Wheels, on_ground
+from episodes.world.target import Wheels, motion, on_ground
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S

@@ -100,7 +100,7 @@ class Session:
         text = record.to_json()
         parse(text, f"episode '{record.id[:64]}'")  # the id is a plain name from here on
         path = self.path()
-        if record.id in catalogue.known() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
+        if record.id in catalogue.all_ids() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
             raise UsageError(f"'{record.id}' is the id of an episode that ships: give yours another one.")
         if path.exists() and not replace:
             raise UsageError(f"'{path}' exists already: give the episode another id, or replace the file.")
@@ -266,7 +266,8 @@ def opened(what: str, folder: Path) -> tuple[Session, str]:
     try:
         catalogue.must_exist(what)
     except UsageError:
-        near = ", ".join(difflib.get_close_matches(what[:100], [*maps.names(), *catalogue.known()], 3) or maps.names())
+        names = [*maps.names(), *catalogue.all_ids()]
+        near = ", ".join(difflib.get_close_matches(what[:100], names, 3) or maps.names())
         raise UsageError(f"{what[:80]!r} is no map, no episode and no record file: did you mean {near}?") from None
     record = catalogue.load(what)
     drafting = Drafting(maps.build(record.map, record.map_seed))

@@ -87,7 +87,7 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
     for candidate, text in zip(candidates, texts, strict=True):
         around = Together(of_map, Solids(i for i in candidates if i is not candidate))
         for drone, start in enumerate(world.record.starts):
-            past = world.fleet.among(around, world.fleet.others(drone).values())
+            past = world.fleet.among(around, world.fleet.other_starts(drone).values())
             attitude = level(start.yaw_deg)
             place, turned = candidate.position_ned, candidate.turned
             fewest = min(fewest, patch(candidate, place, turned, past, start.position_ned, attitude, CAMERA).pixels)

@@ -31,14 +31,22 @@ from episodes.authoring.check.finding import (
 )
 from episodes.maps.scene import Instance, turn
 from episodes.records.record import StartPose
-from episodes.world.target import TargetMotion, has_wheels, motion
+from episodes.world.target import TargetMotion, contact_patch, has_wheels, motion
 from episodes.world.visibility import distance_to_mesh
-from episodes.world.wheels import contact_patch
 from episodes.world.world import World
 from foundation.frames import Vec3
 from foundation.protocol import CAP_S
 
 Array = NDArray[np.float64]
+
+GROUND_STEP_M = 0.1
+SWEEP_STEP_M = 0.25
+MOST_SWEEPS = 1500  # of a target that covers half a kilometre, the steps are longer
+MARGIN_M = 0.05  # between the target on its path and every obstacle
+LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
+
+CLIMB_STEP_M = 0.2
+RIM = 16  # points around a start at which the ground is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,13 +126,6 @@ def overlaps(triangles: Array, box: Box) -> bool:
     extent = np.einsum("tax,x->ta", np.abs(axes), box.half)
     apart = (along.min(axis=2) > extent) | (along.max(axis=2) < -extent)
     return bool((~apart.any(axis=1)).any())
-
-
-GROUND_STEP_M = 0.1
-SWEEP_STEP_M = 0.25
-MOST_SWEEPS = 1500  # of a target that covers half a kilometre, the steps are longer
-MARGIN_M = 0.05  # between the target on its path and every obstacle
-LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
 
 
 def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
@@ -223,10 +224,6 @@ def pace(world: World) -> Iterator[RuleFinding]:
     speed = motion(world.record.target).speed_mps
     if wanted is not None:
         yield RuleFinding("the target's speed", abs(speed - wanted) < 1e-9, f"{speed:g} m/s", f"{wanted:g} m/s")
-
-
-CLIMB_STEP_M = 0.2
-RIM = 16  # points around a start at which the ground is measured
 
 
 def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:

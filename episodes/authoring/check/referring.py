@@ -45,6 +45,24 @@ NOUNS: dict[str, tuple[str, ...]] = {
     "quadrotor": ("quadrotor", "drone on the stand"),
 }
 
+COMPACT_M = 4.0  # half the width of the largest landmark that has sides: left, right, front and back
+BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # from a landmark, the farthest that is called beside, before or behind it
+NEAREST_M = 25.0  # … and that is called the nearest to it
+APART_M = 40.0  # the farthest that two landmarks stand apart with something between them
+RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
+SEEN_FROM = ("left of", "right of", "in front of", "behind")  # relations that depend on the viewer's place
+_READ = re.compile(
+    r"the (?P<noun>[a-z][a-z -]*?) "
+    r"(?P<relation>nearest|(?:to the )?left of|(?:to the )?right of|in front of|behind|between) "
+    r"(?P<rest>the .*|[A-Z].*)"
+)
+
+CAMERA = CameraModel(320, 180)
+SEEN_SHARE = 0.0015  # of the picture: the least size of a landmark
+# kinds that no instruction refers to: too large, too many of the same look, or too slight
+UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
+SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never landmarks
+
 
 def nouns(asset: str) -> tuple[str, ...]:
     """Return what people call an asset or a kind of fixture, the commonest word first."""
@@ -54,20 +72,6 @@ def nouns(asset: str) -> tuple[str, ...]:
 def kind_of(asset: str) -> str:
     """Return the kind that a map's instances of an asset have: with hyphens, and 'person' for a pedestrian."""
     return "person" if asset == "pedestrian" else asset.replace("_", "-")
-
-
-COMPACT_M = 4.0  # half the width of the largest landmark that has sides: left, right, front and back
-BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # from a landmark, the farthest that is called beside, before or behind it
-NEAREST_M = 25.0  # … and that is called the nearest to it
-APART_M = 40.0  # the farthest that two landmarks stand apart with something between them
-
-RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
-SEEN_FROM = ("left of", "right of", "in front of", "behind")  # relations that depend on the viewer's place
-_READ = re.compile(
-    r"the (?P<noun>[a-z][a-z -]*?) "
-    r"(?P<relation>nearest|(?:to the )?left of|(?:to the )?right of|in front of|behind|between) "
-    r"(?P<rest>the .*|[A-Z].*)"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,13 +223,6 @@ def _line(sign: float) -> Callable[[float, float, float, bool], bool]:
 
 
 _SIDES = {"left of": _side(-1.0), "right of": _side(1.0), "in front of": _line(-1.0), "behind": _line(1.0)}
-
-
-CAMERA = CameraModel(320, 180)
-SEEN_SHARE = 0.0015  # of the picture: the least size of a landmark
-# kinds that no instruction refers to: too large, too many of the same look, or too slight
-UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
-SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never landmarks
 
 
 def footprint(instance: Instance) -> Footprint:

@@ -23,6 +23,15 @@ from foundation.threads import once
 
 Array = NDArray[np.float64]
 
+STEP_DEG = 0.1
+EDGE_DEG = 1.0  # between a thing that is wholly inside the picture and the edge
+CAMERA = CameraModel()
+HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
+
+STEP_M = 0.5
+MOST_STEPS = 201  # a start that far off fails the rule about its distance
+FACED_FRACTION = 0.5  # of the target's silhouette that must be open to view when it is faced
+
 
 @dataclass(frozen=True, slots=True)
 class Patch:
@@ -99,12 +108,6 @@ def _reach(
 
 def _span(values: Array, size: int) -> NDArray[np.int64]:
     return np.arange(max(math.floor(values.min()), 0), min(math.ceil(values.max()) + 1, size))
-
-
-STEP_DEG = 0.1
-EDGE_DEG = 1.0  # between a thing that is wholly inside the picture and the edge
-CAMERA = CameraModel()
-HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,11 +198,6 @@ def _wrap(degrees: Array) -> Array:
     return np.asarray((degrees + 180.0) % 360.0 - 180.0)
 
 
-STEP_M = 0.5
-MOST_STEPS = 201  # a start that far off fails the rule about its distance
-FACED_FRACTION = 0.5  # of the target's silhouette that must be open to view when it is faced
-
-
 def level(yaw_deg: float) -> Quat:
     """Return the attitude of a hovering drone."""
     return quat_from_euler(0.0, 0.0, math.radians(yaw_deg))
@@ -214,7 +212,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
         allowed = RULES.get(record.map, OF_OTHER_MAPS).occupancy_percent
         finding = between("the occupancy of the faced target", 100.0 * faced.box_share, allowed, "%")
         yield replace(finding, measured=f"{finding.measured} ({100 * faced.share:.2f} % of the pixels)")
-    around = world.fleet.others(0).values()
+    around = world.fleet.other_starts(0).values()
     fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, around).visible_fraction or 0.0
     yield at_least("the share of the faced target that nothing hides", fraction, FACED_FRACTION, "of it")
     yield way_to_target(world)
@@ -234,7 +232,7 @@ def rules(world: World) -> Iterator[RuleFinding]:
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
     """Return where the target is in the first picture of the first drone, level, past the other drones of its fleet."""
     place, turned = world.target_pose(0.0)
-    past = world.past(world.fleet.others(0).values())
+    past = world.past(world.fleet.other_starts(0).values())
     return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)
 
 

@@ -12,6 +12,44 @@ from episodes.authoring.check.sight import Framing, across, away
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
+JITTER = 0.25  # of a stratum, either way
+
+VERBS: dict[str, tuple[str, ...]] = {
+    "approaching": (
+        "go to {what}", "fly to {what}", "approach {what}", "head over to {what}", "move up to {what}",
+        "fly over to {what}",
+    ),
+    "searching": (
+        "find {what} and go to {it}", "look for {what} and fly to {it}", "search for {what} and approach {it}",
+        "locate {what} and go there", "find {what} and fly up to {it}",
+    ),
+    "tracking": (
+        "follow {what} and get close to {it}", "catch up with {what}", "go after {what} and close in on {it}",
+        "fly after {what} and reach {it}", "track {what} and come close to {it}",
+    ),
+    "search-and-track": (
+        "find {what} and catch up with {it}", "look for {what} and follow {it} until you reach {it}",
+        "search for {what} and close in on {it}", "locate {what}, go after {it} and reach {it}",
+    ),
+    "commanding": (
+        "go to {what}", "fly to {what}", "find {what} and go to it", "approach {what}", "send a drone to {what}",
+    ),
+}  # fmt: skip
+PEOPLE = ("person", "pedestrian", "cyclist")
+
+BOARDS = (
+    ("DOCK A", "DOCK B", "DOCK C", "DOCK D"),
+    ("GATE 3", "GATE 5", "GATE 8", "GATE 9"),
+    ("BAY 12", "BAY 17", "BAY 21", "BAY 71"),
+    ("NORTH", "SOUTH", "EAST", "WEST"),
+    ("STORE", "STAGE", "STAIR", "START"),
+    ("LANE 2", "LANE 4", "LANE 6", "LANE 7"),
+    ("ZONE K", "ZONE M", "ZONE N", "ZONE R"),
+    ("PUMP", "PORT", "POST", "PARK"),
+    ("HALL 1", "HALL 4", "HALL 7", "HALL 9"),
+    ("UNIT 38", "UNIT 58", "UNIT 83", "UNIT 85"),
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
@@ -38,9 +76,6 @@ def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float
 def flight_seed(rng: random.Random) -> int:
     """Return the seed of a flight."""
     return rng.randrange(1, MAX_SEED)
-
-
-JITTER = 0.25  # of a stratum, either way
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,30 +106,6 @@ def _strata(count: int, rng: random.Random) -> list[float]:
     drawn = [(k + rng.uniform(-JITTER, JITTER)) / (count - 1) for k in range(count)]
     rng.shuffle(drawn)
     return [min(max(share, 0.0), 1.0) for share in drawn]
-
-
-VERBS: dict[str, tuple[str, ...]] = {
-    "approaching": (
-        "go to {what}", "fly to {what}", "approach {what}", "head over to {what}", "move up to {what}",
-        "fly over to {what}",
-    ),
-    "searching": (
-        "find {what} and go to {it}", "look for {what} and fly to {it}", "search for {what} and approach {it}",
-        "locate {what} and go there", "find {what} and fly up to {it}",
-    ),
-    "tracking": (
-        "follow {what} and get close to {it}", "catch up with {what}", "go after {what} and close in on {it}",
-        "fly after {what} and reach {it}", "track {what} and come close to {it}",
-    ),
-    "search-and-track": (
-        "find {what} and catch up with {it}", "look for {what} and follow {it} until you reach {it}",
-        "search for {what} and close in on {it}", "locate {what}, go after {it} and reach {it}",
-    ),
-    "commanding": (
-        "go to {what}", "fly to {what}", "find {what} and go to it", "approach {what}", "send a drone to {what}",
-    ),
-}  # fmt: skip
-PEOPLE = ("person", "pedestrian", "cyclist")
 
 
 def instruction(cell: str, name: str, asset: str, rng: random.Random) -> str:
@@ -133,17 +144,3 @@ def plates(count: int, rng: random.Random) -> list[str]:
         if text not in texts:
             texts.append(text)
     return texts
-
-
-BOARDS = (
-    ("DOCK A", "DOCK B", "DOCK C", "DOCK D"),
-    ("GATE 3", "GATE 5", "GATE 8", "GATE 9"),
-    ("BAY 12", "BAY 17", "BAY 21", "BAY 71"),
-    ("NORTH", "SOUTH", "EAST", "WEST"),
-    ("STORE", "STAGE", "STAIR", "START"),
-    ("LANE 2", "LANE 4", "LANE 6", "LANE 7"),
-    ("ZONE K", "ZONE M", "ZONE N", "ZONE R"),
-    ("PUMP", "PORT", "POST", "PARK"),
-    ("HALL 1", "HALL 4", "HALL 7", "HALL 9"),
-    ("UNIT 38", "UNIT 58", "UNIT 83", "UNIT 85"),
-)

@@ -33,6 +33,11 @@ SHORTEST_M = 0.2
 OFF_M = 0.012  # from the ground, at most, before heights are rounded
 LOOK_M = 0.1  # between the points at which that is checked
 
+ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
+EDGE_M = 3.0  # kept off the end of the terrain
+DIRECTIONS = 36  # tried around a target
+CLEAR_FRACTION = 0.8  # of the faced target that must be in view: more than the rules demand
+
 
 def stretch(waypoints: Sequence[Vec3], first_m: float, length_m: float, terrain: HeightField) -> tuple[Vec3, ...]:
     """Return waypoints (m, NED, rounded to millimetres) along a polyline from `first_m` on, over `length_m` of it."""
@@ -72,12 +77,6 @@ def _split(a: tuple[float, float], b: tuple[float, float], terrain: HeightField)
     where = min(max(where, SHORTEST_M / span), 1.0 - SHORTEST_M / span)
     middle = (a[0] + where * (b[0] - a[0]), a[1] + where * (b[1] - a[1]))
     return [*_split(a, middle, terrain), *_split(middle, b, terrain)]
-
-
-ALTITUDES_M = (ALTITUDE_M[0] + 0.02, ALTITUDE_M[1] - 0.02)
-EDGE_M = 3.0  # kept off the end of the terrain
-DIRECTIONS = 36  # tried around a target
-CLEAR_FRACTION = 0.8  # of the faced target that must be in view: more than the rules demand
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,5 +1,5 @@
-"""What a real camera and real weather do to a frame. Everything is off unless asked for: the benchmark flies without.
+"""The effects of a real camera and of weather on a frame. All are off by default, as in the benchmark.
 
-`options` says what can be asked for and `file` reads it from TOML; `light` goes from sRGB codes to light and back,
-`weather`, `rain` and `lens` are the effects, and `camera` applies them in the order in which light meets them.
+`options` declares them and `file` reads them from TOML; `weather` has haze, sun and rain, and `camera` the lens, the
+noise, and the order in which light passes all of them.
 """

@@ -1,21 +1,28 @@
-"""The picture that a real camera would take: scene, haze, exposure, rain, lens, noise, in this order."""
+"""The picture of a real camera: scene, haze, exposure, rain, lens and noise, applied in this order."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.optics import weather
-from episodes.camera.optics.lens import BentLens, Codes, Light
 from episodes.camera.optics.options import LensModel, Optics, Rain, Sensor
+from episodes.camera.optics.weather import Light
 from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
-from episodes.camera.renderer.sky import WHITE, daylight
+from episodes.camera.renderer.sky import STEPS, WHITE, daylight, display_table
 from episodes.maps.scene import Moved, Scene, Sun
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Quat, Vec3, quat_integrate
+
+WIDEST = 2.0  # times the camera's width and height: the largest picture drawn for a lens
+ROUNDS = 15  # of the inversion; a lens that needs more folds the picture
+FARTHEST = 10.0  # focal lengths from the middle: 84° off the axis
+MISS_PX = 0.05  # at 1280 px: how well the inversion must hold
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +36,7 @@ class VehicleMotion:
     rates_frd: Vec3  # rad/s, body
 
     def after(self, seconds: float) -> "VehicleMotion":
-        """Return where it is a little later, at constant velocity and rates."""
+        """Return the motion `seconds` later, at constant velocity and rates."""
         p, v, w = self.position_ned, self.velocity_ned, self.rates_frd
         return dataclasses.replace(
             self,
@@ -42,12 +49,12 @@ class VehicleMotion:
 class OpticalRenderer:
     """Draws one scene through one camera with `optics` before, in and behind its lens.
 
-    The bytes depend on scene, camera, optics, motion and what is drawn from alone. Only the picture is changed: depth,
-    ids and visibility are the geometry's.
+    The bytes depend on scene, camera, optics, motion and seeds alone. Only the picture is changed: depth, ids and
+    visibility are the geometry's.
     """
 
     def __init__(self, scene: Scene, camera: CameraModel, optics: Optics, threads: int = 2) -> None:
-        """Raises UsageError as `Renderer` does, ValueError for a lens or a sun that cannot be."""
+        """Raises UsageError as `Renderer` does, ValueError for an impossible lens or sun."""
         sun = lit(scene.sun, optics)
         self._optics, self._camera = optics, camera
         self._lens = BentLens(optics.lens or LensModel(), camera)
@@ -58,17 +65,17 @@ class OpticalRenderer:
     def picture(
         self, motion: VehicleMotion, moved: Callable[[float], Moved], drawn_from: Sequence[int]
     ) -> NDArray[np.uint8]:
-        """Return the (H, W, 3) sRGB picture of a frame; `moved` tells what stands where at a time (s).
+        """Return the (H, W, 3) sRGB picture of a frame; `moved` returns the poses of what moves at a time (s).
 
-        `drawn_from`: what tells it from every other picture: of this and the options' seed are noise and drops.
+        `drawn_from` identifies the picture: noise and drops are drawn from it and the options' seed.
         """
         optics, rng = self._optics, np.random.default_rng((self._optics.seed, *drawn_from))
         exposure = optics.exposure
         shutter, poses = (exposure.time_s, exposure.poses) if exposure and exposure.time_s > 0.0 else (0.0, 1)
         seen = [self._seen(motion.after(shutter * ((k + 0.5) / poses - 0.5)), moved) for k in range(poses)]
         light = seen[0][0]
-        for other, _ in seen[1:]:
-            light += other
+        for later, _ in seen[1:]:
+            light += later
         light /= np.float32(poses)
         if optics.rain is not None:
             light = self._rained(light, seen[poses // 2][1], motion, optics.rain, shutter or weather.SHUTTER_S, rng)
@@ -78,7 +85,7 @@ class OpticalRenderer:
         return self._codes.shown(light)
 
     def close(self) -> None:
-        """Let the renderer's threads go."""
+        """Stop the renderer's threads."""
         self._renderer.close()
 
     def _pose(self, motion: VehicleMotion) -> CameraPose:
@@ -122,7 +129,7 @@ class OpticalRenderer:
 
 
 def lit(sun: Sun, optics: Optics) -> Sun:
-    """Return the sun as the options have it. Raises ValueError for one that is not up."""
+    """Return the sun under these options. Raises ValueError for a sun below the horizon."""
     if optics.sun is not None:
         sun = weather.moved_sun(sun, optics.sun)
     return weather.overcast(sun) if optics.rain is not None else sun
@@ -131,10 +138,131 @@ def lit(sun: Sun, optics: Optics) -> Sun:
 def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
     """Return `light` as counted by a sensor: variance in electrons = signal (shot noise) + read noise squared.
 
-    Poisson's distribution is taken as normal, which it is to the eye from some twenty electrons on.
+    Poisson's distribution is approximated by a normal one, which looks the same from some twenty electrons on.
     """
     per_light = sensor.full_well_e / WHITE
     electrons = np.maximum(light, 0.0) * np.float32(per_light)
     spread = np.sqrt(electrons + np.float32(sensor.read_noise_e**2))
     electrons += spread * rng.standard_normal(light.shape, dtype=np.float32)
     return (electrons / np.float32(per_light)).astype(np.float32)
+
+
+def decoding_table() -> NDArray[np.float32]:
+    """Return the (256,) light in the middle of each code's range. Encoding it gives the code again."""
+    codes = display_table()
+    steps = np.arange(STEPS + 1)
+    first, last = np.searchsorted(codes, np.arange(256)), np.searchsorted(codes, np.arange(256), side="right") - 1
+    middle: NDArray[np.int64] = steps[(first + last) // 2]
+    middle[0], middle[255] = 0, STEPS  # black is no light, and white is all that the sensor takes
+    return (middle * (WHITE / STEPS)).astype(np.float32)
+
+
+class Codes:
+    """Converts between sRGB codes and light, both ways."""
+
+    def __init__(self) -> None:
+        self._light, self._code = decoding_table(), display_table()
+
+    def light(self, rgb: NDArray[np.uint8]) -> Light:
+        """Return the light of an (H, W, 3) sRGB picture."""
+        return self._light[rgb]
+
+    def shown(self, light: Light) -> NDArray[np.uint8]:
+        """Return the (H, W, 3) sRGB picture of a light, clipped to 0 … WHITE."""
+        scaled = np.clip(light, 0.0, WHITE)
+        scaled *= STEPS / WHITE
+        scaled += 0.5
+        return self._code[scaled.astype(np.int32)]
+
+
+def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return (H, W) x / z and y / z of the undistorted ray behind every pixel's middle.
+
+    Inverts OpenCV's model, x' = x (1 + k1 r² + k2 r⁴ + k3 r⁶) + 2 p1 x y + p2 (r² + 2 x²) and y' alike, by
+    Newton's method. Raises ValueError for a lens whose model cannot be inverted over the picture, because it folds it.
+    """
+    shown_x, shown_y = np.meshgrid(
+        (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px,
+        (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px,
+    )
+    x, y = shown_x.copy(), shown_y.copy()
+    for _ in range(ROUNDS):
+        radial, dx, dy = _terms(lens, x, y)
+        miss_x, miss_y = x * radial + dx - shown_x, y * radial + dy - shown_y
+        r2 = x * x + y * y
+        steep = 2.0 * (lens.k1 + r2 * (2.0 * lens.k2 + 3.0 * lens.k3 * r2))  # of the radial factor, by r²/2
+        xx = radial + x * x * steep + 2.0 * lens.p1 * y + 6.0 * lens.p2 * x
+        xy = x * y * steep + 2.0 * lens.p1 * x + 2.0 * lens.p2 * y
+        yy = radial + y * y * steep + 6.0 * lens.p1 * y + 2.0 * lens.p2 * x
+        area = xx * yy - xy * xy
+        area = np.where(np.abs(area) > 1e-3, area, 1e-3)
+        x = np.clip(x - (yy * miss_x - xy * miss_y) / area, -FARTHEST, FARTHEST)
+        y = np.clip(y - (xx * miss_y - xy * miss_x) / area, -FARTHEST, FARTHEST)
+    radial, dx, dy = _terms(lens, x, y)
+    miss = np.hypot(x * radial + dx - shown_x, y * radial + dy - shown_y).max()
+    if not miss * 640.0 < MISS_PX or _folds(lens, float(np.hypot(x, y).max())):
+        raise ValueError("[lens] these coefficients fold the picture over itself; give smaller ones")
+    return x, y
+
+
+def _terms(lens: LensModel, x: NDArray[np.float64], y: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    r2 = x * x + y * y
+    radial = 1.0 + r2 * (lens.k1 + r2 * (lens.k2 + r2 * lens.k3))
+    dx = 2.0 * lens.p1 * x * y + lens.p2 * (r2 + 2.0 * x * x)
+    dy = lens.p1 * (r2 + 2.0 * y * y) + 2.0 * lens.p2 * x * y
+    return radial, dx, dy
+
+
+def _folds(lens: LensModel, r_max: float) -> bool:
+    """Return whether the radial part stops growing somewhere within `r_max`."""
+    r = np.linspace(0.0, r_max, 1000)
+    r2 = r * r
+    return bool((1.0 + r2 * (3.0 * lens.k1 + r2 * (5.0 * lens.k2 + 7.0 * r2 * lens.k3)) <= 0.0).any())
+
+
+def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
+    """Return a pinhole of the same focal length that covers the view of the lens.
+
+    Raises ValueError for a lens that folds the picture or shows more than `WIDEST` times the camera's view.
+    """
+    if not lens.bends:
+        return camera
+    x, y = pinhole_rays(lens, camera)
+    width = 2 * math.ceil(max(np.abs(x).max() * camera.focal_px, 0.5 * camera.width) + 1.5)
+    height = 2 * math.ceil(max(np.abs(y).max() * camera.focal_px, 0.5 * camera.height) + 1.5)
+    if width > WIDEST * camera.width or height > WIDEST * camera.height:
+        raise ValueError(f"[lens] these coefficients show more than {WIDEST:g} times the camera's width or height")
+    hfov = math.degrees(2.0 * math.atan(0.5 * width / camera.focal_px))
+    return CameraModel(width, height, hfov, camera.offset_frd)
+
+
+class BentLens:
+    """The lens before a camera: turns the light of a wide pinhole into that of the camera."""
+
+    def __init__(self, lens: LensModel, camera: CameraModel) -> None:
+        """Raises ValueError as `wide_camera` does."""
+        self.wide = wide_camera(lens, camera)
+        self._map: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None
+        if lens.bends:
+            x, y = pinhole_rays(lens, camera)
+            self._map = (
+                (x * camera.focal_px + 0.5 * self.wide.width - 0.5).astype(np.float32),
+                (y * camera.focal_px + 0.5 * self.wide.height - 0.5).astype(np.float32),
+            )
+        self._shade = _fall_off(lens, camera)
+
+    def through(self, light: Light) -> Light:
+        """Return the light (H, W, 3) on the sensor."""
+        if self._map is not None:
+            light = cv2.remap(light, *self._map, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        return light if self._shade is None else light * self._shade
+
+
+def _fall_off(lens: LensModel, camera: CameraModel) -> NDArray[np.float32] | None:
+    """Return (H, W, 1): the share of light that reaches each pixel, cos⁴ of its angle when vignetting is one."""
+    if not lens.vignetting:
+        return None
+    x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
+    y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
+    natural = 1.0 / (1.0 + x[None, :] ** 2 + y[:, None] ** 2) ** 2
+    return (1.0 - lens.vignetting * (1.0 - natural))[..., None].astype(np.float32)

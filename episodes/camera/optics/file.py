@@ -27,7 +27,7 @@ def _check(optics: Optics, where: str) -> None:
     """Raise UsageError for numbers that are fine alone but make no picture together."""
     if optics.sun is None and optics.lens is None:
         return
-    from episodes.camera.optics.lens import wide_camera  # these two load the renderer, which most commands do without
+    from episodes.camera.optics.camera import wide_camera  # these two load the renderer, which most commands do without
     from episodes.camera.optics.weather import toward_sun
 
     try:

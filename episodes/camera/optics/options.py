@@ -1,4 +1,4 @@
-"""What can be asked of the camera and of the weather."""
+"""The options of camera and weather."""
 
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any
@@ -9,7 +9,7 @@ SEED_MAX = 2**31 - 1
 
 
 def _within(low: float, high: float) -> Meta:
-    """Return the bounds of a number; the file's reader holds it to them."""
+    """Return the bounds of a number, which the file's reader checks."""
     return Meta(ge=low, le=high)
 
 
@@ -51,7 +51,7 @@ class Exposure:
 
 @dataclass(frozen=True, slots=True)
 class SunPlace:
-    """Where the sun stands: by its angles, or by the true solar hour of a day at a latitude."""
+    """The place of the sun: by its angles, or by the true solar hour of a day at a latitude."""
 
     azimuth_deg: Annotated[float, _within(-360.0, 360.0)] | None = None  # clockwise from north
     elevation_deg: Annotated[float, _within(3.0, 90.0)] | None = None  # above the horizon
@@ -66,9 +66,8 @@ class Haze:
 
     density_per_m: Annotated[float, _within(0.0, 0.5)] = 0.005  # 1/m, extinction; the eye sees some 3.9 / density far
     height_m: Annotated[float, _within(10.0, 5000.0)] = 300.0  # m that the layer reaches above the camera
-    color: tuple[LinearLight, LinearLight, LinearLight] | None = (
-        None  # linear RGB 0 … 2; None: the sky's at the horizon
-    )
+    # linear RGB 0 … 2; None: the sky's at the horizon
+    color: tuple[LinearLight, LinearLight, LinearLight] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +80,7 @@ class Rain:
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """All options; None switches one off. `Optics()` shows what the benchmark sees."""
+    """All options; None switches one off. `Optics()` is the camera of the benchmark."""
 
     lens: LensModel | None = None
     sensor: Sensor | None = None
@@ -94,10 +93,10 @@ class Optics:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the options that are on, as JSON holds them; `file.optics_of` reads it back."""
-        said = {name: value for name, value in asdict(self).items() if value is not None}
+        options = {name: value for name, value in asdict(self).items() if value is not None}
         return {
             name: {key: list(v) if isinstance(v, tuple) else v for key, v in value.items() if v is not None}
             if isinstance(value, dict)
             else value
-            for name, value in said.items()
+            for name, value in options.items()
         }

@@ -6,21 +6,27 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.optics.lens import Light
 from episodes.camera.optics.options import Haze, SunPlace
 from episodes.camera.renderer.layout import depth_per_metre, eye_of
 from episodes.maps.scene import Sun, sun_at
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3
 
+Light = NDArray[np.float32]  # (H, W, 3) linear RGB, 0 … `sky.WHITE`
+
 LOWEST_DEG = 3.0  # of the sun: below it shadows reach across the whole map
 REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB (Rayleigh, as 1/λ⁴ goes)
 CLOUDS_M = 1500.0  # m, the base of rain clouds above the camera
 RAIN_EXTINCTION = (0.000248, 0.67)  # 1/m and exponent of mm/h: 1.076 R^0.67 dB/km (Carbonneau and Wisely, 1998)
 
+NEAR_M, FAR_M = 0.4, 7.0  # along the optical axis; farther drops are the veil of `weather.veil`
+SMALLEST_MM = 0.8  # smaller drops are invisible
+SHUTTER_S = 0.008  # without an exposure option
+BRIGHTNESS = 1.25  # of a drop over the haze's colour: it shows the whole sky at once
+
 
 def toward_sun(place: SunPlace) -> Vec3:
-    """Return the unit vector towards the sun, NED. Raises ValueError for a sun that is not up or not well said."""
+    """Return the unit vector towards the sun, NED. Raises ValueError for a sun that is too low or badly given."""
     angles = (place.azimuth_deg, place.elevation_deg)
     if (place.hour is None) == (angles == (None, None)):
         raise ValueError("[sun] wants either hour, or azimuth_deg and elevation_deg")
@@ -61,7 +67,7 @@ def overcast(sun: Sun) -> Sun:
 
 
 def veil(rate_mm_h: float) -> float:
-    """Return the extinction of rain that is too far to be seen drop by drop, 1/m."""
+    """Return the extinction of distant rain, whose drops are too small to see, 1/m."""
     scale, exponent = RAIN_EXTINCTION
     return float(scale * rate_mm_h**exponent)
 
@@ -71,7 +77,7 @@ def path_in_layer(
 ) -> NDArray[np.float32]:
     """Return (H, W): how far each pixel's ray runs, m, through a layer that ends `height_m` above the camera.
 
-    `depth` is planar (m, inf = sky). A ray that never leaves the layer upwards and hits nothing runs for ever: inf.
+    `depth` is planar (m, inf = sky). The path of a ray that neither leaves the layer nor hits anything is inf.
     """
     eye, per_metre = eye_of(pose, camera), depth_per_metre(camera)
     x = (np.arange(camera.width) + 0.5 - eye.center_x) / eye.focal
@@ -93,18 +99,12 @@ def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec
 
 
 def haze_color(haze: Haze | None, horizon: Vec3) -> Vec3:
-    """Return the colour that distance takes on: the one asked for, or the sky's at the horizon."""
+    """Return the colour of the haze: that of the options, or the sky's at the horizon."""
     return haze.color if haze is not None and haze.color is not None else horizon
 
 
 def _vec3(v: list[float]) -> Vec3:
     return (v[0], v[1], v[2])
-
-
-NEAR_M, FAR_M = 0.4, 7.0  # along the optical axis; farther drops are the veil of `weather.veil`
-SMALLEST_MM = 0.8  # smaller drops are seen by nobody
-SHUTTER_S = 0.008  # where no exposure is asked for
-BRIGHTNESS = 1.25  # of a drop over the haze's colour: it shows the whole sky at once
 
 
 def drops_per_m3(rate_mm_h: float) -> tuple[float, float]:

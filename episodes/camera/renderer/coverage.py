@@ -1,4 +1,4 @@
-"""Which triangle each sample of the picture sees.
+"""Coverage: the triangle that each sample of the picture sees.
 
 Triangles are drawn in homogeneous coordinates (Olano and Greer, "Triangle scan conversion using 2D homogeneous
 coordinates", 1997): the three edge functions of a triangle are linear in the picture whether or not its corners lie
@@ -23,7 +23,7 @@ NOTHING = -1  # in place of a triangle: the sky
 
 
 class Drawn(NamedTuple):
-    """What `set_up` finds out about each triangle of a scene for one picture."""
+    """The values of `set_up` for each triangle of a scene in one picture."""
 
     edges: NDArray[np.float64]  # (T, 9) three (a, b, c): a·i + b·j + c ≥ 0 inside, at sample (j, i); ∝ weight
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
@@ -33,7 +33,7 @@ class Drawn(NamedTuple):
 
 
 def new_drawn(triangles: int, chunks: int) -> Drawn:
-    """Return room for a scene of that many triangles and chunks."""
+    """Return empty arrays for a scene of that many triangles and chunks."""
     return Drawn(
         edges=np.zeros((triangles, 9)),
         volume=np.zeros(triangles),

@@ -1,6 +1,6 @@
-"""Pictures of a scene, laid out for the kernels: the pose of the camera, one row per triangle, movable things last.
+"""A scene laid out for the kernels: the pose of the camera, and one row per triangle, movable instances last.
 
-One scene that was added to a map stands after the rows of the map, which are kept.
+Instances that a scene adds to its map come after the rows of the map, which are kept.
 """
 
 import math
@@ -20,6 +20,9 @@ from foundation.threads import recurring
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
+CHUNK = 128  # triangles that are accepted or rejected together
+AXES: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+
 
 class Eye(NamedTuple):
     """A camera as the kernels see it.
@@ -38,7 +41,7 @@ class Eye(NamedTuple):
 
 
 def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> CameraPose:
-    """Return where the camera of a vehicle is.
+    """Return the pose of a vehicle's camera.
 
     `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED; the camera sits at
     `camera.offset_frd` and looks along body forward (zero pitch), so its attitude is the body's.
@@ -74,10 +77,6 @@ def as_floats(v: Vec3) -> Vec3:
     if not (math.isfinite(x) and math.isfinite(y) and math.isfinite(z)):
         raise UsageError(f"a position in the scene must be finite, not {v}: give metres north, east and down.")
     return (x, y, z)
-
-
-CHUNK = 128  # triangles that are accepted or rejected together
-AXES: tuple[Vec3, Vec3, Vec3] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Triangles(NamedTuple):
@@ -150,22 +149,22 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
-    """Put every movable instance at its pose in `moved`, or where the scene has it, and return those that are there.
+    """Put every movable instance at its pose in `moved`, or in the scene, and return those to be drawn.
 
     Raises UsageError when `moved` names an instance that the scene lacks or that is not movable.
     """
-    known = {part.instance.id for part in layout.movable}
-    if unknown := sorted(set(moved) - known):
-        raise UsageError(f"instance {unknown[0]} cannot be moved: the scene's movable instances are {sorted(known)}.")
-    there = []
+    ids = {part.instance.id for part in layout.movable}
+    if unknown := sorted(set(moved) - ids):
+        raise UsageError(f"instance {unknown[0]} cannot be moved: the scene's movable instances are {sorted(ids)}.")
+    drawn = []
     for part in layout.movable:
         at = moved.get(part.instance.id, (part.instance.position_ned, part.instance.turned))
         if at is None:
-            layout.triangles.chunk_radius[part.chunks] = -np.inf  # in nobody's view
+            layout.triangles.chunk_radius[part.chunks] = -np.inf  # outside every view
         else:
             place(layout.triangles, part, *at)
-            there.append(part)
-    return there
+            drawn.append(part)
+    return drawn
 
 
 def face_normals(mesh: Mesh) -> NDArray[np.float32]:
@@ -178,7 +177,7 @@ def face_normals(mesh: Mesh) -> NDArray[np.float32]:
 
 @dataclass(frozen=True)
 class Laid:
-    """A scene's arrays, and what those that come after them have to go on from. Objects are told by their identity."""
+    """A scene's arrays, and the state to continue them from. Objects are distinguished by identity."""
 
     arrays: SceneArrays
     materials: tuple[Material, ...] = ()  # the rows of Surfaces
@@ -188,7 +187,7 @@ class Laid:
 
 
 def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
-    """Return `scene` as arrays, going on from its map where that is laid out; the bytes are the same.
+    """Return `scene` as arrays, continued from its map where that is laid out; the bytes are the same.
 
     Raises UsageError for ids that repeat or are below 1, or a corner not finite.
     """
@@ -204,14 +203,14 @@ def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
 
 @recurring(3)
 def laid_out(scene: Scene) -> Laid | None:
-    """Return a map laid out, to be gone on from; None of one with movable things, which come last."""
-    if any(one.movable for one in scene.instances):
+    """Return the layout of a map, to be continued; None for a map with movable instances, which come last."""
+    if any(instance.movable for instance in scene.instances):
         return None
     return with_more(NOTHING, scene.instances)
 
 
 def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
-    """Return the arrays of what is laid out and of these instances. Raises UsageError for a corner not finite."""
+    """Return a layout continued by these instances. Raises UsageError for a corner that is not finite."""
     for name, mesh in {id(i.mesh): (i.name, i.mesh) for i in instances}.values():
         if not (np.isfinite(mesh.vertices).all() and np.isfinite(mesh.normals).all() and np.isfinite(mesh.uv).all()):
             raise UsageError(f"the mesh of '{name}' has a corner that is not finite: mend its vertices, normals or uv.")
@@ -257,7 +256,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
 
 @dataclass(frozen=True, slots=True)
 class _LaidMesh:
-    """What the rows of all instances of a mesh have in common, triangle by triangle, in the asset's axes."""
+    """The common part of the rows of all instances of a mesh, by triangle, in the asset's axes."""
 
     position: NDArray[np.float32]  # (T, 3, 3) m
     normal: NDArray[np.float32]  # (T, 3, 3)
@@ -278,7 +277,7 @@ def _lay_mesh(mesh: Mesh) -> _LaidMesh:
 
 
 def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
-    """Return the rows of `before` with empty ones for these instances after them; a chunk never spans two."""
+    """Return the rows of `before` followed by empty ones for these instances; a chunk never spans two instances."""
     starts: list[int] = []
     filled = len(before.position)
     for instance in instances:
@@ -286,15 +285,17 @@ def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
         filled += len(instance.mesh.triangles)
     first = np.concatenate([before.chunk_first, np.array(starts, np.int32)])
     rows, chunks = filled - len(before.position), len(starts)
-    each = {
-        name: np.concatenate([of, np.zeros((chunks if name.startswith("chunk") else rows, *of.shape[1:]), of.dtype)])
-        for name, of in before._asdict().items()
+    columns = {
+        name: np.concatenate([old, np.zeros((chunks if name.startswith("chunk") else rows, *old.shape[1:]), old.dtype)])
+        for name, old in before._asdict().items()
     }
-    return Triangles(**each)._replace(chunk_first=first, chunk_count=np.diff(np.append(first, filled)).astype(np.int32))
+    return Triangles(**columns)._replace(
+        chunk_first=first, chunk_count=np.diff(np.append(first, filled)).astype(np.int32)
+    )
 
 
 def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return for each triangle a number shared by those with its material and its plane."""
+    """Return for each triangle a number shared by all triangles of its material and plane."""
     offset = np.einsum("ij,ij->i", position[:, 0].astype(np.float64), face)
     key = np.column_stack((mesh.material, np.rint(face * 16.0), np.rint(offset * 8.0)))
     # as the inverse of numpy.unique(key, axis=0), which takes three times as long
@@ -322,18 +323,18 @@ def _surfaces(materials: Sequence[Material]) -> tuple[Surfaces, list[NDArray[np.
 
 
 def _nothing() -> Laid:
-    three, one = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
+    vectors, numbers = np.zeros((0, 3), np.float32), np.zeros(0, np.int32)
     triangles = Triangles(
         position=np.zeros((0, 3, 3), np.float32),
         normal=np.zeros((0, 3, 3), np.float32),
         uv=np.zeros((0, 3, 2), np.float32),
-        face=three,
+        face=vectors,
         flat=np.zeros(0, np.bool_),
-        material=one,
-        instance=one,
-        plane=one,
-        chunk_first=one,
-        chunk_count=one,
+        material=numbers,
+        instance=numbers,
+        plane=numbers,
+        chunk_first=numbers,
+        chunk_count=numbers,
         chunk_center=np.zeros((0, 3)),
         chunk_radius=np.zeros(0),
     )

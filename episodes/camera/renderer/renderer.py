@@ -1,4 +1,4 @@
-"""Pictures of a scene from a pose."""
+"""The renderer: pictures of a scene from a pose."""
 
 import threading
 from collections.abc import Callable
@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.camera.renderer.layout import Laid, SceneArrays, depth_per_metre, eye_of, laid_out, lay_out, place_all
-from episodes.camera.renderer.resolve import resolve_rows
-from episodes.camera.renderer.shading import shade_rows
-from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, sun_map, things_between
+from episodes.camera.renderer.shading import resolve_rows, shade_rows
+from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
 from episodes.camera.renderer.sky import daylight, display_table
 from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose
@@ -27,7 +26,7 @@ NO_DEPTH, NO_IDS = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """What the camera sees at one instant. Depth and ids belong to the exact middle of each pixel."""
+    """The camera's view at one instant. Depth and ids belong to the exact middle of each pixel."""
 
     rgb: NDArray[np.uint8]  # (H, W, 3) sRGB
     depth: NDArray[np.float32]  # (H, W) m along the optical axis; inf = sky
@@ -42,10 +41,10 @@ class Renderer:
     """
 
     def __init__(self, scene: Scene, camera: CameraModel, threads: int = 2, shadow_cells: int = CELLS) -> None:
-        """Lay out the scene and draw the shadows of what never moves.
+        """Lay out the scene and draw the shadows of static instances.
 
-        `shadow_cells` is the number of cells per side of the shadow map. Raises UsageError for a camera that cannot be
-        or for a scene whose ids repeat.
+        `shadow_cells` is the number of cells per side of the shadow map. Raises UsageError for an impossible camera or
+        a scene whose ids repeat.
         """
         if camera.width < 1 or camera.height < 1 or not 0.0 < camera.hfov_deg < 180.0:
             raise UsageError(
@@ -66,10 +65,10 @@ class Renderer:
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
 
     def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
-        """Return what the camera at `pose` sees.
+        """Return the view of the camera at `pose`.
 
-        `moved` gives movable instances their position (m, NED) and yaw (rad) or attitude of this instant, or None when
-        they are not there; those it leaves out stand where the scene has them. Raises UsageError when it names an
+        `moved` has the position (m, NED) and yaw (rad) or attitude of movable instances at this instant, or None to
+        leave one out; instances without an entry keep their pose of the scene. Raises UsageError when it names an
         instance that cannot be moved.
         """
         shape = (self.camera.height, self.camera.width)
@@ -78,7 +77,7 @@ class Renderer:
         return View(rgb=self._draw(pose, moved, depth, ids), depth=depth, ids=ids)
 
     def picture(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> NDArray[np.uint8]:
-        """Return the picture alone, (H, W, 3) sRGB, of what `render` returns. Raises UsageError as it does."""
+        """Return only the picture, (H, W, 3) sRGB, that `render` returns. Raises UsageError as it does."""
         return self._draw(pose, moved, NO_DEPTH, NO_IDS)
 
     def _draw(
@@ -113,22 +112,22 @@ class Renderer:
         return rgb
 
     def close(self) -> None:
-        """Let the helper threads go."""
+        """Stop the helper threads."""
         self._pool.shutdown()
 
     def _together(self, kernel: Callable[..., None], *arguments: Any) -> None:
         """Run `kernel(thread, threads, …)` once per thread. Kernels release the interpreter's lock."""
-        others = [self._pool.submit(kernel, k, self._threads, *arguments) for k in range(1, self._threads)]
+        futures = [self._pool.submit(kernel, k, self._threads, *arguments) for k in range(1, self._threads)]
         try:
             kernel(0, self._threads, *arguments)
         finally:
-            for other in others:
-                other.result()
+            for future in futures:
+                future.result()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sheet:
-    """What a picture is drawn on, by one renderer at a time."""
+    """The buffers of a picture, used by one renderer at a time."""
 
     samples: NDArray[np.int32]  # (2 H + 1, 2 W + 1) which triangle
     light: NDArray[np.float32]  # (H, W, 3)
@@ -138,7 +137,7 @@ class _Sheet:
 
 @once(2)
 def _sheet(camera: CameraModel) -> _Sheet:
-    """Return the one on which all renderers of this process draw for such a camera: 30 MB at 1280×720."""
+    """Return the buffers that all renderers of this process share for such a camera: 30 MB at 1280×720."""
     height, width = camera.height, camera.width
     return _Sheet(
         samples=np.empty((2 * height + 1, 2 * width + 1), np.int32),
@@ -148,11 +147,11 @@ def _sheet(camera: CameraModel) -> _Sheet:
 
 
 def _shadows(scene: Scene, layout: SceneArrays, of_map: Laid | None, cells: int) -> Shadows:
-    """Return the shadows of a scene, those of its map shared where that is laid out."""
+    """Return the shadows of a scene; those of its map are shared where the map is laid out."""
     if scene.base is not None and of_map is not None:
         shared, turn = _shadows_of_map(scene.base, cells)
         if fits(layout, scene.sun, _ground(scene), shared):
-            more = things_between(layout.triangles, of_map.arrays.static_count, layout.static_count)
+            more = instance_slices(layout.triangles, of_map.arrays.static_count, layout.static_count)
             return Shadows(shared, turn, more)
     return Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
 

@@ -1,7 +1,7 @@
-"""What the sun sees: for each ray of a fine grid of parallel rays, how far towards the sun the first surface lies.
+"""The shadow map: for each ray of a fine grid of parallel rays, the height of the first surface towards the sun.
 
-The map of what stands still is drawn once, for all scenes of a map what the map has. Movable things, and what a scene
-adds to its map, are drawn into the same one for one picture, and the places they covered are put back afterwards.
+The shadow map of static instances is drawn once, and that of a map is shared by all its scenes. Movable instances, and
+those that a scene adds to its map, are drawn into the same shadow map for one picture, and then taken out again.
 """
 
 import itertools
@@ -42,14 +42,14 @@ class SunMap(NamedTuple):
 
 
 def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
-    """Return the map of the things that never move, fitted around what stands on the ground and its shadows."""
+    """Return the shadow map of static instances, fitted around everything on the ground and its shadows."""
     result = _grid(layout, sun, ground_ids, cells, np.full((cells, cells), -1e30, np.float32))
     draw_heights(result, layout.triangles.position, 0, layout.static_count)
     return result
 
 
 def fits(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], before: SunMap) -> bool:
-    """Return whether `before`, of a part of its triangles, has the grid that `sun_map` would give this layout."""
+    """Return whether `before`, the map of a part of these triangles, has the same grid as `sun_map` of this layout."""
     return _grid(layout, sun, ground_ids, before.height.shape[0], before.height)[1:] == before[1:]
 
 
@@ -88,7 +88,7 @@ def _bounds(
     low: NDArray[np.float64],
     high: NDArray[np.float64],
 ) -> None:
-    """Fill `low` and `high` (2,), m along `across` and `up`, with the bounds of what `casts` (T,) names."""
+    """Fill `low` and `high` (2,), m along `across` and `up`, with the bounds of the triangles in `casts` (T,)."""
     low[:], high[:] = np.inf, -np.inf
     for t in range(len(casts)):
         if casts[t]:
@@ -101,49 +101,49 @@ def _bounds(
 
 
 class Shadows:
-    """The shadows of one scene. Its map's are shared with all other scenes of that map, 64 MB: one draws at a time."""
+    """The shadows of one scene. The map's shadow map (64 MB) is shared by all its scenes: one draws at a time."""
 
-    def __init__(self, sun: SunMap, turn: threading.Lock, standing: Sequence[slice] = ()) -> None:
-        """`turn` is for who draws into `sun`; `standing`: triangles of things that never move, and are not in it."""
-        self._sun, self._turn, self._standing = sun, turn, standing
+    def __init__(self, sun: SunMap, turn: threading.Lock, added: Sequence[slice] = ()) -> None:
+        """`turn` guards drawing into `sun`; `added`: the triangles of static instances that are not in it."""
+        self._sun, self._turn, self._added = sun, turn, added
 
     @contextmanager
     def cast(self, triangles: Triangles, movable: Iterable[MovablePart]) -> Iterator[SunMap]:
-        """Give the map with the movable things that are there in it, for as long as the block lasts."""
+        """Give the shadow map with these movable instances in it, for the duration of the block."""
         with self._turn:
-            covered = draw_things(self._sun, triangles, [*self._standing, *(part.triangles for part in movable)])
+            covered = draw_instances(self._sun, triangles, [*self._added, *(part.triangles for part in movable)])
             try:
                 yield self._sun
             finally:
                 restore(self._sun, covered)
 
 
-def things_between(triangles: Triangles, first: int, stop: int) -> list[slice]:
-    """Return the triangles first … stop - 1 in pieces, each of one instance."""
+def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
+    """Return the triangles first … stop - 1 as one slice per instance."""
     of = triangles.instance[first:stop]
     ends = [first, *(first + 1 + np.flatnonzero(np.diff(of))).tolist(), stop]
     return [slice(a, b) for a, b in itertools.pairwise(ends) if b > a]
 
 
-def draw_things(
-    sun: SunMap, triangles: Triangles, things: Iterable[slice]
+def draw_instances(
+    sun: SunMap, triangles: Triangles, instances: Iterable[slice]
 ) -> list[tuple[slice, slice, NDArray[np.float32]]]:
-    """Draw things, each so many triangles, into the map; return what `restore` needs to take them out again."""
+    """Draw instances, one slice of triangles each, into the map; return the covered heights for `restore`."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
-    for thing in things:
-        flat = triangles.position[thing].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
+    for rows in instances:
+        flat = triangles.position[rows].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
         low = np.clip(np.floor(flat.min(axis=0) / sun.cell), 0, cells).astype(int)
         high = np.clip(np.ceil(flat.max(axis=0) / sun.cell) + 1, 0, cells).astype(int)
         where = (slice(low[1], high[1]), slice(low[0], high[0]))
         covered.append((*where, sun.height[where].copy()))
-        draw_heights(sun, triangles.position, thing.start, thing.stop)
+        draw_heights(sun, triangles.position, rows.start, rows.stop)
     return covered
 
 
 def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]) -> None:
-    """Undo `draw_things`, last thing first because two may overlap."""
+    """Undo `draw_instances`, in reverse order because two may overlap."""
     for rows, columns, heights in reversed(covered):
         sun.height[rows, columns] = heights
 

@@ -43,9 +43,9 @@ def srgb_to_linear(value: NDArray[np.floating]) -> NDArray[np.float32]:
 
 
 def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = None) -> Atlas:
-    """Return the atlas of (H, W, 3) sRGB pictures, texture k being `pictures[k]`; with `before`, after its textures.
+    """Return the atlas of (H, W, 3) sRGB pictures, texture k being `pictures[k]`, after the textures of `before`.
 
-    Raises UsageError for what is no such picture.
+    Raises UsageError for a picture of another shape or type.
     """
     if before is None or not len(before.first_level):
         before = Atlas(np.zeros(0, np.uint64), np.zeros((0, 3), np.int64), np.zeros(0, np.int32), np.zeros(0, np.int32))
@@ -116,9 +116,9 @@ def footprint(
         log_long = 0.5 * _log2(long2)
         doublings = min(int(log_long - 0.5 * _log2(max(short2, 1.0)) + 0.6), MOST_DOUBLINGS)
         level = min(max(log_long - doublings + SHARPEN, 0.0), atlas.depth[texture] - 1.0)
-        whole = int(level)
-        mix = int((level - whole) * WEIGHT)
-        lower += whole
+        full = int(level)
+        mix = int((level - full) * WEIGHT)
+        lower += full
     share = 0.5 if doublings == 1 else (0.25 if doublings == 2 else 0.125)
     return lower, mix, doublings, along_u * share, along_v * share
 

@@ -6,7 +6,7 @@ from dronecats.cli.main import main
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from episodes.records import catalogue, record
-from episodes.records.formation import flown_by
+from episodes.records.formation import with_drones
 from tests.support.json_lines import rows
 
 EPISODE = "blocks-commanding-01"
@@ -19,10 +19,10 @@ def test_as_many_drones_are_asked_for_flown_and_kept(tmp_path, drones):
     )
     fly(spec, tmp_path / "run", lambda line: None)
     folder = tmp_path / "run" / EPISODE
-    assert record.load(folder / "episode.json") == flown_by(catalogue.load(EPISODE), drones)
+    assert record.load(folder / "episode.json") == with_drones(catalogue.load(EPISODE), drones)
     for log in ("decisions.jsonl", "truth.jsonl"):
         assert {row["drone"] for row in rows(folder / log) if "drone" in row} == set(range(drones))
-    starts = flown_by(catalogue.load(EPISODE), drones).starts
+    starts = with_drones(catalogue.load(EPISODE), drones).starts
     first = {p["drone"]: p["position_ned"] for p in reversed(rows(folder / "truth.jsonl")) if p["kind"] == "pose"}
     for drone, start in enumerate(starts):
         assert first[drone] == pytest.approx(start.position_ned, abs=0.5)

@@ -12,7 +12,7 @@ from episodes.authoring.propose import draft
 from episodes.maps import campus
 from episodes.records import catalogue
 
-CAMPUS = [i for i in catalogue.known() if "campus" in i]
+CAMPUS = [i for i in catalogue.all_ids() if "campus" in i]
 HALLS = ("Euler Hall", "Tesla Labs", "the library with the columns", "Gauss Building")
 KINDS = st.sampled_from(sorted(KIND_OF_NOUN))
 

@@ -86,7 +86,7 @@ def first_pictures():
         images = []
         for drone, start in enumerate(record.starts):
             pose = camera_pose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)), camera)
-            view = renderer.render(pose, world.moved(0.0, world.fleet.others(drone)))
+            view = renderer.render(pose, world.moved(0.0, world.fleet.other_starts(drone)))
             images.append(pilot.decode(picture.encode(view.rgb)))
         renderer.close()
         return record, images

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from dronecats.report.archive import tar
 from dronecats.report.archive.submission import digest
-from episodes.records import suites
+from episodes.records import catalogue
 
-QUICK = tuple(suites.ids("quick"))
+QUICK = tuple(catalogue.suite_ids("quick"))
 TWO = QUICK[:2]
 
 

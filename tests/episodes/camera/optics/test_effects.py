@@ -8,8 +8,15 @@ import cv2
 import numpy as np
 import pytest
 
-from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion, noisy
-from episodes.camera.optics.lens import BentLens, Codes, pinhole_rays, wide_camera
+from episodes.camera.optics.camera import (
+    BentLens,
+    Codes,
+    OpticalRenderer,
+    VehicleMotion,
+    noisy,
+    pinhole_rays,
+    wide_camera,
+)
 from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
 from episodes.camera.optics.weather import drops_per_m3, fall_speed, streaks, toward_sun
 from episodes.camera.renderer import Renderer, camera_pose
