@@ -9,7 +9,6 @@ of flights whose logger does not, flown by turns: medians.
 """
 
 import math
-import os
 import socket
 import statistics
 import subprocess
@@ -38,7 +37,6 @@ NODE = "/world/flight/drone-0"
 GOALS = {"late_ms_p95": "<= 150", "updates_hz": ">= 15", "viewer_core": "<= 0.10"}
 READY_S = 300.0
 DIGITS = 9  # of a quaternion, by which a sample is told
-TICKS = os.sysconf("SC_CLK_TCK")
 
 
 class Arrivals(threading.Thread):

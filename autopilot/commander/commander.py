@@ -52,7 +52,6 @@ class Commander:
         self.intended = "HOLD"
         self.mode = "HOLD"
         self.supervision = Supervision(parameters, send_text)
-        self.armed_us = 0  # vehicle time of the last arming
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
         self.demand: CascadeSetpoint = IDLE  # what the active mode asks
         self.passed: CascadeSetpoint = IDLE  # what went to the inner loop
@@ -118,7 +117,7 @@ class Commander:
                 return REJECTED
         now = self.flight.state.time_us
         self.intended = mode
-        self.armed, self.armed_us = True, now
+        self.armed = True
         self._auto_disarm.arm(now)
         self.supervision.begin(self.flight)
         self._active = None

@@ -15,7 +15,6 @@ from autopilot.records import (
     POSITION_TEST,
     VELOCITY_TEST,
     geodetic_to_ned,
-    quat_yaw,
     rotate,
     wrap_pi,
 )
@@ -279,10 +278,3 @@ def fuse_fix(params: Record, state: Record, P: Grid, history: Grid, sensors: Rec
             p[2], P[8, 8] = height, height_variance
             state.position_fused_us = time_us
             state.resets += 1
-
-
-@njit(cache=True)
-def heading_now(state: Record) -> float:
-    """Return the estimated yaw (rad)."""
-    q = state.attitude
-    return quat_yaw((q[0], q[1], q[2], q[3]))
