@@ -20,7 +20,7 @@ from dronecats.bench.benchmark_folder import setting_of
 from dronecats.bench.campaign import OpenRun
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.statistics.shares import known_share
-from dronecats.report.results.usage import usage_of
+from dronecats.report.results.collection import usage_of
 from foundation.errors import UsageError
 from foundation.protocol import HISTORY_LENGTH, STEP_S
 from foundation.run_folder.results import SCORED, Result

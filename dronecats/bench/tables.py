@@ -12,7 +12,7 @@ from dronecats.agent.latency import RATE, LatencyPolicy
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.judge.metrics.replies import is_cut_off, is_refused, is_unreadable
 from dronecats.judge.statistics.shares import known_share
-from dronecats.report.cells import NONE
+from dronecats.report.report_data import NONE
 from dronecats.report.table import CellValue, ReportTable, TableCell, TableRow, in_blocks, numbers, table_of, words
 from dronecats.report.table import row as table_row
 from episodes.records import catalogue

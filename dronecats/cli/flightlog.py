@@ -69,8 +69,7 @@ def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl and judge the flight by it. If the truth is known, print the error of the trace instead."""
     from dronecats.judge.distances import sentence
     from dronecats.judge.episode import write_verdict
-    from dronecats.report.afterflight.surveyed_target import target_from
-    from dronecats.report.afterflight.trace import against_truth, derive
+    from dronecats.report.afterflight import against_truth, derive, target_from
     from foundation.run_folder.layout import EPISODE
     from foundation.run_folder.reading import episode_folder, read
     from foundation.run_folder.writing import as_json

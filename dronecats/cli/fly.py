@@ -79,11 +79,10 @@ def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:
     from dronecats.flight.run.fly import fly
 
     if spec.connected and not spec.connected.truth:
-        from dronecats.report.afterflight.surveyed_target import target_from
-        from dronecats.report.afterflight.trace import rejudge
+        from dronecats.report.afterflight import rejudge, target_from
 
         target = target_from(args.target, args.target_std) if args.target else None
-        return _report(rejudge(fly(spec, out, print_line), target, say=print_line), args.json)
+        return _report(rejudge(fly(spec, out, print_line), target, report=print_line), args.json)
     return _report(fly(spec, out, print_line), args.json)
 
 

@@ -34,11 +34,9 @@ def run(args: argparse.Namespace) -> int:
     import math
 
     from dronecats.judge.metrics.registry import METRICS, own_metrics
-    from dronecats.report.figures.drawing import draw
-    from dronecats.report.report_folder import opening, report_data, write
-    from dronecats.report.results.collection import collect, without_stalled
-    from dronecats.report.results.exclusion import exclude, parse_exclusion
-    from dronecats.report.tables.listing import tables
+    from dronecats.report.figures import draw
+    from dronecats.report.report_folder import opening, report_data, tables, write
+    from dronecats.report.results.collection import collect, exclude, parse_exclusion, without_stalled
     from dronecats.report.writers import as_json
 
     if not math.isfinite(args.delta) or args.delta <= 0:

@@ -32,8 +32,7 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
 def _submit(args: argparse.Namespace) -> int:
     """Write the archive, verify it and print its content."""
     from dronecats.judge.metrics.judging import reread
-    from dronecats.report.archive.scrubbing import secrets_of
-    from dronecats.report.archive.submission import submit
+    from dronecats.report.archive.submission import secrets_of, submit
     from dronecats.report.archive.verification import verify
     from dronecats.report.recorded.run import recorded_runs
 
@@ -115,7 +114,7 @@ def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
 
 def _leaderboard(args: argparse.Namespace) -> int:
     """Write the page."""
-    from dronecats.report.results.leaderboard import page
+    from dronecats.report.archive.leaderboard import page
 
     text = page(map(_entry, args.files))
     if args.out is None:
@@ -130,7 +129,7 @@ def _leaderboard(args: argparse.Namespace) -> int:
 
 def _entry(file: Path) -> "Verification":
     from dronecats.judge.metrics.judging import reread
+    from dronecats.report.archive.leaderboard import entry
     from dronecats.report.archive.verification import verify
-    from dronecats.report.results.leaderboard import entry
 
     return entry(file) if file.suffix == ".json" else verify(file, reread)

@@ -1,9 +1,9 @@
-"""How far the paths of two flights lie apart, each seen from its own start, from their pose traces; and a plot of it.
+"""Compares the paths of two flights from their pose traces, each relative to its own start, and plots them.
 
-Two flights of the same decisions, on two autopilots or in two places, are laid over one another: positions relative to
-the first pose and, unless north is to stay north, turned so that both begin with the nose ahead. Both are compared at
-the same second of the same step where both decided the same, because the time of a reply or a frame is not the
-autopilot's, and else at the same second of the episode.
+For two flights of the same decisions, on two autopilots or in two places. Positions are relative to the first pose and,
+unless north stays north, rotated so that both paths begin with the nose ahead. Flights with the same decisions are
+compared at the same second of the same step, because the time of a reply or a frame is not the autopilot's; others at
+the same second of the episode.
 """
 
 import math
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.report.figures.style import canvas
+from dronecats.report.figures import canvas
 from foundation.errors import UsageError
 from foundation.run_folder.reading import Logs, episode_folder, read
 from foundation.run_folder.rows import Pose, drone_label
@@ -26,10 +26,10 @@ MINUTE_S = 60.0
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """Where a drone was, from its first pose on, seen from there."""
+    """The path of a drone relative to its first pose."""
 
     t: Array  # (n,) s, the episode's clock
-    position: Array  # (n, 3) m: ahead, right, down of the first pose; north, east, down of it where north stays north
+    position: Array  # (n, 3) m from the first pose: ahead, right, down, or north, east, down
 
     def at(self, t: Array) -> Array:
         """Return the (m, 3) positions at instants within the trace, on straight lines between the poses."""
@@ -38,7 +38,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """The distances of a stretch of the flight."""
+    """The distances in an interval of the flight."""
 
     from_s: float
     to_s: float
@@ -49,31 +49,29 @@ class Span:
 
 @dataclass(frozen=True, slots=True)
 class PathComparison:
-    """Two paths of one drone, laid over one another."""
+    """Two paths of one drone and the distances between them."""
 
     drone: int
     a: Trace
     b: Trace
-    t: Array  # (n,) s that have been compared
+    t: Array  # (n,) s, time compared so far
     here: Array  # (n, 3) m, path a at those instants
     there: Array  # (n, 3) m, path b
     distance_m: Array  # (n,) m, between the two
     spans: tuple[Span, ...]  # minute by minute
-    first: Span  # over the stretch that was asked for, as much of it as both flew
-    beside_m: (
-        float  # m, farthest that a point of either path in that stretch lies from the other path, whenever it was there
-    )
+    first: Span  # over the requested seconds, as far as both flew
+    beside_m: float  # m, the largest distance in `first` of a point of either path from the other path, at any time
 
     @property
     def final_m(self) -> float:
-        """The distance where the shorter of the two ends."""
+        """The distance at the end of the shorter path."""
         return float(self.distance_m[-1])
 
 
 def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool = False) -> tuple[PathComparison, ...]:
-    """Return the comparison of every drone that both flights have, judged over the first `seconds`.
+    """Return the comparison of every drone that both flights have, over the first `seconds`.
 
-    Raises UsageError when they have none in common or share no stretch of time.
+    Raises UsageError when they have no drone or no time in common.
     """
     drones = sorted({p.drone for p in a.poses} & {p.drone for p in b.poses})
     if not drones:
@@ -87,12 +85,12 @@ def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool
 
 
 def _steps(logs: Logs, drone: int) -> list[float]:
-    """Return when each step of a drone was decided, s."""
+    """Return the decision time of each step of a drone, s."""
     return [d.t_decided for d in sorted(logs.decisions, key=lambda d: d.step) if d.drone == drone]
 
 
 def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
-    """Return the path of a drone. Raises UsageError without two poses, or without the heading to turn it by."""
+    """Return the path of a drone. Raises UsageError without two poses, or without a first heading."""
     poses = sorted((p for p in logs.poses if p.drone == drone), key=lambda p: p.t)
     if len(poses) < 2:
         raise UsageError(f"{drone_label(drone)} has {len(poses)} poses in one of the flights, which makes no path")
@@ -131,14 +129,14 @@ def _compare(
     )
     first = t <= seconds + 1e-9
     beside_m = max(_farthest(here[first], there), _farthest(there[first], here))
-    whole = _span(t, distance_m, 0.0, min(seconds, float(t[-1])))
-    return PathComparison(drone, a, b, t, here, there, distance_m, spans, whole, beside_m)
+    first_span = _span(t, distance_m, 0.0, min(seconds, float(t[-1])))
+    return PathComparison(drone, a, b, t, here, there, distance_m, spans, first_span, beside_m)
 
 
 def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) -> tuple[Array, Array]:
-    """Return the instants of either flight that belong together, s, GRID_S apart.
+    """Return the corresponding instants of the two flights, s, GRID_S apart.
 
-    Step by step, as long as the shorter of the two lasted; without steps from the common beginning to the common end.
+    Each step as long as the shorter of the two; without steps, from the common beginning to the common end.
     """
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if not steps_a or not steps_b:
@@ -159,7 +157,7 @@ def _instants(a: Trace, b: Trace, steps_a: list[float], steps_b: list[float]) ->
 
 
 def _after(steps: list[float], count: int, path: Trace) -> float:
-    """Return when the last of `count` steps was over."""
+    """Return the end of the last of `count` steps, s."""
     return steps[count] if len(steps) > count else float(path.t[-1])
 
 
@@ -178,10 +176,10 @@ def _farthest(points: Array, path: Array) -> float:
 
 
 def same_replies(a: Logs, b: Logs, seconds: float) -> tuple[int, int]:
-    """Return how many of the steps that both decided within `seconds` had the same replies, and how many they are."""
-    said = [{(d.step, d.drone): d.reply for d in logs.decisions if d.t_decided <= seconds} for logs in (a, b)]
-    common = said[0].keys() & said[1].keys()
-    return sum(said[0][key] == said[1][key] for key in common), len(common)
+    """Return (steps with equal replies, steps) of those that both flights decided within `seconds`."""
+    replies = [{(d.step, d.drone): d.reply for d in logs.decisions if d.t_decided <= seconds} for logs in (a, b)]
+    common = replies[0].keys() & replies[1].keys()
+    return sum(replies[0][key] == replies[1][key] for key in common), len(common)
 
 
 def logs_of(path: Path) -> Logs:
@@ -190,7 +188,7 @@ def logs_of(path: Path) -> Logs:
 
 
 def figures(comparisons: tuple[PathComparison, ...], within_m: float, seconds: float) -> dict[str, Any]:
-    """Return the comparison as JSON, with `agree`: within `within_m` over all of the first `seconds`, every drone."""
+    """Return the comparison as JSON; `agree`: every drone stays within `within_m` for all of the first `seconds`."""
 
     def span(s: Span) -> dict[str, float]:
         return {name: round(getattr(s, name), 4) for name in ("from_s", "to_s", "max_m", "mean_m", "rms_m")}
@@ -223,7 +221,7 @@ def _length(path: Trace) -> float:
 def draw(
     comparisons: tuple[PathComparison, ...], names: tuple[str, str], within_m: float, file: Path, axes: str
 ) -> None:
-    """Write the picture; `axes` says what the plane's axes are. Raises UsageError when it cannot be written."""
+    """Write the picture; `axes` are the names of the plane's axes. Raises UsageError when it cannot be written."""
     figure = canvas(6.5, 12.0)
     grid = figure.add_gridspec(2, 2)
     plan, height, apart = figure.add_subplot(grid[:, 0]), figure.add_subplot(grid[0, 1]), figure.add_subplot(grid[1, 1])

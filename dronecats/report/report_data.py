@@ -1,15 +1,18 @@
-"""Who stands in the tables, in which blocks, and what is said of them there."""
+"""The data of the report's tables: entrants in blocks, cells computed from their flights, and notes about them."""
 
+import statistics
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from dronecats.judge.metrics import metric as metric_statistics
+from dronecats.judge.statistics.shares import known_share
 from dronecats.pilots import roster
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import differences, identity, refusal
-from dronecats.report.table import TableBlock, TableCell, TableColumn, TableRow, row
+from dronecats.report.table import CellValue, ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.catalogue import BlindTable
 from episodes.records.record import CELLS
 
@@ -18,101 +21,150 @@ BUILT_IN = "Built-in pilots, no models"
 FLOOR = "The best without looking"
 COMMANDING = "commanding"  # the cell that a fleet flies
 ONE_DRONE = tuple(cell for cell in CELLS if cell != COMMANDING)
-OURS = {
-    roster.ORACLE: "is told the truth, to see that episodes can be solved",
-    roster.NOISY: "is told the truth and errs as classical vision does, for studies of thousands of flights",
-    "vision": "is classical computer vision",
-    "blind": "sees nothing",
-}
+PERCENT = 100.0
+NONE = TableCell(value=None)
+NAME = TableColumn(name="pilot", title="Pilot", align="left")
+FLIGHTS = TableColumn(name="flights", title="Flights")
+ERRORS = TableColumn(name="not_scored", title="Not scored")
 
-RowOf = Callable[[Entrant], "Sequence[TableCell] | None"]  # the cells behind the name; None: it has no line there
+Cells = Sequence[TableCell | CellValue]
+RowOf = Callable[[Entrant], Cells | None]  # the cells after the name; None: the entrant has no row
+
+
+@dataclass(frozen=True, slots=True)
+class EndedAs:
+    """One way in which a flight, or a drone of a fleet, ends."""
+
+    name: str  # in the collection
+    title: str  # in tables and figures
+
+    @property
+    def column(self) -> str:
+        """The column that holds its share (%)."""
+        return f"{self.name.replace(' ', '_')}_percent"
+
+
+MODES = (  # the names of `failure_mode`, in the order of the paper's bars; the paper has no "did not move"
+    EndedAs("success", "Success"),
+    EndedAs("declared", "Declared, never true"),
+    EndedAs("arrived", "Arrived, undeclared"),
+    EndedAs("never grounded", "Never grounded"),
+    EndedAs("oscillated", "Oscillated"),
+    EndedAs("never closed", "Never closed"),
+    EndedAs("timed out", "Timed out"),
+    EndedAs("did not move", "Did not move"),
+)
+DRONES = (  # names of metrics, each a count of an episode's drones
+    EndedAs("drones_found", "Found the target"),
+    EndedAs("drones_beside", "Declared at a look-alike"),
+    EndedAs("drones_elsewhere", "Declared elsewhere"),
+    EndedAs("drones_silent", "Never declared"),
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportData:
-    """All that the tables are made of."""
+    """The data that all tables are made of."""
 
     entrants: tuple[Entrant, ...]
-    blind: BlindTable  # what pilots that do not look came to on the episodes that ship
+    blind: BlindTable  # results of the blind pilots on the episodes that ship
     command: str  # the command line that makes the report
 
     @property
     def episodes(self) -> tuple[ScoredEpisode, ...]:
-        """Every flight of everybody."""
-        return tuple(each for entrant in self.entrants for each in entrant.episodes)
+        """Every flight of every entrant."""
+        return tuple(flight for entrant in self.entrants for flight in entrant.episodes)
 
     def cells(self, among: Iterable[str] = ONE_DRONE) -> list[str]:
-        """Return which of these cells were flown, in the grid's order."""
-        flown = {each.cell for each in self.episodes}
-        return [cell for cell in among if cell in flown]
+        """Return the flown ones of these cells, in their order."""
+        used_cells = {flight.cell for flight in self.episodes}
+        return [cell for cell in among if cell in used_cells]
 
     def maps(self) -> list[str]:
-        """Return the maps that were flown, by name."""
-        return sorted({each.map for each in self.episodes} - {""})
+        """Return the flown maps, by name."""
+        return sorted({flight.map for flight in self.episodes} - {""})
 
-    def blocks(self, columns: Sequence[TableColumn], row_of: RowOf) -> tuple[TableBlock, ...]:
-        """Return a block of models and one of built-in pilots, each without who has no line.
+    def table(
+        self,
+        name: str,
+        title: str,
+        caption: str,
+        columns: Sequence[TableColumn],
+        row_of: RowOf,
+        notes: tuple[str, ...] = (),
+    ) -> ReportTable | None:
+        """Return a table with a block of models and one of built-in pilots; None where no entrant has a row.
 
-        The best of the models is marked; built-in pilots are there for what they show, and none is to be best."""
-        found = []
-        for title, is_model in ((MODELS, True), (BUILT_IN, False)):
-            told = [(e.label, row_of(e)) for e in self.entrants if e.is_model is is_model]
-            rows = [row(name, *cells, entrant=name) for name, cells in told if cells is not None]
+        The best cells of the models are marked; built-in pilots are references, and none is the best."""
+        blocks = []
+        for block, is_model in ((MODELS, True), (BUILT_IN, False)):
+            named_cells = [(e.label, row_of(e)) for e in self.entrants if e.is_model is is_model]
+            rows = [row(label, *cells, entrant=label) for label, cells in named_cells if cells is not None]
             if rows:
-                found.append(TableBlock(title=title, rows=_marked(rows, columns) if is_model else tuple(rows)))
-        return tuple(found)
+                blocks.append(TableBlock(title=block, rows=_marked(rows, columns) if is_model else tuple(rows)))
+        if not blocks:
+            return None
+        return ReportTable(
+            name=name, title=title, caption=caption, columns=tuple(columns), blocks=tuple(blocks), notes=notes,
+            command=self.command,
+        )  # fmt: skip
 
     def notes(self) -> tuple[str, ...]:
         """Return what each built-in pilot is, a sentence each."""
-        said = [what_it_is(e.setting.pilot) for e in self.entrants if not e.is_model and not e.setting.replayed]
-        return tuple(dict.fromkeys(each for each in said if each))
+        pilots = [e.setting.pilot for e in self.entrants if not e.is_model and not e.setting.replayed]
+        return tuple(f"{pilot} {words}." for pilot in dict.fromkeys(pilots) if (words := pilot_description(pilot)))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what keeps lines, or flights of one line, from being quite comparable, a sentence each."""
-        said: list[str] = []
+        """Return sentences about what makes rows, or flights of one row, less than fully comparable."""
+        sentences: list[str] = []
         for entrant in self.entrants:
-            if found := refusal(entrant.runs):
-                said.append(f"Counted together all the same: {found}.")
+            if reason := refusal(entrant.runs):
+                sentences.append(f"Counted together all the same: {reason}.")
             if entrant.setting.disturbed:
-                said.append(f"{entrant.label} was disturbed on purpose: {entrant.setting.disturbed}.")
-            names = {name for each in entrant.scored for name in each.served}
+                sentences.append(f"{entrant.label} was disturbed on purpose: {entrant.setting.disturbed}.")
+            names = {name for flight in entrant.scored for name in flight.served}
             if len(names) > 1:
-                said.append(f"{entrant.label} was served as {', '.join(sorted(names))}.")
-        kinds = [{what: told for what, told in identity(e.runs[0]).items() if common(what)} for e in self.entrants]
-        apart = {str(found) for kind in kinds[1:] for found in differences(kinds[0], kind)}
-        if apart:
-            said.append(f"Not all lines were flown alike: they differ in {', '.join(sorted(apart))}.")
-        return tuple(said)
+                sentences.append(f"{entrant.label} was served as {', '.join(sorted(names))}.")
+        kinds = [{k: values for k, values in identity(e.runs[0]).items() if is_common(k)} for e in self.entrants]
+        differing = {str(difference) for kind in kinds[1:] for difference in differences(kinds[0], kind)}
+        if differing:
+            sentences.append(f"Not all lines were flown alike: they differ in {', '.join(sorted(differing))}.")
+        return tuple(sentences)
 
 
-def common(what: str) -> bool:
-    """Return whether lines that stand together should agree in this part of their identity, whoever flew."""
-    return what in ("the code", "the camera", "the clock") or what.startswith(
+def is_common(name: str) -> bool:
+    """Return whether all rows of a table should agree in this entry of their identity, independent of the pilot."""
+    return name in ("the code", "the camera", "the clock") or name.startswith(
         ("the protocol", "the suite", "the version")
     )
 
 
-def what_it_is(pilot: str) -> str:
-    """Return what a built-in pilot is, a sentence; empty: not known."""
-    kind, _, name = pilot.partition(":")
-    if pilot in OURS:
-        return f"{pilot} {OURS[pilot]}."
-    if kind == "failing" and name in FAILURES:
-        return f"{pilot} fails on purpose: it {FAILURES[name].description}."
-    if kind == "blind" and name in PATTERNS:
-        return f"{pilot} sees nothing: {PATTERNS[name].description}."
-    return f"{pilot} says recorded replies again." if kind == "recorded" else ""
+def pilot_description(pilot: str) -> str:
+    """Return a phrase that describes a built-in pilot; empty: an unknown pilot."""
+    if pilot == roster.ORACLE:
+        return "is told where the target is"
+    if pilot == roster.NOISY:
+        return "is told where the target is, and errs as classical vision does"
+    if pilot.startswith(roster.FAILING):
+        failing = FAILURES.get(pilot.removeprefix(roster.FAILING))
+        return f"is told the truth, and fails on purpose{f': {failing.description}' if failing else ''}"
+    if pilot == "blind" or pilot.startswith(roster.BLIND):
+        pattern = PATTERNS.get(pilot.removeprefix(roster.BLIND))
+        return f"looks at nothing{f': {pattern.description}' if pattern else ''}"
+    if pilot.startswith(roster.RECORDED):
+        return "says the replies of a file again"
+    return "looks at the frames by classical vision" if pilot in roster.SERVED else ""
 
 
-def floor(table: BlindTable, flown: Iterable[str]) -> tuple[str, int, int] | None:
+def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, int] | None:
     """Return (pilot, solved, flown) of the blind pilot that solved most of these episodes; None: none flew them all."""
-    ids = sorted(set(flown))
+    ids = sorted(set(episodes))
     solved = [
         (pilot, sum(flights[episode].success for episode in ids), len(ids))
         for pilot, flights in sorted(table.items())
         if all(episode in flights for episode in ids)
     ]
-    return max(solved, key=lambda each: each[1], default=None) if ids else None
+    return max(solved, key=lambda result: result[1], default=None) if ids else None
 
 
 def titled(cell: str) -> str:
@@ -121,7 +173,7 @@ def titled(cell: str) -> str:
 
 
 def _marked(rows: Sequence[TableRow], columns: Sequence[TableColumn]) -> tuple[TableRow, ...]:
-    """Return the rows with the best cell of each column marked where one way is good and not all are alike."""
+    """Return the rows with the best cells of each column marked, where it has a better direction and values differ."""
     best: Mapping[int, float] = {
         k: (max if column.better == "more" else min)(values)
         for k, column in enumerate(columns)
@@ -137,3 +189,56 @@ def _marked(rows: Sequence[TableRow], columns: Sequence[TableColumn]) -> tuple[T
 
 def _number(cell: TableCell) -> float | None:
     return cell.value if isinstance(cell.value, int | float) else None
+
+
+def percent(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
+    """Return the share (%) of flights for which a metric holds, with its interval; episodes are the unit.
+
+    Flights that are not scored, or for which the metric is unknown, are left out.
+    """
+    outcomes: dict[str, list[bool]] = {}
+    for flight in flights:
+        value = flight.values.get(metric) if flight.scored else None
+        if value is not None:
+            outcomes.setdefault(flight.episode, []).append(bool(value))
+    share = known_share(list(outcomes.values()))
+    if not share.trials:
+        return NONE
+    low, high = PERCENT * share.low, PERCENT * share.high
+    return TableCell(value=PERCENT * share.share, low=low, high=high, count=share.successes, of=share.trials)
+
+
+def fraction(count: int, of: int) -> TableCell:
+    """Return a share (%) of steps, drones or the like, which are no sample of episodes; without an interval."""
+    return TableCell(value=PERCENT * count / of, count=count, of=of) if of else NONE
+
+
+def mean(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
+    """Return the mean of a metric over the flights that have it."""
+    values = _values(flights, metric)
+    return TableCell(value=statistics.fmean(values), of=len(values)) if values else NONE
+
+
+def total(flights: Iterable[ScoredEpisode], metric: str) -> int:
+    """Return the sum of a count over the flights that have it."""
+    return round(sum(_values(flights, metric)))
+
+
+def _values(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
+    values = (flight.values.get(metric) for flight in flights if flight.scored)
+    return [float(value) for value in values if value is not None]
+
+
+def steps(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
+    """Return the values of a metric of steps, of every step that has it."""
+    return [float(v) for flight in flights if flight.scored for v in flight.steps.get(metric, ()) if v is not None]
+
+
+def quantile(values: Sequence[float], share: float) -> TableCell:
+    """Return a quantile, linear between values."""
+    return TableCell(value=metric_statistics.quantile(values, share), of=len(values)) if values else NONE
+
+
+def not_scored(flights: Iterable[ScoredEpisode]) -> int:
+    """Return the number of flights that are not scored."""
+    return sum(not flight.scored for flight in flights)

@@ -1,76 +1,92 @@
-"""The report of a benchmark as files: report.md, tables/ and figures/."""
+"""Writes the report of a benchmark: report.md, tables/ and figures/."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from dronecats.report.latex import as_latex
+from dronecats.judge.metrics.metric import Metric
 from dronecats.report.report_data import ReportData
-from dronecats.report.results.collection import Collection
+from dronecats.report.results.collection import Collection, Exclusion, exclusion_sentences, unflown
 from dronecats.report.results.entrants import entrants
-from dronecats.report.results.exclusion import Exclusion, exclusion_sentences, unflown
 from dronecats.report.table import ReportTable
-from dronecats.report.writers import as_csv, as_markdown, as_shell, escaped
+from dronecats.report.tables.comparison import comparison, variance
+from dronecats.report.tables.measures import grounding, own, replies, served, thinking
+from dronecats.report.tables.outcomes import approaching, commanding, declarations, drones, failures, main, per_map
+from dronecats.report.tables.setup import costs, setup
+from dronecats.report.writers import as_csv, as_latex, as_markdown, as_shell, escaped
 from episodes.records.catalogue import load_blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
 
+TABLES = (
+    main, per_map, approaching, failures, commanding, drones, variance, comparison, declarations, thinking, grounding,
+    replies, served, costs, setup,
+)  # fmt: skip
+
+
+def tables(data: ReportData, metrics: Sequence[Metric] = ()) -> tuple[ReportTable, ...]:
+    """Return the tables that have rows; `metrics` are the user's own."""
+    results = [*(table(data) for table in TABLES), own(data, metrics)]
+    return tuple(table for table in results if table is not None)
+
 
 def report_data(collection: Collection, command: str, *, pool_anyway: bool = False) -> ReportData:
-    """Return what the report is about. Raises UsageError for runs that must not be counted together."""
+    """Return the data of the report. Raises UsageError for runs that must not be counted together."""
     return ReportData(entrants=entrants(collection, pool_anyway=pool_anyway), blind=load_blind(), command=command)
 
 
-def opening(who: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
-    """Return what is to be known before any table, sentences."""
-    flown = who.episodes
-    scored = sum(each.scored for each in flown)
-    said = [f"{len(flown)} flights of {len({each.episode for each in flown})} episodes, {scored} of them scored."]
-    said += exclusion_sentences(flown, exclusions)
-    for each in unflown(run for entrant in who.entrants for run in entrant.runs):
-        said.append(f"Of the benchmark in {each.folder}, {each.missing} of {each.flights} flights are not in here.")
+def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = ()) -> list[str]:
+    """Return the sentences above all tables."""
+    flights = data.episodes
+    episodes, scored = len({flight.episode for flight in flights}), sum(flight.scored for flight in flights)
+    sentences = [f"{len(flights)} flights of {episodes} episodes, {scored} of them scored."]
+    sentences += exclusion_sentences(flights, exclusions)
+    for benchmark in unflown(run for entrant in data.entrants for run in entrant.runs):
+        sentences.append(
+            f"Of the benchmark in {benchmark.folder}, {benchmark.missing} of {benchmark.flights} flights are not in"
+            " here."
+        )
     if delta_m != RADIUS_M:
-        said.append(f"The success radius is {delta_m:g} m, and not the benchmark's {RADIUS_M:g} m.")
-    if not any(entrant.is_model for entrant in who.entrants):
-        said.append("No model flew: all lines are of built-in pilots.")
-    return [*said, *who.warnings()]
+        sentences.append(f"The success radius is {delta_m:g} m, and not the benchmark's {RADIUS_M:g} m.")
+    if not any(entrant.is_model for entrant in data.entrants):
+        sentences.append("No model flew: all lines are of built-in pilots.")
+    return [*sentences, *data.warnings()]
 
 
-def write(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str], out: Path) -> Path:
+def write(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str], out: Path) -> Path:
     """Write the tables, and report.md that holds them with the figures, into the folder; return report.md's path.
 
-    `figures` are by the table that they are of; what is of none stands at the end. `head` are sentences above all
-    tables. Raises InfrastructureError when it cannot be written.
+    `figures` are by the name of their table; those of no table come last. `head` are sentences above all tables.
+    Raises InfrastructureError when it cannot be written.
     """
+    page = out / "report.md"
     try:
-        write_tables(made, out / "tables")
-        page = out / "report.md"
+        write_tables(tables, out / "tables")
         page.write_text(
-            _page(made, {of: path.relative_to(out) for of, path in figures.items()}, head), encoding="utf-8"
+            _page(tables, {name: path.relative_to(out) for name, path in figures.items()}, head), encoding="utf-8"
         )
-    except OSError as full:
-        raise InfrastructureError(f"the report cannot be written into {out}: {full.strerror}") from None
+    except OSError as error:
+        raise InfrastructureError(f"the report cannot be written into {out}: {error.strerror}") from None
     return page
 
 
-def write_tables(made: Iterable[ReportTable], folder: Path) -> None:
+def write_tables(tables: Iterable[ReportTable], folder: Path) -> None:
     """Write each table as CSV and LaTeX into the folder. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
-    for table in made:
+    for table in tables:
         (folder / f"{table.name}.csv").write_text(as_csv(table), encoding="utf-8")
         (folder / f"{table.name}.tex").write_text(as_latex(table), encoding="utf-8")
 
 
-def _page(made: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:
-    parts = ["# Report\n", *(f"{escaped(said)}\n" for said in head)]
-    parts.append(as_shell(dict.fromkeys(table.command for table in made)))
-    for table in made:
-        parts.append(as_markdown(table))
-        parts += [_picture(figures[table.name], table.title)] if table.name in figures else []
-    beneath = {table.name for table in made}
-    for name in (each for each in figures if each not in beneath):
+def _page(tables: Sequence[ReportTable], figures: Mapping[str, Path], head: Sequence[str]) -> str:
+    sections = ["# Report\n", *(f"{escaped(sentence)}\n" for sentence in head)]
+    sections.append(as_shell(dict.fromkeys(table.command for table in tables)))
+    for table in tables:
+        sections.append(as_markdown(table))
+        sections += [_picture(figures[table.name], table.title)] if table.name in figures else []
+    for name in (name for name in figures if name not in {table.name for table in tables}):
         title = name.replace("_", " ").capitalize()
-        parts += [f"## {title}\n", _picture(figures[name], title)]
-    return "\n".join(parts)
+        sections += [f"## {title}\n", _picture(figures[name], title)]
+    return "\n".join(sections)
 
 
 def _picture(path: Path, title: str) -> str:

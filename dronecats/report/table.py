@@ -1,4 +1,4 @@
-"""A table as data: typed cells. `writers` and `latex` write it for a terminal and as Markdown, CSV, HTML, LaTeX …"""
+"""A table as data, with typed cells. `writers` writes it for a terminal and as Markdown, CSV, JSON, HTML and LaTeX."""
 
 import itertools
 import math
@@ -17,7 +17,7 @@ SILENT_UNITS = ("", "%", "$")  # units that a head does not repeat
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TableColumn:
-    """What a column holds, and how its values are shown."""
+    """The content of a column, and the format of its values."""
 
     name: str  # in CSV, JSON and links: a Python name that ends in its unit, such as approaching_sr_percent
     title: str  # its head
@@ -27,8 +27,8 @@ class TableColumn:
     better: "Better | None" = None  # which direction is good; None: neither
     align: Align = "right"
     as_count: bool = False  # a share is shown as 7/10, not as 70 with its interval
-    floor: float | None = None  # a smaller value is shown as below it, such as a p of < 0.001; None: all are shown
-    cell: str | None = None  # the cell of the grid that it is about, as records name it; None: several
+    floor: float | None = None  # a smaller value is shown as `< floor`, such as a p of < 0.001; None: all are shown
+    cell: str | None = None  # the grid's cell that it is about, as in records; None: several
     map: str | None = None  # the map, likewise
     code: bool = False  # its values are names from a program: Markdown sets them as code
 
@@ -39,7 +39,7 @@ class TableColumn:
 
     @property
     def head(self) -> str:
-        """The title with its unit, where the unit says more than the values do."""
+        """The title, with its unit where the values do not make it plain."""
         return f"{self.title} ({self.head_unit})" if self.head_unit not in SILENT_UNITS else self.title
 
 
@@ -52,11 +52,11 @@ class TableCell:
     high: float | None = None
     count: int | None = None  # of a share: this many …
     of: int | None = None  # … of this many; of a mean the number of values
-    best: bool = False  # the best of its block, or as good
-    link: str = ""  # the address that it leads to, in Markdown and HTML
+    best: bool = False  # the best of its block, or equal to it
+    link: str = ""  # address of its link in Markdown and HTML
 
     def text(self, column: TableColumn) -> str:
-        """Return the value for a reader, without its interval."""
+        """Return the value as text, without its interval."""
         if self.value is None:
             return NOTHING
         if isinstance(self.value, str):
@@ -68,7 +68,7 @@ class TableCell:
         return rounded(self.value, column.decimals)
 
     def interval(self, column: TableColumn) -> str:
-        """Return its interval for a reader, without brackets; empty: it has none."""
+        """Return its interval as text, without brackets; empty: it has none."""
         if self.low is None or self.high is None or column.as_count:
             return ""
         between = " to " if self.low < 0 else "–"  # a dash before a minus sign is hard to read
@@ -93,11 +93,11 @@ class TableBlock:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReportTable:
-    """A table with all that its reader needs. The first column names the row."""
+    """A table with title, caption and notes. The first column names the row."""
 
     name: str = ""  # of its files: main, per_map, …
     title: str = ""
-    caption: str = ""  # what is counted, over how many, in sentences
+    caption: str = ""  # sentences
     columns: tuple[TableColumn, ...]
     blocks: tuple[TableBlock, ...]
     notes: tuple[str, ...] = ()  # beneath it, a sentence each
@@ -111,22 +111,22 @@ class ReportTable:
 
     @property
     def rows(self) -> tuple[TableRow, ...]:
-        """All rows, whatever block they are in."""
+        """The rows of all blocks."""
         return tuple(row for block in self.blocks for row in block.rows)
 
 
 def groups(columns: Iterable[TableColumn]) -> list[tuple[str, int]]:
-    """Return the heads above the heads: (group, number of its columns) from left to right; '' where there is none."""
+    """Return (group, number of its columns) from left to right; the group is '' for columns without one."""
     return [(group, len(list(members))) for group, members in itertools.groupby(columns, lambda column: column.group)]
 
 
 def words(title: str, name: str = "") -> TableColumn:
-    """Return a column of words; its name is its title where none is given."""
+    """Return a column of words; its default name is its title."""
     return TableColumn(name=name or title, title=title, align="left")
 
 
 def numbers(title: str, name: str = "", *, unit: str = "", decimals: int = 0, group: str = "") -> TableColumn:
-    """Return a column of numbers, or of texts that are set as numbers are."""
+    """Return a column of numbers, or of texts aligned as numbers."""
     return TableColumn(name=name or title, title=title, unit=unit, decimals=decimals, group=group)
 
 
@@ -153,7 +153,7 @@ def table_of(
 
 
 def rounded(value: float, decimals: int) -> str:
-    """Return a number with so many decimals, halves away from zero as people round: 12.5 is 13, not Python's 12.
+    """Return a number with these decimals, halves rounded away from zero: 12.5 is 13, not Python's 12.
 
     A value that rounds to zero has no sign.
     """

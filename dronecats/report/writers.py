@@ -1,4 +1,8 @@
-"""Writes a table for a terminal and as Markdown, CSV, JSON and HTML. LaTeX has a module of its own, `latex`."""
+"""Writes a table for a terminal and as Markdown, CSV, JSON, HTML and LaTeX.
+
+The LaTeX needs `\\usepackage{booktabs,graphicx}`; a wide table is made to fit. A long one continues in further floats
+under the same number: `longtable` breaks tables over pages too, but not in two columns, and not made to fit in width.
+"""
 
 import csv
 import html
@@ -6,28 +10,29 @@ import io
 import re
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
-from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, groups
+from dronecats.report.table import NOTHING, ReportTable, TableBlock, TableCell, TableColumn, groups
 
 GAP = 2  # characters between two columns of a terminal
 NARROWEST, LONG_WORD = 16, 24  # characters that a column of words keeps when a table is too wide
 BREAK = re.compile(r"(?<=\s)|(?<=/)|(?<=\w-)")  # where a line of words may be broken
-BESIDE = ("low", "high", "count", "of")  # fields of a cell beside its value, which CSV has too
+BESIDE = ("low", "high", "count", "of")  # further fields of a cell in CSV
 MARKUP = re.compile(r"([\\`*_\[\]<>|#{}!~&])")
-SHORT = 45  # letters of words that HTML does not break
+SHORT = 45  # letters of a text that HTML does not break
 
 
 def as_terminal(table: ReportTable, width: int | None = None) -> str:
     """Return the table as lines of at most `width` characters; None: as wide as it is.
 
-    Where it is too wide, heads and words are wrapped. Where that is not enough, columns continue below, each part with
-    the first column.
+    In a table that is too wide, heads and words are wrapped. If that is not enough, columns continue below, each group
+    with the first column.
     """
     lines = [table.title] if table.title else []
     lines += _filled(table.caption, width)
-    body = _Text(table)
-    for number, part in enumerate(body.parts(width)):
+    body = _TerminalTable(table)
+    for number, part in enumerate(body.column_groups(width)):
         lines += [""] if number or (lines and body.has_heads) else []
         lines += body.lines(part, width)
     for note in table.notes:
@@ -35,7 +40,7 @@ def as_terminal(table: ReportTable, width: int | None = None) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-class _Text:
+class _TerminalTable:
     """The texts of a table, and the widths that its columns need on a terminal."""
 
     def __init__(self, table: ReportTable) -> None:
@@ -62,16 +67,20 @@ class _Text:
         lines = (line for _, rows in self.blocks for row in rows for line in row[number])
         return min(LONG_WORD, max((len(word.rstrip()) for line in lines for word in BREAK.split(line)), default=0))
 
-    def parts(self, width: int | None) -> list[list[int]]:
-        """Return the columns of each part, by their numbers."""
-        found = [[0]] if self.columns else []
+    def column_groups(self, width: int | None) -> list[list[int]]:
+        """Return the numbers of the columns of each part, left to right."""
+        column_lists = [[0]] if self.columns else []
         for k in range(1, len(self.columns)):
-            longer = [*found[-1], k]
-            if width is not None and len(found[-1]) > 1 and _total(self._grouped(self.narrowest, longer)) > width:
-                longer = [0, k]
-                found.append(longer)
-            found[-1] = longer
-        return found
+            columns = [*column_lists[-1], k]
+            if (
+                width is not None
+                and len(column_lists[-1]) > 1
+                and _total(self._grouped(self.narrowest, columns)) > width
+            ):
+                columns = [0, k]
+                column_lists.append(columns)
+            column_lists[-1] = columns
+        return column_lists
 
     def lines(self, part: Sequence[int], width: int | None) -> list[str]:
         """Return heads and rows of these columns."""
@@ -90,7 +99,7 @@ class _Text:
         return lines
 
     def _widths(self, part: Sequence[int], width: int | None) -> list[int]:
-        """Return the columns' widths: what they need where there is room, else the first column's need and a share."""
+        """Return the columns' widths: their need, or without room the first column's need and shares of the rest."""
         widest, narrowest = self._grouped(self.widest, part), self._grouped(self.narrowest, part)
         if width is None or _total(widest) <= width:
             return widest
@@ -107,12 +116,12 @@ class _Text:
 
     def _grouped(self, widths: Sequence[int], part: Sequence[int]) -> list[int]:
         """Return the widths of a part, wide enough for the heads of its groups."""
-        found = [widths[k] for k in part]
+        needed = [widths[k] for k in part]
         end = 0
         for group, count in groups([self.columns[k] for k in part]):
             end += count
-            found[end - 1] += max(0, len(group) - _total(found[end - count : end])) if group else 0
-        return found
+            needed[end - 1] += max(0, len(group) - _total(needed[end - count : end])) if group else 0
+        return needed
 
 
 def _lined(number: int, cell: TableCell, column: TableColumn, indent: str) -> list[str]:
@@ -141,7 +150,7 @@ def _joined(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: 
 
 
 def _beside(cells: Sequence[list[str]], columns: Sequence[TableColumn], widths: Sequence[int]) -> list[str]:
-    """Return cells of as many lines each as lines, numbers to the right."""
+    """Return the lines of cells that have equally many lines, numbers to the right."""
     return [
         (" " * GAP).join(
             text.rjust(size) if column.align == "right" else text.ljust(size)
@@ -171,7 +180,7 @@ def _wrapped(line: str, width: int) -> list[str]:
         lines[-1] += word
         while len(lines[-1].rstrip()) > width:  # a word that is longer than a line
             lines[-1:] = [lines[-1][:width], indent + lines[-1][width:]]
-    return [each.rstrip() for each in lines]
+    return [line.rstrip() for line in lines]
 
 
 def _filled(text: str, width: int | None) -> list[str]:
@@ -197,7 +206,7 @@ def as_shell(commands: Iterable[str]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return the text so that Markdown shows it as it is: no link, table, heading or HTML comes out of it."""
+    """Return the text escaped for Markdown: it makes no link, table, heading or HTML."""
     plain = "".join(letter if letter.isprintable() else "�" for letter in " ".join(text.split()))
     return MARKUP.sub(r"\\\1", plain).replace("://", ":\\//")
 
@@ -229,7 +238,7 @@ def _markdown_line(cells: Iterable[str]) -> str:
 
 
 def as_csv(table: ReportTable) -> str:
-    """Return the table, a line per row, every number with all its digits; interval and counts in columns of their own.
+    """Return the table, a line per row, with all digits of numbers; interval and counts are in columns of their own.
 
     A column for an interval or a count that is empty in every row is omitted.
     """
@@ -246,7 +255,7 @@ def as_csv(table: ReportTable) -> str:
 
 
 def as_json(tables: Iterable[ReportTable]) -> dict[str, Any]:
-    """Return the tables as `--json` prints them: by name, a list of rows by the columns' names."""
+    """Return the tables for `--json`: by name, a list of rows by the columns' names."""
     return {
         table.name: [
             {"block": block.title, **{c.name: cell.value for c, cell in zip(table.columns, row.cells, strict=True)}}
@@ -258,7 +267,7 @@ def as_json(tables: Iterable[ReportTable]) -> dict[str, Any]:
 
 
 def as_html(table: ReportTable) -> str:
-    """Return the table, its caption and notes; it scrolls in a box where it is wider than the page."""
+    """Return the table, its caption and notes; a table wider than the page scrolls in a box."""
     lines = [
         f'<div class="box"><p class="caption">{html.escape(table.caption)}</p>',
         f'<div class="wide" tabindex="0" role="region" aria-label="{html.escape(table.title)}"><table>',
@@ -310,3 +319,115 @@ def _html_cell(cell: TableCell, column: TableColumn, number: int) -> str:
     attributes += f' class="{" ".join(kinds)}"' if kinds else ""
     attributes += f' title="{cell.count} of {cell.of}"' if cell.count is not None and cell.of is not None else ""
     return f"<{tag}{attributes}>{text}</{tag}>"
+
+
+SPECIAL = {
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "–": "--", "−": "$-$", "α": r"$\alpha$", "δ": r"$\delta$",
+    "°": r"$^\circ$", "≤": r"$\le$", "≥": r"$\ge$", "·": r"$\cdot$", "₁": "$_1$", "₃": "$_3$", "×": r"$\times$",
+    "<": "$<$",
+}  # fmt: skip
+
+FLOAT_LINES_MAX = 40  # titles of blocks included: with a caption of ten lines they fit onto A4 and letter
+SHRINK_IF_TOO_WIDE = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{%"
+
+
+def as_latex(table: ReportTable) -> str:
+    """Return the table environment, with caption and label; several of them for a long table."""
+    contents = list(_latex_floats(table.blocks))
+    environments = (_latex_float(table, blocks, k, k == len(contents) - 1) for k, blocks in enumerate(contents))
+    return f"% {' '.join(table.command.split())}\n" + "\n".join(environments)
+
+
+def _latex_floats(blocks: Sequence[TableBlock]) -> Iterator[list[TableBlock]]:
+    """Yield the blocks of each float, at least one; a broken block repeats its title."""
+    content: list[TableBlock] = []
+    room = FLOAT_LINES_MAX
+    for block in blocks:
+        titled = 1 if block.title else 0
+        rows, title = block.rows, block.title
+        while True:
+            if content and room < titled + min(1, len(rows)):
+                yield content
+                content, room = [], FLOAT_LINES_MAX
+            here = rows[: room - titled]
+            content.append(replace(block, title=title, rows=here))
+            room -= titled + len(here)
+            rows, title = rows[len(here) :], f"{block.title}, continued" if titled else ""
+            if not rows:
+                break
+    yield content
+
+
+def _latex_float(table: ReportTable, blocks: Sequence[TableBlock], number: int, last: bool) -> str:
+    """Return one table environment; that of `number` 0 has the caption, the last one the notes."""
+    caption = f"{table.title}. {table.caption}" if number == 0 else f"{table.title}, continued."
+    lines = [
+        r"\begin{table}[tp]",  # p too: a float too tall for a top would delay all that follow
+        r"\centering",
+        r"\setlength{\belowcaptionskip}{4pt}",  # the caption is above, and classes leave no space there
+    ]
+    if number:
+        lines.append(r"\addtocounter{table}{-1}")
+    lines.append(rf"\caption{{{latex_text(caption)}}}")
+    if number == 0:
+        lines.append(rf"\label{{tab:{table.name.replace('_', '-')}}}")
+    lines += [
+        r"\footnotesize",
+        r"\setlength{\tabcolsep}{4pt}",
+        SHRINK_IF_TOO_WIDE,
+        rf"\begin{{tabular}}{{@{{}}{''.join(column.align[0] for column in table.columns)}@{{}}}}",
+        r"\toprule",
+        *_latex_heads(table.columns),
+    ]
+    for block in blocks:
+        lines += [r"\midrule", *_latex_block(block, table.columns)]
+    lines += [r"\bottomrule", r"\end{tabular}}"]
+    if last and table.notes:
+        lines += ["", r"\smallskip", r"{\scriptsize " + " ".join(latex_text(note) for note in table.notes) + r"\par}"]
+    return "\n".join([*lines, r"\end{table}"]) + "\n"
+
+
+def latex_text(text: str) -> str:
+    """Return the text escaped for LaTeX."""
+    return "".join(SPECIAL.get(letter, letter) for letter in " ".join(text.split()))
+
+
+def _latex_heads(columns: Sequence[TableColumn]) -> Iterator[str]:
+    """Yield the line of groups with their rules, where there are any, and the line of heads."""
+    if any(column.group for column in columns):
+        cells, rules, first = [], [], 1
+        for group, width in groups(columns):
+            if group:
+                cells.append(rf"\multicolumn{{{width}}}{{c}}{{{latex_text(group)}}}")
+                rules.append(rf"\cmidrule(lr){{{first}-{first + width - 1}}}")
+            else:
+                cells += [""] * width
+            first += width
+        yield _latex_line(cells)
+        yield "".join(rules)
+    yield _latex_line([_latex_head(column) for column in columns])
+
+
+def _latex_head(column: TableColumn) -> str:
+    arrow = {"more": r" $\uparrow$", "less": r" $\downarrow$", None: ""}[column.better]
+    return latex_text(column.head) + arrow
+
+
+def _latex_block(block: TableBlock, columns: Sequence[TableColumn]) -> Iterator[str]:
+    if block.title:
+        yield rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{\emph{{{latex_text(block.title)}}}}} \\"
+    for row in block.rows:
+        yield _latex_line([_latex_cell(cell, column) for cell, column in zip(row.cells, columns, strict=True)])
+
+
+def _latex_cell(cell: TableCell, column: TableColumn) -> str:
+    text = cell.text(column)
+    latex = "---" if text == NOTHING else latex_text(text)
+    interval = cell.interval(column)
+    beside = rf" {{\tiny[{latex_text(interval)}]}}" if interval else ""
+    return (rf"\textbf{{{latex}}}" if cell.best else latex) + beside
+
+
+def _latex_line(cells: Sequence[str]) -> str:
+    return " & ".join(cells) + r" \\"

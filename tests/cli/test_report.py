@@ -8,7 +8,7 @@ import shutil
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.report.figures import drawing
+from dronecats.report import figures as drawing
 from tests.report.results.synthetic_runs import write_run
 from tests.support.command_line import last_object
 

@@ -2,8 +2,7 @@
 
 from pathlib import Path
 
-from dronecats.report.report_folder import opening, write
-from dronecats.report.tables.listing import tables
+from dronecats.report.report_folder import opening, tables, write
 from foundation.protocol import RADIUS_M
 from tests.report.small import small
 

@@ -4,7 +4,7 @@ from dronecats.report.report_folder import opening
 from dronecats.report.results.entrants import entrants
 from dronecats.report.tables.setup import setup
 from foundation.protocol import RADIUS_M
-from tests.report.small import line, small
+from tests.report.small import line, made, small
 from tests.support.scores import a_run, collected, flights
 
 LATE = "pictures come 0.5 s late"
@@ -25,15 +25,15 @@ def test_it_is_said_above_the_tables_and_in_the_one_that_tells_how_it_was_flown(
     who = small(disturbed())
     (said,) = (said for said in opening(who, RADIUS_M) if LATE in said)
     assert said.startswith(f"vision, {LATE} ")
-    table = setup(who)
+    table = made(setup, who)
     assert line(table, f"vision, {LATE}")["disturbed"].value == LATE
     assert line(table, "vision")["disturbed"].value is None
     plain = small()
     assert not [said for said in opening(plain, RADIUS_M) if LATE in said]
-    assert "disturbed" not in [column.name for column in setup(plain).columns]
+    assert "disturbed" not in [column.name for column in made(setup, plain).columns]
 
 
 def test_how_it_was_flown_names_the_prompt_before_its_digest():
     named = a_run("runs/paper", prompt_name="paper", prompt_sha256="c" * 64)
-    table = setup(small(collected(flights(named, {"campus-approaching": "s"}))))
+    table = made(setup, small(collected(flights(named, {"campus-approaching": "s"}))))
     assert line(table, "vision")["prompt"].value == "paper, cccccccc"

@@ -6,11 +6,11 @@ from functools import cache
 
 import pytest
 
+from dronecats.report import figures as drawing
+from dronecats.report import figures as style
 from dronecats.report import report_data
-from dronecats.report.figures import drawing, style
-from dronecats.report.report_folder import write
+from dronecats.report.report_folder import tables, write
 from dronecats.report.table import ReportTable
-from dronecats.report.tables.listing import tables
 from foundation.errors import InfrastructureError
 from tests.report import golden
 from tests.report.small import line, small

@@ -10,7 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.report import latex, report_data
+from dronecats.report import report_data
+from dronecats.report import writers as latex
+from dronecats.report.report_folder import tables
 from dronecats.report.table import (
     ReportTable,
     TableBlock,
@@ -23,7 +25,6 @@ from dronecats.report.table import (
     words,
 )
 from dronecats.report.tables.comparison import comparison
-from dronecats.report.tables.listing import tables
 from dronecats.report.writers import BESIDE, as_csv, as_html, as_markdown, as_terminal
 from tests.needs import needs
 from tests.report.small import made, small
@@ -184,7 +185,7 @@ def test_latex_closes_what_it_opens_and_fills_its_columns(table):
 
 @given(texts)
 def test_latex_escapes_what_it_would_take_for_a_command(text):
-    assert stray(latex.escaped(text)) == []
+    assert stray(latex.latex_text(text)) == []
 
 
 def test_rules_stand_under_their_groups():
@@ -224,7 +225,7 @@ def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
     for part in (first, *more):
         body = part.split(r"\toprule")[1].split(r"\bottomrule")[0].split(r"\midrule", 1)[1]
         lines = [line for line in body.splitlines() if line.endswith(r" \\")]
-        assert len(lines) <= latex.LINES_MAX
+        assert len(lines) <= latex.FLOAT_LINES_MAX
         assert report_data.MODELS in lines[0]
         told += [tuple(line.removesuffix(r" \\").split(" & ")[:3]) for line in lines[1:]]
         assert (r"\label{tab:comparison}" in part) == (part is first)

@@ -57,4 +57,4 @@ def test_a_map_has_no_place_to_go(homeless, monkeypatch):
 
 
 def test_an_archive_has_no_home_to_leave_out(homeless):
-    assert submission._folders([])
+    assert list(submission._machine_folders([]))

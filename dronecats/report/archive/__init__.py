@@ -1,1 +1,1 @@
-"""One file with everything that is needed to judge runs again, and what checks it on another machine."""
+"""Archives: one file with all that is needed to judge runs again, its verification, and the leaderboard."""

@@ -1,9 +1,13 @@
-"""From run folders to an archive: the flights of one pilot under one configuration, whole or marked as partial."""
+"""Packs run folders into an archive: the flights of one pilot under one configuration, complete or marked as partial.
+
+Keys, and paths of the machine, are removed from the packed files.
+"""
 
 import hashlib
 import json
 import os
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
@@ -11,7 +15,7 @@ from typing import Any
 
 from dronecats import __version__
 from dronecats.judge.episode import judge_run
-from dronecats.report.archive.manifest import (
+from dronecats.report.archive.archive_file import (
     EPISODE_NAME,
     LOGS,
     MANIFEST,
@@ -21,23 +25,87 @@ from dronecats.report.archive.manifest import (
     FileDigest,
     Manifest,
     SubmittedRun,
+    write,
 )
-from dronecats.report.archive.scrubbing import Scrubber
-from dronecats.report.archive.tar import write
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.identity import Identity, differences, identity, identity_digest
 from episodes.records import catalogue
 from foundation.errors import UsageError
 from foundation.files import whole_file
+from foundation.redaction import HIDDEN, keyless_environment, redacted, without, worth_hiding
 from foundation.run_folder import layout
 from foundation.run_folder.results import SCORED
+
+# The shapes of vendors' keys: the only way to find a key that is in no environment variable any more
+KEYS = re.compile(
+    r"\b(?:sk-[\w-]{16,}|AIza[\w-]{30,}|(?:hf|gsk|r8|nvapi)[_-][\w-]{20,}|xai-\w{20,}|gh[pousr]_\w{30,}|AKIA[0-9A-Z]{16}"
+    r"|eyJ[\w-]{10,}\.[\w-]{10,}\.[\w-]*)|(?<=Bearer )[\w.~+/-]{12,}=*"
+)
+_PIECE = r"[^\s/\\\"'<>|:;,()\[\]{}*?]"
+PATHS = re.compile(rf"(?:file://|(?<![\w./~*:])|(?<=\w:)(?!//))/(?:{_PIECE}+/)+({_PIECE}*)")
+
+
+def secrets_of(environment: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the values of the environment variables that are named as keys."""
+    plain = keyless_environment(environment)
+    return worth_hiding(*(value for name, value in environment.items() if name not in plain))
+
+
+class Scrubber:
+    """Removes secrets, text in the shape of a key, and the folders of absolute paths, whose last name stays."""
+
+    def __init__(self, secrets: Sequence[str] = (), folders: Sequence[PurePosixPath] = ()) -> None:
+        self._secrets = tuple(secrets)
+        longest_first = sorted({str(folder) for folder in folders if len(folder.parts) > 1}, key=len, reverse=True)
+        self._folders = tuple(longest_first)
+
+    def text(self, text: str) -> str:
+        """Return the scrubbed text."""
+        text = KEYS.sub(HIDDEN, redacted(text, *self._secrets))
+        for folder in self._folders:  # the given ones first: their names may have blanks
+            text = text.replace(f"{folder}/", "").replace(folder, PurePosixPath(folder).name)
+        return PATHS.sub(r"\1", text)
+
+    def lines(self, data: bytes) -> bytes:
+        """Return a scrubbed file of JSON lines; a clean line keeps its bytes."""
+        return b"\n".join(self._line(line, lambda value: json.dumps(value)) for line in data.split(b"\n"))
+
+    def document(self, data: bytes) -> bytes:
+        """Return a scrubbed JSON file; a clean one keeps its bytes."""
+        return self._line(data, lambda value: json.dumps(value, indent=2, ensure_ascii=False) + "\n")
+
+    def _line(self, line: bytes, written: Callable[[Any], str]) -> bytes:
+        text = line.decode("utf-8", "surrogateescape")
+        if not self._may_hold_secret(text):
+            return line
+        try:
+            value = json.loads(text)
+            clean = self._value(value)
+        except (ValueError, RecursionError):  # cut off, or no JSON: as text
+            return self.text(text).encode("utf-8", "surrogateescape")
+        if clean == value:
+            return line
+        return without(written(clean), *self._secrets).encode("utf-8", "backslashreplace")
+
+    def _may_hold_secret(self, text: str) -> bool:
+        return "/" in text or bool(KEYS.search(text)) or without(text, *self._secrets) != text
+
+    def _value(self, value: Any) -> Any:
+        if isinstance(value, str):
+            return self.text(value)
+        if isinstance(value, list):
+            return [self._value(item) for item in value]
+        if isinstance(value, dict):
+            return {self.text(key): self._value(item) for key, item in value.items()}
+        return value
+
 
 RUNS_MAX = 99
 
 
 @dataclass(slots=True)
 class _Contents:
-    """What goes into the archive, by name, and what does not."""
+    """The files of an archive by name, and those left out of it."""
 
     files: dict[str, Callable[[], bytes]] = field(default_factory=dict)
     digests: dict[str, FileDigest] = field(default_factory=dict)
@@ -45,12 +113,12 @@ class _Contents:
     scrubbed: list[str] = field(default_factory=list)
 
     def add(self, name: str, path: Path, clean: Callable[[bytes], bytes]) -> None:
-        """Take a file in, as `clean` leaves it."""
+        """Add a file, cleaned by `clean`."""
         raw = path.read_bytes()
         data = clean(raw)
         if data != raw:
             self.scrubbed.append(name)
-        self.files[name] = lambda: clean(path.read_bytes())  # a thousand episodes are not kept in memory
+        self.files[name] = lambda: clean(path.read_bytes())  # read again when packed: too much for memory
         self.digests[name] = digest(data)
 
 
@@ -64,25 +132,25 @@ def submit(
     with_frames: bool = False,
     secrets: Sequence[str] = (),
 ) -> Manifest:
-    """Write the archive of some runs and return what it says of itself. The same runs are the same bytes.
+    """Write the archive of some runs and return its manifest. The same runs make the same bytes.
 
-    Raises UsageError when the runs are of several pilots or settings, when a suite is not whole or not scored (unless
-    `partial`), and when it cannot be written.
+    Raises UsageError when the runs are of several pilots or settings, when a suite is incomplete or not fully scored
+    (unless `partial`), and when it cannot be written.
     """
     ordered = sorted(runs, key=lambda run: (run.seed, str(run.folder)))
-    _must_be_one_entry(ordered)
+    _check_one_entry(ordered)
     suite = _suite(ordered)
     missing = incomplete([[episode.name for episode in run.episodes] for run in ordered])
     fault = missing or next(filter(None, map(_unscored, ordered)), None)
     if fault and not partial:
         raise UsageError(f"{fault}; --partial submits it all the same, marked as such")
-    scrubber = Scrubber(secrets, _folders(ordered))
+    scrubber = Scrubber(secrets, list(_machine_folders(ordered)))
     try:
         contents = _contents(ordered, scrubber, with_frames)
         manifest = Manifest(
             schema=SCHEMA,
-            name=_said("--name", name or ordered[0].pilot, NAME_CHARS, scrubber),
-            note=_said("--note", note, NOTE_CHARS, scrubber),
+            name=_clean_text("--name", name or ordered[0].pilot, NAME_CHARS, scrubber),
+            note=_clean_text("--note", note, NOTE_CHARS, scrubber),
             pilot=scrubber.text(ordered[0].pilot),
             is_model=ordered[0].is_model,
             identity=identity_digest(_as_packed(ordered[0], scrubber)),
@@ -110,7 +178,7 @@ def digest(data: bytes) -> FileDigest:
 
 
 def incomplete(flights: Sequence[Sequence[str]]) -> str | None:
-    """Return what keeps flights, the ids of each, from being of one whole suite, a sentence; None: they are."""
+    """Return a sentence why flights, the ids of each, are not of one complete suite; None: they are."""
     for ids in flights:
         own = [id for id in ids if id not in catalogue.all_ids()]
         if own:
@@ -138,7 +206,7 @@ def _suite(runs: Sequence[RecordedRun]) -> str | None:
     return of_each.pop() if len(of_each) == 1 else None
 
 
-def _must_be_one_entry(runs: Sequence[RecordedRun]) -> None:
+def _check_one_entry(runs: Sequence[RecordedRun]) -> None:
     first = runs[0]
     if len(runs) > RUNS_MAX:
         raise UsageError(f"{len(runs)} runs are more than an archive holds, {RUNS_MAX}")
@@ -161,17 +229,17 @@ def _must_be_one_entry(runs: Sequence[RecordedRun]) -> None:
 
 
 def _as_packed(run: RecordedRun, scrubber: Scrubber) -> Identity:
-    """Return a run's identity as its files in the archive tell it."""
-    clean = json.loads(scrubber.document(_json(run.configuration)))
-    told = identity(replace(run, configuration=clean))
-    return {what: frozenset(map(scrubber.text, values)) for what, values in told.items()}
+    """Return a run's identity by its scrubbed files in the archive."""
+    clean = json.loads(scrubber.document(json.dumps(run.configuration).encode()))
+    values = identity(replace(run, configuration=clean))
+    return {name: frozenset(map(scrubber.text, entries)) for name, entries in values.items()}
 
 
 def _unscored(run: RecordedRun) -> str | None:
     for episode, judged in judge_run(run.folder).items():
-        if judged.verdict.outcome not in SCORED and any(episode == each.name for each in run.episodes):
-            said = judged.verdict.error or f"its outcome is {judged.verdict.outcome}"
-            return f"{episode} of {run.folder.name} is nobody's score: {said}"
+        if judged.verdict.outcome not in SCORED and any(episode == folder.name for folder in run.episodes):
+            reason = judged.verdict.error or f"its outcome is {judged.verdict.outcome}"
+            return f"{episode} of {run.folder.name} is nobody's score: {reason}"
     return None
 
 
@@ -196,25 +264,18 @@ def _contents(runs: Sequence[RecordedRun], scrubber: Scrubber, with_frames: bool
 
 
 def _of_folder(files: Sequence[Path]) -> FileDigest:
-    each = [(file.name, digest(file.read_bytes())) for file in files]
-    told = "".join(f"{of.sha256}  {name}\n" for name, of in each)
-    return FileDigest(bytes=sum(of.bytes for _, of in each), sha256=digest(told.encode()).sha256, files=len(each))
+    digests = {file.name: digest(file.read_bytes()) for file in files}
+    listing = "".join(f"{entry.sha256}  {name}\n" for name, entry in digests.items())
+    size = sum(entry.bytes for entry in digests.values())
+    return FileDigest(bytes=size, sha256=digest(listing.encode()).sha256, files=len(digests))
 
 
 def _place(k: int) -> str:
     return f"runs/{k + 1:02}"
 
 
-def _json(value: Any) -> bytes:
-    return (json.dumps(value) + "\n").encode()
-
-
-def _folders(runs: Sequence[RecordedRun]) -> list[PurePosixPath]:
-    """Return the folders of this machine by which its paths are likely to begin."""
-    return list(_each_folder(runs))
-
-
-def _each_folder(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
+def _machine_folders(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
+    """Yield the folders of this machine by which its paths are likely to begin."""
     yield PurePosixPath(os.getcwd())
     with suppress(RuntimeError):  # a user id that has no home
         yield PurePosixPath(Path.home())
@@ -223,7 +284,7 @@ def _each_folder(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
         yield PurePosixPath(run.folder.parent)
 
 
-def _said(option: str, text: str, most: int, scrubber: Scrubber) -> str:
+def _clean_text(option: str, text: str, most: int, scrubber: Scrubber) -> str:
     clean = scrubber.text(" ".join(text.split()))
     if len(clean) > most or not clean.isprintable():
         raise UsageError(f"{option} wants printable text of at most {most} letters")

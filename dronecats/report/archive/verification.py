@@ -1,4 +1,4 @@
-"""An archive judged again on another machine: what was checked, what differs, and what nobody can tell from it."""
+"""Judges an archive again on another machine: lists what was checked, what differs, and what cannot be checked."""
 
 import hashlib
 import math
@@ -14,9 +14,8 @@ from dronecats.agent.prompt import Prompt
 from dronecats.judge.contradictions import Rereading
 from dronecats.judge.episode import Judged, compare, judge_run
 from dronecats.judge.statistics.shares import known_share
-from dronecats.report.archive.manifest import FileDigest, Manifest
+from dronecats.report.archive.archive_file import FileDigest, Manifest, unpack
 from dronecats.report.archive.submission import incomplete
-from dronecats.report.archive.unpacking import unpack
 from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record
@@ -30,36 +29,36 @@ from foundation.wording import printable
 
 DIFFERENCES_MAX = 50  # sentences
 SHOWN_CHARS = 200  # of a setting
-OTHER = "other"  # the cell of a record that has none of the benchmark's
+OTHER_CELL = "other"  # the cell of a record that has none of the benchmark's
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CellScore:
-    """What the flights of one cell came to, as derived here."""
+    """The results of the flights of one cell, as computed here."""
 
     scored: int
     successes: int
     oracle_successes: int
     declared: int
-    unscored: int  # nobody's success and nobody's failure
-    ne_m: float | None  # m, mean navigation error of the scored; None: of none it is known
+    unscored: int  # neither a success nor a failure
+    ne_m: float | None  # m, mean navigation error of the scored; None: unknown
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """What `dronecats verify --json` prints, and a leaderboard is made of."""
+    """The output of `dronecats verify --json`, and the entry of a leaderboard."""
 
     name: str
     note: str
     pilot: str
     is_model: bool
     suite: str | None
-    partial: str | None  # what is missing or broken, a sentence
+    partial: str | None  # a sentence about what is missing or broken
     flights: int  # of each episode
     steps: int
-    settings: dict[str, Any]  # that tell entries of one pilot apart
+    settings: dict[str, Any]  # that distinguish entries of one pilot
     cells: dict[str, CellScore]
-    interval: tuple[float, float]  # of the success rate over all of it, 0 … 1, 95 %, episodes being the unit
+    interval: tuple[float, float]  # 95 % interval of the total success rate, 0 … 1; episodes are the unit
     identity: str
     archive_sha256: str
     archive_bytes: int
@@ -71,10 +70,10 @@ class Verification:
 
 
 def verify(path: Path, reread: Rereading) -> Verification:
-    """Return what an archive holds against its own words and against what ships here.
+    """Return the check of an archive against its manifest and against the records that ship here.
 
-    Replies are read again by `reread`. Nothing is written but below a folder that is gone afterwards. Raises UsageError
-    for a file that is no such archive, or one that means harm.
+    Replies are parsed again by `reread`. Files are unpacked to a temporary folder only. Raises UsageError for a file
+    that is no such archive, or a malicious one.
     """
     try:
         with path.open("rb") as file, tempfile.TemporaryDirectory(prefix="dronecats-verify-") as place:
@@ -97,28 +96,28 @@ def _digest_of(path: Path) -> FileDigest:
 def _verification(
     manifest: Manifest, place: Path, differences: list[str], frames: int, packed: FileDigest, reread: Rereading
 ) -> Verification:
-    for told in manifest.runs:
-        _must_be_a_run(place / told.folder / layout.RUN)
+    for submitted in manifest.runs:
+        _check_run(place / submitted.folder / layout.RUN)
     runs = [recorded_run(place / run.folder) for run in manifest.runs]
     verdicts: list[tuple[str, Verdict]] = []  # by cell
     flights: dict[str, list[bool]] = {}  # by episode, whether each scored one succeeded
-    for run, told in zip(runs, manifest.runs, strict=True):
+    for run, submitted in zip(runs, manifest.runs, strict=True):
         judged = judge_run(run.folder, reread=reread)
-        for episode in judged.keys() & {*told.episodes}:
+        for episode in judged.keys() & {*submitted.episodes}:
             cell = str((json_object(run.folder / episode / layout.EPISODE) or {}).get("cell"))
             verdict = judged[episode].verdict
-            verdicts.append((cell if cell in record.CELLS else OTHER, verdict))
+            verdicts.append((cell if cell in record.CELLS else OTHER_CELL, verdict))
             if verdict.outcome in SCORED:
                 flights.setdefault(episode, []).append(verdict.outcome == "success")
-        for episode in told.episodes:
-            found = [*_of_record(run, episode), *_of_verdict(run, episode, judged[episode])]
-            differences += [f"{told.folder}/{episode}: {said}" for said in found]
-    differences += _of_manifest(manifest, runs)
-    cells, known = _cells(verdicts), known_share(list(flights.values()))
+        for episode in submitted.episodes:
+            found_here = [*_record_differences(run, episode), *_verdict_differences(run, episode, judged[episode])]
+            differences += [f"{submitted.folder}/{episode}: {difference}" for difference in found_here]
+    differences += _manifest_differences(manifest, runs)
+    cells, share = _cells(verdicts), known_share(list(flights.values()))
     unscored = sum(cell.unscored for cell in cells.values())
     if unscored and manifest.partial is None:
         differences.append(f"{unscored} episodes are nobody's score, and the entry is not marked as partial")
-    differences = [_on_one_line(said) for said in differences]
+    differences = [_on_one_line(difference) for difference in differences]
     if len(differences) > DIFFERENCES_MAX:
         differences = [*differences[:DIFFERENCES_MAX], f"and {len(differences) - DIFFERENCES_MAX} more"]
     return Verification(
@@ -132,7 +131,7 @@ def _verification(
         steps=sum(verdict.steps for _, verdict in verdicts),
         settings=_settings(runs[0].configuration),
         cells=cells,
-        interval=(known.low, known.high),
+        interval=(share.low, share.high),
         identity=manifest.identity,
         archive_sha256=packed.sha256,
         archive_bytes=packed.bytes,
@@ -158,13 +157,13 @@ class _KeptFlight(msgspec.Struct):
 
 
 class _KeptRun(msgspec.Struct):
-    """What of a run.json is gone by here."""
+    """The fields of a run.json that are used here."""
 
     flight: _KeptFlight
     versions: dict[str, str]
 
 
-def _must_be_a_run(path: Path) -> None:
+def _check_run(path: Path) -> None:
     try:
         msgspec.convert(json_object(path), _KeptRun)
     except (msgspec.ValidationError, UnicodeError, RecursionError) as wrong:
@@ -172,7 +171,7 @@ def _must_be_a_run(path: Path) -> None:
 
 
 def _on_one_line(text: str) -> str:
-    """Return a sentence on one line, without what a terminal would obey."""
+    """Return a sentence on one line, without control characters."""
     return printable(" ".join(text.splitlines()))
 
 
@@ -186,26 +185,26 @@ CHECKED = (
 )
 
 
-def _of_record(run: RecordedRun, episode: str) -> Iterator[str]:
-    """Yield that a record is not the one that ships, if so."""
+def _record_differences(run: RecordedRun, episode: str) -> Iterator[str]:
+    """Yield a sentence if a record is not the one that ships."""
     path = run.folder / episode / layout.EPISODE
     try:
-        flown = record.parse(path.read_bytes(), layout.EPISODE)
+        parsed = record.parse(path.read_bytes(), layout.EPISODE)
     except UsageError as wrong:
         yield str(wrong).rstrip(".")
         return
-    if not catalogue.ships(flown) or flown.id != episode:
+    if not catalogue.ships(parsed) or parsed.id != episode:
         yield "its record is not the one that ships under its id"
 
 
-def _of_verdict(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]:
-    """Yield where the stored verdict differs, and where the logs contradict themselves."""
+def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]:
+    """Yield the differences of the stored verdict and the contradictions in the logs."""
     stored = json_object(run.folder / episode / layout.VERDICT)
     if stored is None:
         yield f"there is no {layout.VERDICT}"
     else:
         now = judged.verdict.as_json()
-        for words in ("error", "note"):  # name files by their paths, which are others here
+        for words in ("error", "note"):  # they have paths of files, which differ here
             if isinstance(stored.get(words), str) and isinstance(now.get(words), str):
                 now[words] = stored[words]
         if differing := compare(stored, now).differing:
@@ -213,18 +212,18 @@ def _of_verdict(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]
     yield from judged.contradictions
 
 
-def _of_manifest(manifest: Manifest, runs: Sequence[RecordedRun]) -> Iterator[str]:
-    """Yield where the manifest's words are not those of the runs."""
+def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> Iterator[str]:
+    """Yield the differences between the manifest and the runs."""
     first = runs[0]
     if (manifest.pilot, manifest.is_model) != (first.pilot, first.is_model):
         yield f"the entry is said to be flown by {manifest.pilot}, and its runs by {first.pilot}"
-    for told, run in zip(manifest.runs, runs, strict=True):
+    for submitted, run in zip(manifest.runs, runs, strict=True):
         if identity_digest(identity(run)) != manifest.identity:
-            yield f"{told.folder} was flown under other settings than the entry names"
-        if run.seed != told.seed or [e.name for e in run.episodes] != [*told.episodes]:
-            yield f"{told.folder} has another seed or other episodes than the entry names"
+            yield f"{submitted.folder} was flown under other settings than the entry names"
+        if run.seed != submitted.seed or [e.name for e in run.episodes] != [*submitted.episodes]:
+            yield f"{submitted.folder} has another seed or other episodes than the entry names"
         if run.flight.get("replay") is not None:
-            yield f"{told.folder} is a recording that was flown again"
+            yield f"{submitted.folder} is a recording that was flown again"
     if len({run.seed for run in runs}) != len(runs):
         yield "several of its flights have one seed"
     missing = incomplete([run.episodes for run in manifest.runs])
@@ -234,7 +233,7 @@ def _of_manifest(manifest: Manifest, runs: Sequence[RecordedRun]) -> Iterator[st
 
 def _cells(verdicts: Sequence[tuple[str, Verdict]]) -> dict[str, CellScore]:
     cells: dict[str, CellScore] = {}
-    for cell in (*record.CELLS, OTHER):
+    for cell in (*record.CELLS, OTHER_CELL):
         of_it = [verdict for of, verdict in verdicts if of == cell]
         scored = [verdict for verdict in of_it if verdict.outcome in SCORED]
         errors_m = [verdict.ne_m for verdict in scored if verdict.ne_m is not None]
@@ -250,31 +249,31 @@ def _cells(verdicts: Sequence[tuple[str, Verdict]]) -> dict[str, CellScore]:
     return cells
 
 
-TELLING = ("command", "commander", "scripted", "latency", "parser", "drones", "seconds")
+SETTING_KEYS = ("command", "commander", "scripted", "latency", "parser", "drones", "seconds")
 
 
 def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings by which entries of one pilot are told apart; of a model, its sampling as well."""
+    """Return the settings that distinguish entries of one pilot; of a model, its sampling too."""
     flight = configuration.get("flight")
-    told = {key: flight[key] for key in TELLING if isinstance(flight, dict) and flight.get(key) is not None}
+    settings = {key: flight[key] for key in SETTING_KEYS if isinstance(flight, dict) and flight.get(key) is not None}
     model = flight.get("model") if isinstance(flight, dict) else None
-    told |= {"model": model} if isinstance(model, dict) else {}
-    told |= {"agent": configuration.get("agent")}
-    told |= {"disturbed": on_purpose} if (on_purpose := configuration.get("disturbed")) else {}
-    return {key: _shown(value) for key, value in told.items()}
+    settings |= {"model": model} if isinstance(model, dict) else {}
+    settings |= {"agent": configuration.get("agent")}
+    settings |= {"disturbed": on_purpose} if (on_purpose := configuration.get("disturbed")) else {}
+    return {key: _shown(value) for key, value in settings.items()}
 
 
 def _shown(value: Any, depth: int = 3) -> Any:
-    """Return a setting as it can be printed and kept, whatever stood in its place."""
+    """Return a setting of any type, shortened and safe to print."""
     if isinstance(value, dict) and depth:
-        return {_on_one_line(key)[:SHOWN_CHARS]: _shown(each, depth - 1) for key, each in value.items()}
+        return {_on_one_line(key)[:SHOWN_CHARS]: _shown(inner, depth - 1) for key, inner in value.items()}
     if value is None or isinstance(value, bool) or (isinstance(value, int | float) and abs(value) < LARGE):
         return value
     return _on_one_line(str(value)[:SHOWN_CHARS])
 
 
 def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> Iterator[str]:
-    """Yield what these files cannot tell, a sentence each."""
+    """Yield a sentence for each thing that these files cannot prove."""
     yield "that truth.jsonl was written by the logger in this flight: whoever has the files can write others that agree"
     yield "that flights were not flown until they were good ones, and the others left out"
     yield "that the code which flew was the version that it names, unchanged"
@@ -295,9 +294,9 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
 
 
 def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what of the settings is not the benchmark's own."""
-    told = configuration.get("flight")
-    flight: Mapping[str, Any] = told if isinstance(told, dict) else {}
+    """Yield a sentence for each setting that is not the benchmark's."""
+    fields = configuration.get("flight")
+    flight: Mapping[str, Any] = fields if isinstance(fields, dict) else {}
     if configuration.get("prompt_sha256") != Prompt.load().digest:
         yield "what the pilot was told: its prompt is not the one that ships here"
     if flight.get("seconds", CAP_S) != CAP_S:

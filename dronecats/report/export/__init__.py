@@ -1,1 +1,1 @@
-"""Flights in other people's formats: each reads an episode once, and writes what that format's own tools open."""
+"""Exports flights in the formats of other tools."""

@@ -1,4 +1,4 @@
-"""From our names, frames and units to those of other formats, in this file only.
+"""Converts our names, frames and units to those of other formats, in this file only.
 
 Ours: NED metres in the map's frame; attitudes (w, x, y, z) that rotate FRD into NED; seconds of vehicle time since the
 episode began. Theirs, where they ask for right-handed axes with z up (Foxglove, Rerun, ROS REP 103): ENU metres, bodies
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 _ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # half a turn about the axis between north and east
 _FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
-JUDGE = "judge"  # what stands under it was unknown to agent and autopilot: true places, targets, verdicts
+JUDGE = "judge"  # prefix of data unknown to agent and autopilot: true places, targets, verdicts
 OPTICAL_IN_FLU = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: right-down-forward axes of a camera that looks forward
 
 
@@ -40,12 +40,12 @@ def xyzw_flu_to_enu(attitude: Quat) -> Quat:
 
 
 def nanoseconds(t_s: float) -> int:
-    """Return seconds as whole nanoseconds, exact to the microsecond that the logs tell."""
+    """Return seconds as integer nanoseconds, exact to the microsecond of the logs."""
     return round(t_s * 1e6) * 1000
 
 
 def microseconds(t_s: float) -> int:
-    """Return seconds as whole microseconds."""
+    """Return seconds as integer microseconds."""
     return round(t_s * 1e6)
 
 
@@ -65,7 +65,7 @@ def drone_name(number: int) -> str:
 
 
 def about(flight: RecordedFlight) -> dict[str, str]:
-    """Return who flew what, and how, in words."""
+    """Return pilot, episode and settings in words."""
     return {
         "run": flight.run.folder.resolve().name,
         "pilot": flight.run.pilot,

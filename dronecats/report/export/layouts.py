@@ -1,9 +1,8 @@
-"""Layouts that show what `mcap` and `ulog` write: for Foxglove (Layouts → Import from file) and for PlotJuggler.
+"""Writes layouts for the files of `mcap` and `ulog`: for Foxglove (Layouts → Import from file) and for PlotJuggler.
 
-`plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) calls a curve
-topic/field, an array's element field.00, and a topic that any drone but the first has topic.00, topic.01, …: so a fleet
-wants a layout of its own. What it does not find in a file it names in a warning, so only what is of every flight that
-was flown to its end is in here.
+`plotjuggler --datafile FILE.ulg --layout FILE.xml`. PlotJuggler (`DataLoadULog/ulog_parser.cpp`, 3.17) names a curve
+topic/field, an array's element field.00, and the topics of several drones topic.00, topic.01, …: so a fleet needs a
+layout of its own. It warns of curves that are not in a file, so a layout has only those of every complete flight.
 """
 
 import json
@@ -16,14 +15,14 @@ from xml.etree import ElementTree as Xml
 from dronecats.report.export.conventions import JUDGE, drone_name
 
 FOXGLOVE, ALONE, FLEET = "foxglove-layout.json", "plotjuggler-layout.xml", "plotjuggler-layout-fleet.xml"
-FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (ALONE, FLEET)}  # format → all that it may have
-COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of drones, the first ones of PlotJuggler
-TRUTH_COLOUR = "#9467bd"  # of the only drone; a fleet's truth has the drones' own
+FILES: Mapping[str, tuple[str, ...]] = {"mcap": (FOXGLOVE,), "ulog": (ALONE, FLEET)}  # format → its layouts
+COLOURS = ("#1f77b4", "#d62728", "#1ac938", "#ff7f0e")  # of drones, PlotJuggler's first
+TRUTH_COLOUR = "#9467bd"  # of a single drone; a fleet's truth has the drones' colours
 ESTIMATED, TRUE = "vehicle_local_position", "vehicle_local_position_groundtruth"
 
 
 def wanted(kind: str, drones: set[int]) -> dict[str, int]:
-    """Return the files that go with flights of these numbers of drones, each with the number that it is for."""
+    """Return the layout files for flights of these numbers of drones, each with its number of drones."""
     if kind == "mcap":
         return {FOXGLOVE: max(drones)}
     fleets = drones - {1}
@@ -31,7 +30,7 @@ def wanted(kind: str, drones: set[int]) -> dict[str, int]:
 
 
 def write(path: Path, drones: int) -> int:
-    """Write the layout of this file's name for flights of so many drones; return how many panels or plots it has."""
+    """Write the layout with this file name for a number of drones; return the number of its panels or plots."""
     if path.name == FOXGLOVE:
         panels = foxglove_layout(drones)
         path.write_text(json.dumps(panels, indent=2) + "\n", encoding="utf-8")
@@ -43,7 +42,7 @@ def write(path: Path, drones: int) -> int:
 
 
 def foxglove_layout(drones: int) -> dict[str, Any]:
-    """Return the layout: scene, picture of each drone, map, heights and log. The judge's panels are hidden at first."""
+    """Return the layout: scene, picture of each drone, map, heights and log; the judge's topics are hidden at first."""
     names = [drone_name(number) for number in range(max(1, drones))]
     images = {f"Image!{name}": _image(name) for name in names}
     panels = {
@@ -118,7 +117,7 @@ def _stacked(panels: list[str]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class DrawnCurve:
-    """What is drawn: a field against time, or one against another."""
+    """A curve: a field against time, or against another field."""
 
     colour: str
     y: str  # PlotJuggler's name of it
@@ -149,8 +148,8 @@ def _tabs(drones: int) -> Iterator[tuple[str, list[PlotPane]]]:
     colours = dict(enumerate((COLOURS * drones)[:drones]))
 
     def curves(topic: str, field: str, against: str | None = None, colour: str | None = None) -> tuple[DrawnCurve, ...]:
-        def named(told: str, drone: int) -> str:
-            return f"{topic}/{told}" if drones == 1 else f"{topic}.{drone:02}/{told}"
+        def named(field_name: str, drone: int) -> str:
+            return f"{topic}/{field_name}" if drones == 1 else f"{topic}.{drone:02}/{field_name}"
 
         return tuple(
             DrawnCurve(colour or own, named(field, drone), named(against, drone) if against else None)

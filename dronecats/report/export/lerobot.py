@@ -1,11 +1,11 @@
-"""Many flights as one LeRobot dataset, version 3.0 of its layout. Needs the extra `lerobot`.
+"""Writes many flights as one LeRobot dataset, version 3.0 of its layout. Needs the extra `lerobot`.
 
-A frame is a decision, on the picture that it was made on: `timestamp` counts decisions (1 a second), as LeRobot wants
-frames of an even rate, and `time.frame_s` is when the picture was taken. An episode is one drone's part of a flight.
-`observation.state` is what its autopilot thought; what the judge knew is in `judge.success` alone. The four-action form
-keeps the units of the log. The body velocity is what the paper's controller (`dronecats/agent/controller.py`) makes of
-the action: the constant velocity along the axes of the heading at the picture that ends, after as long, at the same
-place, and the constant yaw rate that ends at the same heading.
+A frame is a decision with its picture: `timestamp` counts decisions (1 per second), because LeRobot requires frames of
+a constant rate; `time.frame_s` is the time of the picture. An episode is one drone's part of a flight.
+`observation.state` is its autopilot's estimate; only `judge.success` is the judge's. The four-action form keeps the
+units of the log. The body velocity is the action as the paper's controller (`dronecats/agent/controller.py`) flies it,
+as one constant velocity along the axes of the heading at the picture, and one constant yaw rate, that end after the
+same time at the same place and heading.
 """
 
 import json
@@ -22,10 +22,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from dronecats.agent.action import ActionError, Finished, Go, Rotate, Think, action_from
+from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.controller import plan
 from dronecats.report.export.conventions import about
-from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.flight import RecordedFlight, action_of
 from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
@@ -36,7 +36,7 @@ from foundation.setpoints import Turn, Velocity
 STATE = ("north_m", "east_m", "down_m", "forward_m_s", "right_m_s", "down_m_s", "roll_rad", "pitch_rad", "yaw_rad")
 ACTION = ("go", "rotate", "think", "finished", "point_x", "point_y", "depth_m", "angle_deg")
 BODY_VELOCITY = ("forward_m_s", "right_m_s", "down_m_s", "yaw_rate_rad_s", "duration_s")
-EVERY_PX = 4  # pixels of a picture that are counted, a row and a column
+EVERY_PX = 4  # stride of the rows and columns whose pixels are counted
 FPS = 1
 FILE_BYTES = 100_000_000  # of a data file, after which another is begun
 IMAGE = "observation.images.front"
@@ -51,9 +51,10 @@ Vector = NDArray[np.float32]
 
 
 def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_out: list[str]) -> int:
-    """Write a dataset, there whole or not at all; return how many frames it has.
+    """Write a dataset, completely or not at all; return the number of its frames.
 
-    Flights that it cannot hold are told in `left_out`. Raises UsageError when something else is there, or none is left.
+    A sentence for each unsuitable flight is added to `left_out`. Raises UsageError when `out` holds something else, or
+    when no flight is left.
     """
     there = out.exists() and any(out.iterdir())
     if there and not overwrite:
@@ -65,8 +66,8 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
     dataset = _Dataset(part)
     try:
         for flight in flights:
-            if said := _unfit(flight, dataset):
-                left_out.append(said)
+            if reason := _unfit(flight, dataset):
+                left_out.append(reason)
                 continue
             for drone in flight.drone_tracks:
                 dataset.add(flight, drone)
@@ -83,7 +84,7 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
 
 
 def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
-    """Return why a flight cannot be in a dataset; None where it can."""
+    """Return a sentence why a flight is unsuitable for a dataset; None: it is suitable."""
     folder = flight.folder
     if not flight.frames:
         return f"{folder} holds no pictures"
@@ -119,7 +120,7 @@ class _Dataset:
         self.shape: tuple[int, ...] | None = None  # of the pictures: height, width, 3
         self._folder = folder
         self._tasks: dict[str, int] = {}
-        self._told: list[dict[str, Moments]] = []  # of each episode, by feature
+        self._moments: list[dict[str, Moments]] = []  # of each episode, by feature
         self._writer: pq.ParquetWriter | None = None
         self._file, self._bytes = 0, 0
 
@@ -148,8 +149,8 @@ class _Dataset:
         self._write(columns, [path.read_bytes() for path in pictures])
         shown = [_picture(path) for path in pictures]
         self.shape = shown[0].shape
-        told = {IMAGE: image_moments(shown), **{name: moments(values) for name, values in columns.items()}}
-        self._told.append(told)
+        statistics = {IMAGE: image_moments(shown), **{name: moments(values) for name, values in columns.items()}}
+        self._moments.append(statistics)
         self.episodes.append({
             "episode_index": number, "tasks": [flight.instruction], "length": count,
             "data/chunk_index": 0, "data/file_index": self._file,
@@ -157,7 +158,8 @@ class _Dataset:
             "meta/episodes/chunk_index": 0, "meta/episodes/file_index": 0,
             "flight.run": about(flight)["run"], "flight.episode": flight.id, "flight.drone_index": drone.number,
             "judge.success": bool(flight.verdict.success),
-            **{f"stats/{name}/{key}": value for name, one in told.items() for key, value in one.as_lists().items()},
+            **{f"stats/{name}/{key}": value for name, feature in statistics.items()
+               for key, value in feature.as_lists().items()},
         })  # fmt: skip
         self.frames += count
 
@@ -180,14 +182,14 @@ class _Dataset:
         self._writer.write_table(pa.Table.from_arrays(arrays, schema=_schema()))
 
     def finish(self) -> None:
-        """Write what is known of all: info, tasks, episodes, statistics."""
+        """Write the files about all episodes: info, tasks, episodes, statistics."""
         self.close()
         meta = self._folder / "meta"
         (self._folder / EPISODES).parent.mkdir(parents=True, exist_ok=True)
         pq.write_table(pa.Table.from_pylist(self.episodes), self._folder / EPISODES)
         pq.write_table(_task_table(self._tasks), meta / "tasks.parquet")
-        whole = {name: merged([one[name] for one in self._told]) for name in self._told[0]}
-        stats = {name: one.as_lists() for name, one in whole.items()}
+        merged_moments = {name: merged([feature[name] for feature in self._moments]) for name in self._moments[0]}
+        stats = {name: feature.as_lists() for name, feature in merged_moments.items()}
         (meta / "stats.json").write_text(json.dumps(stats, indent=2) + "\n")
         (meta / "info.json").write_text(json.dumps(self._info(), indent=2) + "\n")
 
@@ -198,7 +200,7 @@ class _Dataset:
             self._writer = None
 
     def _info(self) -> dict[str, Any]:
-        picture = {"dtype": "image", "shape": self.shape, "names": ["height", "width", "channels"]}
+        image = {"dtype": "image", "shape": self.shape, "names": ["height", "width", "channels"]}
         vectors = {
             name: {"dtype": "float32", "shape": [len(names)], "names": list(names)} for name, names in VECTORS.items()
         }
@@ -216,7 +218,7 @@ class _Dataset:
             "splits": {"train": f"0:{len(self.episodes)}"},
             "data_path": "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
             "video_path": None,
-            "features": {IMAGE: picture, **vectors, **scalars},
+            "features": {IMAGE: image, **vectors, **scalars},
         }
 
 
@@ -228,9 +230,9 @@ def _schema() -> pa.Schema:
 
 
 def _task_table(tasks: dict[str, int]) -> pa.Table:
-    """Return the tasks as pandas stores a frame whose index they are, which is how LeRobot looks them up."""
+    """Return the tasks as pandas stores a frame with this index; LeRobot looks them up there."""
     index = "__index_level_0__"
-    about = {
+    pandas_metadata = {
         "index_columns": [index],
         "column_indexes": [{"name": None, "field_name": None, "pandas_type": "unicode", "numpy_type": "object",
                             "metadata": {"encoding": "UTF-8"}}],
@@ -243,11 +245,11 @@ def _task_table(tasks: dict[str, int]) -> pa.Table:
         "pandas_version": "2.0.0",
     }  # fmt: skip
     table = pa.table({"task_index": pa.array(list(tasks.values()), pa.int64()), index: list(tasks)})
-    return table.replace_schema_metadata({"pandas": json.dumps(about)})
+    return table.replace_schema_metadata({"pandas": json.dumps(pandas_metadata)})
 
 
 def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
-    """Return what an autopilot thought at a time (9,): place since `first_s`, velocity along its heading, attitude."""
+    """Return an autopilot's estimate at a time (9,): place since `first_s`, velocity along its heading, attitude."""
     now, first = track.newest(t_s), track.newest(first_s)
     w, x, y, z = (float(value) for value in track.attitude[now])
     roll, pitch, yaw = quat_to_euler((w, x, y, z))
@@ -258,9 +260,9 @@ def state(track: FlightTrack, t_s: float, first_s: float) -> Vector:
 
 
 def four_action(decision: Decision) -> Vector:
-    """Return a decision as (8,): which of the four actions, none where the reply held none, and its numbers or 0."""
+    """Return a decision as (8,): 1 for its action, if any, of the four, and the action's numbers or 0."""
     vector = np.zeros(len(ACTION), np.float32)
-    match _action(decision):
+    match action_of(decision):
         case Go(x, y, depth_m):
             vector[[0, 4, 5, 6]] = (1.0, x, y, depth_m)
         case Rotate(angle_deg):
@@ -273,8 +275,8 @@ def four_action(decision: Decision) -> Vector:
 
 
 def body_velocity(decision: Decision, camera: CameraModel) -> Vector:
-    """Return what a decision has the drone fly (5,): forward, right, down in m/s, yaw rate in rad/s, for how long."""
-    segments = plan(_action(decision), camera)
+    """Return the velocity of a decision (5,): forward, right, down in m/s, yaw rate in rad/s, duration in s."""
+    segments = plan(action_of(decision), camera)
     duration_s = sum(segment.duration_s for segment in segments)
     ahead = right = down = turned = 0.0
     for segment in segments:
@@ -286,20 +288,13 @@ def body_velocity(decision: Decision, camera: CameraModel) -> Vector:
                 ahead += forward * math.cos(turned) * segment.duration_s
                 right += forward * math.sin(turned) * segment.duration_s
                 down -= (up or 0.0) * segment.duration_s
-    flown = np.array([ahead, right, down, turned]) / duration_s
-    return np.array([*flown, duration_s], np.float32)
-
-
-def _action(decision: Decision) -> Go | Rotate | Think | Finished | None:
-    try:
-        return action_from(decision.action)
-    except ActionError:
-        return None
+    mean_velocity = np.array([ahead, right, down, turned]) / duration_s
+    return np.array([*mean_velocity, duration_s], np.float32)
 
 
 @dataclass(frozen=True, slots=True)
 class Moments:
-    """Of one feature, an entry per number of it; of pictures (3, 1, 1), per colour, on 0 … 1."""
+    """The statistics of one feature, an entry per number of it; of pictures (3, 1, 1), per colour, on 0 … 1."""
 
     least: NDArray[np.float64]
     greatest: NDArray[np.float64]
@@ -308,32 +303,32 @@ class Moments:
     count: int  # frames
 
     def as_lists(self) -> dict[str, Any]:
-        """Return them under LeRobot's names."""
-        told = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": self.std}
-        return {**{name: value.tolist() for name, value in told.items()}, "count": [self.count]}
+        """Return the statistics by LeRobot's names."""
+        values = {"min": self.least, "max": self.greatest, "mean": self.mean, "std": self.std}
+        return {**{name: value.tolist() for name, value in values.items()}, "count": [self.count]}
 
 
 def moments(values: NDArray[Any]) -> Moments:
-    """Return those of a feature, (n,) or (n, k)."""
+    """Return the statistics of a feature, (n,) or (n, k)."""
     table = values.reshape(len(values), -1).astype(np.float64)
     return Moments(table.min(0), table.max(0), table.mean(0), table.std(0), len(table))
 
 
 def image_moments(pictures: Sequence[NDArray[np.uint8]]) -> Moments:
-    """Return those of pictures (h, w, 3), of which not every pixel is looked at."""
-    seen = np.concatenate([each[::EVERY_PX, ::EVERY_PX].reshape(-1, 3) for each in pictures]) / 255.0
+    """Return the statistics of pictures (h, w, 3), from a part of their pixels."""
+    pixels = np.concatenate([picture[::EVERY_PX, ::EVERY_PX].reshape(-1, 3) for picture in pictures]) / 255.0
     least, greatest, mean, std = (
-        part.reshape(3, 1, 1) for part in (seen.min(0), seen.max(0), seen.mean(0), seen.std(0))
+        moment.reshape(3, 1, 1) for moment in (pixels.min(0), pixels.max(0), pixels.mean(0), pixels.std(0))
     )
     return Moments(least, greatest, mean, std, len(pictures))
 
 
-def merged(parts: Sequence[Moments]) -> Moments:
-    """Return those of several episodes together."""
-    weights = np.array([part.count for part in parts], np.float64) / sum(part.count for part in parts)
-    shape = (-1,) + (1,) * parts[0].mean.ndim
-    means, variances = np.array([p.mean for p in parts]), np.array([p.std**2 for p in parts])
+def merged(episodes: Sequence[Moments]) -> Moments:
+    """Return the statistics of several episodes together."""
+    weights = np.array([episode.count for episode in episodes], np.float64) / sum(episode.count for episode in episodes)
+    shape = (-1,) + (1,) * episodes[0].mean.ndim
+    means, variances = np.array([p.mean for p in episodes]), np.array([p.std**2 for p in episodes])
     mean = (weights.reshape(shape) * means).sum(0)
     variance = (weights.reshape(shape) * (variances + (means - mean) ** 2)).sum(0)
-    least, greatest = np.min([p.least for p in parts], 0), np.max([p.greatest for p in parts], 0)
-    return Moments(least, greatest, mean, np.sqrt(variance), sum(part.count for part in parts))
+    least, greatest = np.min([p.least for p in episodes], 0), np.max([p.greatest for p in episodes], 0)
+    return Moments(least, greatest, mean, np.sqrt(variance), sum(episode.count for episode in episodes))

@@ -1,8 +1,8 @@
-"""One flight on a map, its paths and points as KML 2.2 (OGC 07-147r2) and as GeoJSON (RFC 7946), both in WGS84.
+"""Writes the paths and points of one flight as KML 2.2 (OGC 07-147r2) and as GeoJSON (RFC 7946), both in WGS84.
 
-KML is for Google Earth, QGIS and the like. Altitudes are m above mean sea level (`absolute`). Times: `gx:Track` wants a
-calendar, and the episode's clock has none, so that an episode begins at 1970-01-01T00:00:00Z. In GeoJSON a line's times
-are in its property `t_s`, one per position, as s since the episode began.
+Altitudes are m above mean sea level (`absolute`). Times: `gx:Track` requires a calendar, which the episode's clock
+lacks, so that an episode begins at 1970-01-01T00:00:00Z. In GeoJSON a line's times are in its property `t_s`, one per
+position, in s since the episode began.
 """
 
 import json
@@ -19,14 +19,14 @@ from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-SPACING_S = 0.2  # s between two points of a path: as often as an autopilot tells where it is
+SPACING_S = 0.2  # s between two points of a path: the period of an autopilot's telemetry
 KML, GX = "http://www.opengis.net/kml/2.2", "http://www.google.com/kml/ext/2.2"
 COLORS = {True: "ff2b9fff", False: "ffd08a3c"}  # aabbggrr, by whether it is the judge's
 
 
 @dataclass(frozen=True, slots=True)
 class MapPath:
-    """Where something was, over time."""
+    """The path of something over time."""
 
     name: str  # such as `drone_0`, or `judge/drone_0`
     judges: bool  # whether only the judge knew it
@@ -36,13 +36,13 @@ class MapPath:
 
 @dataclass(frozen=True, slots=True)
 class MapPoint:
-    """Something that happened, or stood, somewhere."""
+    """An event or object at a place."""
 
     name: str
     judges: bool
     t_s: float
     place: Vec3  # longitude °, latitude °, altitude m above mean sea level
-    told: dict[str, Any]
+    properties: dict[str, Any]
 
 
 def paths(flight: RecordedFlight) -> Iterator[MapPath]:
@@ -64,24 +64,31 @@ def points(flight: RecordedFlight) -> Iterator[MapPoint]:
         place = lon_lat_alt(origin, _at(flight.target_track, 0))
         yield MapPoint(f"{JUDGE}/target", True, float(flight.target_track.t_s[0]), place, {})
     for step in flight.steps:
-        said = step.decision
-        track = _known(flight.drone_tracks[said.drone])
+        decision = step.decision
+        track = _own_track(flight.drone_tracks[decision.drone])
         if track is None:
             continue
-        place = lon_lat_alt(origin, _at(track, track.newest(said.t_frame)))
-        told = {"step": said.step, "drone": said.drone, "t_decided_s": said.t_decided, **(said.action or {})}
-        judges = track is not flight.drone_tracks[said.drone].estimate
-        yield MapPoint(f"step {said.step}: {said.kind or 'no action'}", judges, said.t_frame, place, told)
-    for one in flight.all_declarations:
-        truth = flight.drone_tracks[one.drone].truth
+        place = lon_lat_alt(origin, _at(track, track.newest(decision.t_frame)))
+        properties = {
+            "step": decision.step,
+            "drone": decision.drone,
+            "t_decided_s": decision.t_decided,
+            **(decision.action or {}),
+        }
+        judges = track is not flight.drone_tracks[decision.drone].estimate
+        yield MapPoint(
+            f"step {decision.step}: {decision.kind or 'no action'}", judges, decision.t_frame, place, properties
+        )
+    for declaration in flight.all_declarations:
+        truth = flight.drone_tracks[declaration.drone].truth
         if truth is not None:
-            place = lon_lat_alt(origin, _at(truth, truth.newest(one.t)))
-            told = {"step": one.step, "drone": one.drone, "distance_m": one.distance_m, "visible": one.visible,
-                    "qualifies": one.qualifies(flight.delta_m)}  # fmt: skip
-            yield MapPoint(f"{JUDGE}/declaration of step {one.step}", True, one.t, place, told)
+            place = lon_lat_alt(origin, _at(truth, truth.newest(declaration.t)))
+            properties = {name: getattr(declaration, name) for name in ("step", "drone", "distance_m", "visible")}
+            properties["qualifies"] = declaration.qualifies(flight.delta_m)
+            yield MapPoint(f"{JUDGE}/declaration of step {declaration.step}", True, declaration.t, place, properties)
 
 
-def _known(drone: DroneTracks) -> FlightTrack | None:
+def _own_track(drone: DroneTracks) -> FlightTrack | None:
     return drone.estimate if drone.estimate is not None else drone.truth
 
 
@@ -106,7 +113,7 @@ def _origin(flight: RecordedFlight) -> Vec3:
 
 
 def write_kml(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return how many places it has. Raises UsageError where nobody tells where on earth it was."""
+    """Write a flight; return the number of its places. Raises UsageError where its place on earth is unknown."""
     ET.register_namespace("", KML)
     ET.register_namespace("gx", GX)
     root = ET.Element(f"{{{KML}}}kml")
@@ -123,9 +130,9 @@ def write_kml(flight: RecordedFlight, path: Path) -> int:
     for judges, folder in folders.items():
         _under(folder, "name", "judge" if judges else "flight")
     count = 0
-    for one in paths(flight):
-        _add_path(folders[one.judges], one)
-        count += len(one.places)
+    for drawn_path in paths(flight):
+        _add_path(folders[drawn_path.judges], drawn_path)
+        count += len(drawn_path.places)
     for point in points(flight):
         _add_point(folders[point.judges], point)
         count += 1
@@ -146,14 +153,14 @@ def _add_path(folder: ET.Element, path: MapPath) -> None:
 
 def _add_point(folder: ET.Element, point: MapPoint) -> None:
     placemark = _placemark(folder, point.name, point.judges, point.t_s)
-    _data(placemark, {key: str(value) for key, value in point.told.items()})
+    _data(placemark, {key: str(value) for key, value in point.properties.items()})
     geometry = _under(placemark, "Point")
     _under(geometry, "altitudeMode", "absolute")
     _under(geometry, "coordinates", ",".join(_numbers(point.place)))
 
 
 def _placemark(folder: ET.Element, name: str, judges: bool, t_s: float | None = None) -> ET.Element:
-    """Return a new placemark, its parts in the order that the schema asks for."""
+    """Return a new placemark, its elements in the order of the schema."""
     placemark = _under(folder, "Placemark")
     _under(placemark, "name", name)
     if t_s is not None:
@@ -166,14 +173,14 @@ def _style(judges: bool) -> str:
     return "judge" if judges else "flight"
 
 
-def _data(parent: ET.Element, told: dict[str, str]) -> None:
+def _data(parent: ET.Element, fields: dict[str, str]) -> None:
     extended = _under(parent, "ExtendedData")
-    for key, value in told.items():
+    for key, value in fields.items():
         _under(_under(extended, "Data", name=key), "value", value)
 
 
 def _numbers(place: tuple[float, float, float]) -> Iterator[str]:
-    """Yield degrees to a centimetre's tenth and metres to a millimetre."""
+    """Yield degrees and metres, both to a millimetre."""
     yield from (f"{place[0]:.8f}", f"{place[1]:.8f}", f"{place[2]:.3f}")
 
 
@@ -189,21 +196,21 @@ def _under(parent: ET.Element, tag: str, text: str | None = None, **attributes: 
 
 
 def _printable(text: str) -> str:
-    """Return a text without what XML cannot hold."""
+    """Return a text without characters that XML forbids."""
     return "".join(c if c in "\t\n\r" or (c >= " " and not "\ud800" <= c <= "\udfff" and c < "\ufffe") else "�"
                    for c in text)  # fmt: skip
 
 
 def write_geojson(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return how many places it has. Raises UsageError where nobody tells where on earth it was."""
+    """Write a flight; return the number of its places. Raises UsageError where its place on earth is unknown."""
     lines, dots = list(paths(flight)), list(points(flight))
     features = [
-        _feature("LineString", [_position(each) for each in line.places] * (2 if len(line.places) == 1 else 1),
+        _feature("LineString", [_position(place) for place in line.places] * (2 if len(line.places) == 1 else 1),
                  {"name": line.name, "judge": line.judges, "t_s": line.t_s})
         for line in lines
     ] + [
         _feature("Point", _position(dot.place),
-                 {"name": dot.name, "judge": dot.judges, "t_s": dot.t_s, **dot.told})
+                 {"name": dot.name, "judge": dot.judges, "t_s": dot.t_s, **dot.properties})
         for dot in dots
     ]  # fmt: skip
     collection = {"type": "FeatureCollection", "features": features, "about": {**about(flight), **judged(flight)}}
@@ -216,5 +223,5 @@ def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[st
 
 
 def _position(place: Vec3) -> list[float]:
-    """Return a place with degrees to a millimetre and metres likewise."""
+    """Return a place with degrees and metres to a millimetre."""
     return [round(place[0], 8), round(place[1], 8), round(place[2], 3)]

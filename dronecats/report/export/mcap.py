@@ -1,32 +1,64 @@
-"""One flight as MCAP with Foxglove's own schemas, for Foxglove and whatever else reads it. Needs the extra `export`.
+"""Writes one flight as MCAP with Foxglove's own schemas. Needs the extra `export`.
 
 Times are ns since the episode began, so that it begins at 1970. The frame `map` is ENU; `drone_0` is the body (FLU) as
-its autopilot thought, `judge/drone_0` as it truly was, `drone_0/camera` the camera (right-down-forward).
+its autopilot estimated it, `judge/drone_0` the true one, `drone_0/camera` the camera (right-down-forward).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.ImageAnnotations_pb2 import ImageAnnotations
+from foxglove_schemas_protobuf.KeyValuePair_pb2 import KeyValuePair
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.LocationFix_pb2 import LocationFix
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose as FoxglovePose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
 from mcap_protobuf.writer import Writer
 
-from dronecats.report.export import foxglove
-from dronecats.report.export.conventions import JUDGE, about, drone_name, judged, lon_lat_alt, nanoseconds
-from dronecats.report.recorded.flight import RecordedFlight, SeenFrame
+from dronecats.report.export.conventions import (
+    JUDGE,
+    OPTICAL_IN_FLU,
+    Array,
+    about,
+    drone_name,
+    enu,
+    flu,
+    judged,
+    lon_lat_alt,
+    nanoseconds,
+    xyzw_flu_to_enu,
+)
+from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
+from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import Quat
 from foundation.protocol import POINT_SPAN
 from foundation.truth import Origin
 
-TRAIL_S = 1.0  # s of vehicle time after which a trail is drawn anew
-ACROSS_M = 0.8  # m, of the ball that stands for a target
+MAP = "map"  # the frame that all others are in: ENU, its origin the map's
+ESTIMATE_COLOR, JUDGE_COLOR = Color(r=0.24, g=0.54, b=0.82, a=1.0), Color(r=1.0, g=0.62, b=0.17, a=1.0)
+RING_PX = 48.0  # diameter of the ring around a chosen point
+TRAIL_S = 1.0  # s of vehicle time between two updates of a trail
+BALL_M = 0.8  # m, diameter of the ball that marks a target
 
 
 class TimedMessage(NamedTuple):
-    """A message, when it is and where it goes."""
+    """A message with its time and topic."""
 
     t_s: float
     topic: str
@@ -34,121 +66,210 @@ class TimedMessage(NamedTuple):
 
 
 def write(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return how many messages there are. Raises UsageError where a picture cannot be read."""
-    told = sorted(messages(flight), key=lambda each: each.t_s)
+    """Write a flight; return the number of messages. Raises UsageError where a picture cannot be read."""
+    ordered = sorted(messages(flight), key=lambda message: message.t_s)
     with path.open("wb") as file:
         writer = Writer(file)
-        for sequence, (t_s, topic, message) in enumerate(told):
-            at = nanoseconds(t_s)
-            writer.write_message(topic, message, log_time=at, publish_time=at, sequence=sequence)
+        for sequence, (t_s, topic, message) in enumerate(ordered):
+            time_ns = nanoseconds(t_s)
+            writer.write_message(topic, message, log_time=time_ns, publish_time=time_ns, sequence=sequence)
         writer._writer.add_metadata("dronecats", about(flight))  # the wrapper has no call of its own for it
         writer._writer.add_metadata(f"dronecats/{JUDGE}", judged(flight))
         writer.finish()
-    return len(told)
+    return len(ordered)
 
 
 def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield all that a flight has to tell, topic by topic."""
+    """Yield all messages of a flight, topic by topic."""
     for drone in flight.drone_tracks:
         name = drone_name(drone.number)
         if drone.estimate is not None:
-            yield from _track(name, name, drone.estimate, flight.origin)
+            yield from _track(name, drone.estimate, flight.origin)
         if drone.truth is not None:
-            yield from _track(f"{JUDGE}/{name}", f"{JUDGE}/{name}", drone.truth, flight.origin)
-        body = name if drone.estimate is not None else f"{JUDGE}/{name}"
-        mounted = foxglove.mounting(body, f"{name}/camera", flight.camera)
+            yield from _track(f"{JUDGE}/{name}", drone.truth, flight.origin)
+        mounted = FrameTransform(
+            timestamp=_stamp(0.0),
+            parent_frame_id=name if drone.estimate is not None else f"{JUDGE}/{name}",
+            child_frame_id=f"{name}/camera",
+            translation=_vector(flu(flight.camera.offset_frd)),
+            rotation=_quaternion(OPTICAL_IN_FLU),
+        )
         yield TimedMessage(0.0, "/tf", FrameTransforms(transforms=[mounted]))
         yield from _pictures(flight, drone)
-    yield from _words(flight)
-    yield from _target(flight)
+    yield from _logs(flight)
+    yield from _targets(flight)
 
 
-def _track(name: str, frame: str, track: FlightTrack, origin: Origin | None) -> Iterator[TimedMessage]:
-    """Yield a drone's poses, its places on earth, and its trail."""
+def _track(name: str, track: FlightTrack, origin: Origin | None) -> Iterator[TimedMessage]:
+    """Yield a drone's poses, its places on earth, and its trail; its frame has its name."""
     judges = name.startswith(JUDGE)
-    scene = f"/{JUDGE}/scene" if judges else "/scene"
-    yield TimedMessage(float(track.t_s[0]), scene, foxglove.scene([foxglove.body(float(track.t_s[0]), frame, judges)]))
+    begin_s = float(track.t_s[0])
+    yield _scene(begin_s, _body_arrow(begin_s, name, judges), judges)
     drawn_s = -TRAIL_S
     for index, at in enumerate(track.t_s):
-        t_s, place, attitude = float(at), track.position_ned[index], _attitude(track, index)
-        yield TimedMessage(t_s, "/tf", FrameTransforms(transforms=[foxglove.transform(t_s, frame, place, attitude)]))
-        yield TimedMessage(t_s, f"/{name}/pose", foxglove.pose(t_s, place, attitude))
+        t_s, place, (w, x, y, z) = float(at), track.position_ned[index], map(float, track.attitude[index])
+        pose = _pose(place, (w, x, y, z))
+        turned = FrameTransform(
+            timestamp=_stamp(t_s), parent_frame_id=MAP, child_frame_id=name, translation=_vector(enu(place)),
+            rotation=pose.orientation,
+        )  # fmt: skip
+        yield TimedMessage(t_s, "/tf", FrameTransforms(transforms=[turned]))
+        yield TimedMessage(t_s, f"/{name}/pose", PoseInFrame(timestamp=_stamp(t_s), frame_id=MAP, pose=pose))
         if origin is not None:
-            on_earth = lon_lat_alt(origin, (float(place[0]), float(place[1]), float(place[2])))
-            yield TimedMessage(t_s, f"/{name}/location", foxglove.location(t_s, frame, on_earth))
+            lon, lat, alt = lon_lat_alt(origin, (float(place[0]), float(place[1]), float(place[2])))
+            fix = LocationFix(timestamp=_stamp(t_s), frame_id=name, latitude=lat, longitude=lon, altitude=alt)
+            yield TimedMessage(t_s, f"/{name}/location", fix)
         if t_s - drawn_s >= TRAIL_S or index == len(track) - 1:
             drawn_s = t_s
-            trail = foxglove.trail(t_s, f"{name}/trail", track.position_ned[: index + 1 : _every(track)], judges)
-            yield TimedMessage(t_s, scene, foxglove.scene([trail]))
+            places = track.position_ned[: index + 1 : _trail_stride(track)]
+            yield _scene(t_s, _trail_line(t_s, f"{name}/trail", places, judges), judges)
 
 
-def _every(track: FlightTrack) -> int:
-    """Return which samples a trail is drawn through: ten a second are enough."""
+def _trail_stride(track: FlightTrack) -> int:
+    """Return the stride of the samples that a trail is drawn through: ten a second are enough."""
     seconds = float(track.t_s[-1] - track.t_s[0])
     return max(1, int(len(track) / (10.0 * seconds))) if seconds > 0.0 else 1
 
 
 def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessage]:
-    """Yield a drone's pictures, each with its calibration, and what was decided on it when that was."""
-    name = drone_name(drone.number)
-    camera, sizes = f"{name}/camera", {}
+    """Yield a drone's pictures, each with its calibration, and the decision on it at the picture's time."""
+    camera, sizes = f"{drone_name(drone.number)}/camera", {}
     for frame in (frame for frame in flight.frames if frame.drone == drone.number):
         jpeg = frame.jpeg.read_bytes()
-        width, height = sizes[frame.frame_id] = _size(frame)
-        yield TimedMessage(frame.t_s, f"/{camera}/image", foxglove.image(frame.t_s, camera, jpeg))
-        calibrated = foxglove.calibration(frame.t_s, camera, flight.camera, width, height)
-        yield TimedMessage(frame.t_s, f"/{camera}/calibration", calibrated)
+        width, height = sizes[frame.frame_id] = _size(frame.jpeg)
+        image = CompressedImage(timestamp=_stamp(frame.t_s), frame_id=camera, data=jpeg, format="jpeg")
+        yield TimedMessage(frame.t_s, f"/{camera}/image", image)
+        calibration = _calibration(frame.t_s, camera, flight.camera, width, height)
+        yield TimedMessage(frame.t_s, f"/{camera}/calibration", calibration)
     for step in flight.steps:
-        size = sizes.get(step.decision.frame_id)
+        size, t_s = sizes.get(step.decision.frame_id), step.decision.t_frame
         if step.decision.drone != drone.number or size is None:
             continue
         point = (step.go.x / POINT_SPAN * size[0], step.go.y / POINT_SPAN * size[1]) if step.go else None
         words = f"step {step.decision.step}: {step.decision.kind or 'no action'}"
-        yield TimedMessage(
-            step.decision.t_frame, f"/{camera}/chosen", foxglove.ring(step.decision.t_frame, point, words)
-        )
+        yield TimedMessage(t_s, f"/{camera}/chosen", _ring(t_s, point, words))
 
 
-def _size(frame: SeenFrame) -> tuple[int, int]:
+def _size(jpeg: Path) -> tuple[int, int]:
     """Return width and height in pixels. Raises UsageError."""
-    picture = cv2.imread(str(frame.jpeg), cv2.IMREAD_UNCHANGED)
+    picture = cv2.imread(str(jpeg), cv2.IMREAD_UNCHANGED)
     if picture is None:
-        raise UsageError(f"{frame.jpeg} is damaged: it is no picture")
+        raise UsageError(f"{jpeg} is damaged: it is no picture")
     return int(picture.shape[1]), int(picture.shape[0])
 
 
-def _words(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield the instruction, every reply, and what the judge made of it."""
-    yield TimedMessage(0.0, "/log", foxglove.log(0.0, "instruction", flight.instruction))
-    for step in flight.steps:
-        said = step.decision
-        reply = said.reply if isinstance(said.reply, str) else str(said.action)
-        words = f"step {said.step}: {reply}" + (f" ({said.error})" if said.error else "")
-        yield TimedMessage(said.t_decided, "/log",
-                    foxglove.log(said.t_decided, drone_name(said.drone), words, said.action is None))  # fmt: skip
-    for one in flight.all_declarations:
-        words = f"declaration of step {one.step} at {one.distance_m} m, in view: {one.visible}"
-        yield TimedMessage(one.t, f"/{JUDGE}/log", foxglove.log(one.t, f"{JUDGE}/{drone_name(one.drone)}", words))
+def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
+    """Yield the instruction, every reply, and the judge's lines, as logs."""
+
+    def log(t_s: float, topic: str, name: str, text: str, level: Any = Log.INFO) -> TimedMessage:
+        return TimedMessage(t_s, topic, Log(timestamp=_stamp(t_s), level=level, name=name, message=text))
+
+    yield log(0.0, "/log", "instruction", flight.instruction)
+    for decision in (step.decision for step in flight.steps):
+        reply = decision.reply if isinstance(decision.reply, str) else str(decision.action)
+        text = f"step {decision.step}: {reply}" + (f" ({decision.error})" if decision.error else "")
+        level = Log.WARNING if decision.action is None else Log.INFO
+        yield log(decision.t_decided, "/log", drone_name(decision.drone), text, level)
+    for declaration in flight.all_declarations:
+        text = f"declaration of step {declaration.step} at {declaration.distance_m} m, in view: {declaration.visible}"
+        yield log(declaration.t, f"/{JUDGE}/log", f"{JUDGE}/{drone_name(declaration.drone)}", text)
     verdict = ", ".join(f"{key.removeprefix(f'{JUDGE}/')} {value}" for key, value in judged(flight).items())
-    yield TimedMessage(flight.end_s, f"/{JUDGE}/log", foxglove.log(flight.end_s, JUDGE, verdict))
+    yield log(flight.end_s, f"/{JUDGE}/log", JUDGE, verdict)
 
 
-def _target(flight: RecordedFlight) -> Iterator[TimedMessage]:
-    """Yield where the target was, over and over where it moves, and where arrival was declared."""
-    if flight.target_track is not None:
-        for index in range(len(flight.target_track) if flight.target_track.moves() else 1):
-            t_s, place = float(flight.target_track.t_s[index]), flight.target_track.position_ned[index]
-            entity = foxglove.ball(t_s, f"{JUDGE}/target", place, ACROSS_M, True, {})
-            yield TimedMessage(t_s, f"/{JUDGE}/scene", foxglove.scene([entity]))
-    for one in flight.all_declarations:
-        truth = flight.drone_tracks[one.drone].truth
+def _targets(flight: RecordedFlight) -> Iterator[TimedMessage]:
+    """Yield the places of the target, many where it moves, and those where arrival was declared."""
+    track = flight.target_track
+    if track is not None:
+        for index in range(len(track) if track.moves() else 1):
+            t_s = float(track.t_s[index])
+            yield _scene(t_s, _ball(t_s, f"{JUDGE}/target", track.position_ned[index], BALL_M, {}), True)
+    for declaration in flight.all_declarations:
+        truth = flight.drone_tracks[declaration.drone].truth
         if truth is not None:
-            told = {"step": one.step, "distance_m": one.distance_m, "visible": one.visible}
-            place = truth.position_ned[truth.newest(one.t)]
-            entity = foxglove.ball(one.t, f"{JUDGE}/declaration/{one.step}", place, ACROSS_M / 2, True, told)
-            yield TimedMessage(one.t, f"/{JUDGE}/scene", foxglove.scene([entity]))
+            metadata = {name: getattr(declaration, name) for name in ("step", "distance_m", "visible")}
+            place = truth.position_ned[truth.newest(declaration.t)]
+            name = f"{JUDGE}/declaration/{declaration.step}"
+            yield _scene(declaration.t, _ball(declaration.t, name, place, BALL_M / 2, metadata), True)
 
 
-def _attitude(track: FlightTrack, index: int) -> Quat:
-    w, x, y, z = (float(value) for value in track.attitude[index])
-    return (w, x, y, z)
+def _calibration(t_s: float, camera: str, model: CameraModel, width: int, height: int) -> CameraCalibration:
+    """Return a pinhole's calibration for pictures of this size in pixels."""
+    fx, fy = model.focal_px * width / model.width, model.focal_px * height / model.height
+    cx, cy = width / 2.0, height / 2.0
+    return CameraCalibration(
+        timestamp=_stamp(t_s),
+        frame_id=camera,
+        width=width,
+        height=height,
+        distortion_model="plumb_bob",
+        D=[0.0] * 5,
+        K=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        R=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        P=[fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def _ring(t_s: float, point_px: tuple[float, float] | None, words: str) -> ImageAnnotations:
+    """Return a ring around the chosen point, if any, and the decision in words."""
+    note = ImageAnnotations(timestamp=_stamp(t_s))
+    text = note.texts.add(timestamp=_stamp(t_s), text=words, font_size=20.0, text_color=ESTIMATE_COLOR)
+    text.position.x, text.position.y = 12.0, 28.0
+    if point_px is not None:
+        circle = note.circles.add(
+            timestamp=_stamp(t_s), diameter=RING_PX, thickness=4.0, outline_color=ESTIMATE_COLOR
+        )  # fmt: skip
+        circle.position.x, circle.position.y = point_px
+    return note
+
+
+def _scene(t_s: float, entity: SceneEntity, judges: bool) -> TimedMessage:
+    return TimedMessage(t_s, f"/{JUDGE}/scene" if judges else "/scene", SceneUpdate(entities=[entity]))
+
+
+def _trail_line(t_s: float, name: str, places_ned: Array, judges: bool) -> SceneEntity:
+    """Return a flown path as a line in the map's frame."""
+    line = LinePrimitive(type=LinePrimitive.LINE_STRIP, thickness=2.0, scale_invariant=True, color=_color(judges))
+    line.points.extend(Point3(x=x, y=y, z=z) for x, y, z in enu(places_ned))
+    line.pose.orientation.w = 1.0
+    return SceneEntity(timestamp=_stamp(t_s), frame_id=MAP, id=name, lines=[line])
+
+
+def _ball(t_s: float, name: str, place_ned: Array, diameter_m: float, metadata: Mapping[str, Any]) -> SceneEntity:
+    """Return a ball of the judge's at a place, with its metadata."""
+    entity = SceneEntity(timestamp=_stamp(t_s), frame_id=MAP, id=name)
+    ball = entity.spheres.add(color=JUDGE_COLOR, size=Vector3(x=diameter_m, y=diameter_m, z=diameter_m))
+    ball.pose.CopyFrom(_pose(place_ned, (1.0, 0.0, 0.0, 0.0)))
+    entity.metadata.extend(KeyValuePair(key=key, value=str(value)) for key, value in metadata.items())
+    return entity
+
+
+def _body_arrow(t_s: float, frame: str, judges: bool) -> SceneEntity:
+    """Return an arrow at a drone's place that points where its nose does."""
+    entity = SceneEntity(timestamp=_stamp(t_s), frame_id=frame, id=frame, frame_locked=True)
+    arrow = entity.arrows.add(shaft_length=0.5, shaft_diameter=0.12, head_length=0.3, head_diameter=0.3)
+    arrow.color.CopyFrom(_color(judges))
+    arrow.pose.orientation.w = 1.0
+    return entity
+
+
+def _stamp(t_s: float) -> Timestamp:
+    """Return a time of the episode, exact to the microsecond."""
+    seconds, nanos = divmod(nanoseconds(t_s), 1_000_000_000)
+    return Timestamp(seconds=seconds, nanos=nanos)
+
+
+def _pose(place_ned: Array, attitude: Quat) -> FoxglovePose:
+    return FoxglovePose(position=_vector(enu(place_ned)), orientation=_quaternion(xyzw_flu_to_enu(attitude)))
+
+
+def _vector(xyz: Array) -> Vector3:
+    return Vector3(x=float(xyz[0]), y=float(xyz[1]), z=float(xyz[2]))
+
+
+def _quaternion(xyzw: Quat) -> Quaternion:
+    return Quaternion(x=xyzw[0], y=xyzw[1], z=xyzw[2], w=xyzw[3])
+
+
+def _color(judges: bool) -> Color:
+    return JUDGE_COLOR if judges else ESTIMATE_COLOR

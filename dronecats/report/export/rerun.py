@@ -1,7 +1,7 @@
-"""One flight as a Rerun recording with its blueprint. Needs the extra `rerun`.
+"""Writes one flight as a Rerun recording with its blueprint. Needs the extra `rerun`.
 
 The timeline `episode` counts from the episode's beginning. `world` is ENU, z up; `world/drone_0` the body (FLU) as its
-autopilot thought, `world/judge/drone_0` as it truly was, `…/camera` right-down-forward. `map` has places on earth.
+autopilot estimated it, `world/judge/drone_0` the true one, `…/camera` right-down-forward. `map` has places on earth.
 """
 
 from pathlib import Path
@@ -31,12 +31,12 @@ from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import drone_label
 
 TIMELINE = "episode"
-OWN, JUDGES = (61, 138, 208), (255, 159, 43)
-TARGET_M = 0.4  # m, radius of the ball that stands for a target
+ESTIMATE_COLOR, JUDGE_COLOR = (61, 138, 208), (255, 159, 43)
+TARGET_M = 0.4  # m, radius of the ball that marks a target
 
 
 def write(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return how many poses, pictures and texts there are. Raises UsageError for a broken picture."""
+    """Write a flight; return the number of poses, pictures and texts. Raises UsageError for a damaged picture."""
     name = f"{about(flight)['run']}/{flight.id}"
     recording = rr.RecordingStream("dronecats", recording_id=name, send_properties=False)
     recording.save(str(path), default_blueprint=blueprint(flight))
@@ -50,7 +50,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
     for drone in flight.drone_tracks:
         count += sum(
             _track(recording, flight, prefix + drone_name(drone.number), track, color)
-            for prefix, track, color in (("", drone.estimate, OWN), (f"{JUDGE}/", drone.truth, JUDGES))
+            for prefix, track, color in (("", drone.estimate, ESTIMATE_COLOR), (f"{JUDGE}/", drone.truth, JUDGE_COLOR))
             if track is not None
         )
         count += _pictures(recording, flight, drone)
@@ -62,7 +62,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
 
 
 def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
-    """Return how it is shown: the scene without the judge's and with it, pictures, map and log."""
+    """Return the blueprint: the scene without and with the judge's entities, pictures, map and log."""
     pictures = [
         rrb.Spatial2DView(origin=f"world/{_body(drone)}/camera/image", name=drone_name(drone.number))
         for drone in flight.drone_tracks
@@ -81,7 +81,7 @@ def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
 
 
 def _body(drone: DroneTracks) -> str:
-    """Return what carries a drone's camera: what its autopilot thought, or the judge's where nobody tells that."""
+    """Return the entity that carries a drone's camera: the estimated body, or without an estimate the true one."""
     name = drone_name(drone.number)
     return name if drone.estimate is not None else f"{JUDGE}/{name}"
 
@@ -98,10 +98,10 @@ def _track(
     above = f"world/{name.replace('drone', 'trail')}"  # beside the body, or the trail would fly along
     recording.log(above, rr.LineStrips3D([places], colors=[color]), static=True)
     if flight.origin is not None:
-        found = [lon_lat_alt(flight.origin, (float(n), float(e), float(d))) for n, e, d in track.position_ned]
-        lat_lon = [(latitude, longitude) for longitude, latitude, _ in found]
-        on_earth = rr.GeoPoints.columns(positions=lat_lon)
-        recording.send_columns(f"map/{name}", [times], on_earth)
+        on_earth = [lon_lat_alt(flight.origin, (float(n), float(e), float(d))) for n, e, d in track.position_ned]
+        lat_lon = [(latitude, longitude) for longitude, latitude, _ in on_earth]
+        geo_points = rr.GeoPoints.columns(positions=lat_lon)
+        recording.send_columns(f"map/{name}", [times], geo_points)
     return len(track)
 
 
@@ -110,7 +110,7 @@ def _durations(track: FlightTrack) -> Any:
 
 
 def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: DroneTracks) -> int:
-    """Log a drone's pictures as the pilot was shown them, and the chosen points upon them."""
+    """Log a drone's pictures as the pilot received them, with the chosen points."""
     camera = f"world/{_body(drone)}/camera"
     frames = [frame for frame in flight.frames if frame.drone == drone.number]
     mounted = rr.Transform3D(translation=flu(flight.camera.offset_frd), quaternion=OPTICAL_IN_FLU)
@@ -130,24 +130,26 @@ def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: Dron
         if step.decision.drone == drone.number and frames:
             _at(recording, step.decision.t_frame)
             chosen = [(step.go.x / POINT_SPAN * width, step.go.y / POINT_SPAN * height)] if step.go else []
-            points = rr.Points2D(chosen, radii=8.0, colors=[OWN], labels=[f"step {step.decision.step}"] * len(chosen))
+            points = rr.Points2D(
+                chosen, radii=8.0, colors=[ESTIMATE_COLOR], labels=[f"step {step.decision.step}"] * len(chosen)
+            )
             recording.log(f"{camera}/image/chosen", points)
     return len(frames)
 
 
 def _words(recording: rr.RecordingStream, flight: RecordedFlight) -> int:
-    """Log the instruction, every reply, and apart from them what the judge made of it."""
+    """Log the instruction and every reply, and in the judge's log the declarations."""
     _at(recording, 0.0)
     recording.log("log", rr.TextLog(f"instruction: {flight.instruction}", level="INFO"))
     for step in flight.steps:
-        said = step.decision
-        reply = said.reply if isinstance(said.reply, str) else str(said.action)
-        _at(recording, said.t_decided)
-        words = f"{drone_label(said.drone)}, step {said.step}: {reply}"
-        recording.log("log", rr.TextLog(words, level="WARN" if said.error else "INFO"))
-    for one in flight.all_declarations:
-        _at(recording, one.t)
-        words = f"declaration of step {one.step} at {one.distance_m} m, in view: {one.visible}"
+        decision = step.decision
+        reply = decision.reply if isinstance(decision.reply, str) else str(decision.action)
+        _at(recording, decision.t_decided)
+        words = f"{drone_label(decision.drone)}, step {decision.step}: {reply}"
+        recording.log("log", rr.TextLog(words, level="WARN" if decision.error else "INFO"))
+    for declaration in flight.all_declarations:
+        _at(recording, declaration.t)
+        words = f"declaration of step {declaration.step} at {declaration.distance_m} m, in view: {declaration.visible}"
         recording.log(f"{JUDGE}/log", rr.TextLog(words, level="INFO"))
     return 1 + len(flight.steps) + len(flight.all_declarations)
 

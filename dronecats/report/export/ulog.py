@@ -1,7 +1,7 @@
-"""One flight as ULog, for PlotJuggler and pyulog: made of tlog and logs, not of the log on board.
+"""Writes one flight as ULog, for PlotJuggler and pyulog, from the tlog and the logs, not from the onboard log.
 
-Topics and fields are PX4's, NED and FRD, times the vehicle's µs since boot. What the judge knew is in PX4's own topics
-for it, `…_groundtruth`, and in `judge_target` and `judge_declaration`; places of both are in the map's frame.
+Topics and fields are PX4's, NED and FRD, times the vehicle's µs since boot. The judge's data is in PX4's own topics for
+it, `…_groundtruth`, and in `judge_target` and `judge_declaration`; places of both are in the map's frame.
 """
 
 import math
@@ -39,7 +39,7 @@ INFO, WARNING = 6, 4  # of syslog's severities
 
 
 class Stamped(NamedTuple):
-    """A sample or a text, and when it is."""
+    """A sample or a text with its time."""
 
     t_s: float
     drone: int
@@ -48,21 +48,23 @@ class Stamped(NamedTuple):
 
 
 def write(flight: RecordedFlight, path: Path) -> int:
-    """Write a flight; return how many samples and texts there are. Of a fleet each drone is an instance of a topic."""
-    told = sorted(_samples(flight), key=lambda each: each.t_s)
-    topics = sorted({(each.topic, each.drone) for each in told if each.topic}, key=lambda one: (one[1], one[0]))
-    packers = {one: ulog.DataPacker(number, _fields(one[0])) for number, one in enumerate(topics)}
-    parts = [ulog.header(flight.t0_us), ulog.information("sys_name", "DroneCATS")]
-    parts += [ulog.information("ver_sw", __version__)]
+    """Write a flight; return the number of samples and texts. Each drone of a fleet is an instance of a topic."""
+    ordered = sorted(_samples(flight), key=lambda sample: sample.t_s)
+    keys = sorted(
+        {(sample.topic, sample.drone) for sample in ordered if sample.topic}, key=lambda key: (key[1], key[0])
+    )
+    packers = {key: ulog.DataPacker(number, _fields(key[0])) for number, key in enumerate(keys)}
+    chunks = [ulog.header(flight.t0_us), ulog.information("sys_name", "DroneCATS")]
+    chunks += [ulog.information("ver_sw", __version__)]
     properties = {**about(flight), **judged(flight)}
-    parts += [ulog.information(key.replace("/", "_"), value) for key, value in properties.items() if value]
-    parts += [ulog.definition(name, _fields(name)) for name in sorted({name for name, _ in topics})]
-    parts += [ulog.subscription(number, name, drone) for number, (name, drone) in enumerate(topics)]
-    for t_s, drone, topic, values in told:
+    chunks += [ulog.information(key.replace("/", "_"), value) for key, value in properties.items() if value]
+    chunks += [ulog.definition(topic, _fields(topic)) for topic in sorted({topic for topic, _ in keys})]
+    chunks += [ulog.subscription(number, topic, drone) for number, (topic, drone) in enumerate(keys)]
+    for t_s, drone, topic, values in ordered:
         at_us = flight.t0_us + microseconds(t_s)
-        parts.append(packers[topic, drone].pack((at_us, *values)) if topic else ulog.text(values[0], at_us, values[1]))
-    path.write_bytes(b"".join(parts))
-    return len(told)
+        chunks.append(packers[topic, drone].pack((at_us, *values)) if topic else ulog.text(values[0], at_us, values[1]))
+    path.write_bytes(b"".join(chunks))
+    return len(ordered)
 
 
 def _fields(name: str) -> str:
@@ -85,31 +87,31 @@ def _samples(flight: RecordedFlight) -> Iterator[Stamped]:
 
 def _track(flight: RecordedFlight, drone: int, track: FlightTrack, suffix: str) -> Iterator[Stamped]:
     latitude, longitude, altitude = flight.origin or (math.nan,) * 3
-    known = bool(np.isfinite(track.velocity_ned).all())
+    velocity_known = bool(np.isfinite(track.velocity_ned).all())
     for index, at in enumerate(track.t_s):
         w, x, y, z = (float(value) for value in track.attitude[index])
         moving = _floats(track.velocity_ned[index])
         place = (*_floats(track.position_ned[index]), *moving, quat_yaw((w, x, y, z)), latitude, longitude, altitude)
-        valid = (True, True, known, known, flight.origin is not None)
+        valid = (True, True, velocity_known, velocity_known, flight.origin is not None)
         yield Stamped(float(at), drone, f"vehicle_local_position{suffix}", (*place, *valid))
         yield Stamped(float(at), drone, f"vehicle_attitude{suffix}", (w, x, y, z))
 
 
 def _decision(flight: RecordedFlight, step: FlightStep) -> Iterator[Stamped]:
-    said = step.decision
-    angle_deg = (said.action or {}).get("angle_deg")
+    decision = step.decision
+    angle_deg = (decision.action or {}).get("angle_deg")
     point = (step.go.x, step.go.y, step.go.depth_m) if step.go else (math.nan,) * 3
     turn = float(angle_deg) if isinstance(angle_deg, int | float) else math.nan
-    latency_s = math.nan if said.latency_s is None else said.latency_s
-    frame_us = flight.t0_us + microseconds(said.t_frame)
-    values = (said.step, said.frame_id, frame_us, *point, turn, latency_s, ACTIONS.get(said.kind, 0))
-    yield Stamped(said.t_decided, said.drone, "agent_decision", values)
-    reply = said.reply if isinstance(said.reply, str) else str(said.action)
+    latency_s = math.nan if decision.latency_s is None else decision.latency_s
+    frame_us = flight.t0_us + microseconds(decision.t_frame)
+    values = (decision.step, decision.frame_id, frame_us, *point, turn, latency_s, ACTIONS.get(decision.kind, 0))
+    yield Stamped(decision.t_decided, decision.drone, "agent_decision", values)
+    reply = decision.reply if isinstance(decision.reply, str) else str(decision.action)
     yield Stamped(
-        said.t_decided,
-        said.drone,
+        decision.t_decided,
+        decision.drone,
         "",
-        (WARNING if said.error else INFO, f"{drone_label(said.drone)}, step {said.step}: {reply}"),
+        (WARNING if decision.error else INFO, f"{drone_label(decision.drone)}, step {decision.step}: {reply}"),
     )
 
 
@@ -117,16 +119,16 @@ def _judged(flight: RecordedFlight) -> Iterator[Stamped]:
     if flight.target_track is not None:
         for t_s, place in zip(flight.target_track.t_s, flight.target_track.position_ned, strict=True):
             yield Stamped(float(t_s), 0, "judge_target", _floats(place))
-    for one in flight.all_declarations:
-        distance_m = math.nan if one.distance_m is None else one.distance_m
-        answers = (_answer(one.visible), _answer(one.qualifies(flight.delta_m)))
-        yield Stamped(one.t, one.drone, "judge_declaration", (one.step, distance_m, *answers))
+    for declaration in flight.all_declarations:
+        distance_m = math.nan if declaration.distance_m is None else declaration.distance_m
+        answers = (_answer(declaration.visible), _answer(declaration.qualifies(flight.delta_m)))
+        yield Stamped(declaration.t, declaration.drone, "judge_declaration", (declaration.step, distance_m, *answers))
     yield Stamped(flight.end_s, 0, "", (INFO, f"{JUDGE}: {flight.verdict.outcome}"))
 
 
-def _answer(known: bool | None) -> int:
-    """Return 1 for yes, 0 for no, −1 where nobody knows."""
-    return -1 if known is None else int(known)
+def _answer(answer: bool | None) -> int:
+    """Return 1 for yes, 0 for no, −1 for unknown."""
+    return -1 if answer is None else int(answer)
 
 
 def _floats(values: Array) -> tuple[float, ...]:

@@ -1,1 +1,1 @@
-"""The kit of every page: palette, style, bar with the theme switch, and the file that a browser opens."""
+"""The common elements of all pages: palette, style, bar with the theme switch, and the HTML file."""

@@ -1,4 +1,4 @@
-"""The colours of all pages: those of a light and a dark page, and those that stand on pictures and maps."""
+"""The colours of all pages: of the light and the dark theme, and of marks on pictures and maps."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,7 +22,7 @@ DARK = {
     "blue": "#4fb0ea", "vermilion": "#ff8a3d", "green": "#2fd0a0", "purple": "#e39bc4", "orange": "#f2b53a",
     "sky": "#8fd0f5",
 }  # fmt: skip
-MARKS = {  # on pictures, on maps and in the 3-D scene, whatever the theme is
+MARKS = {  # on pictures, on maps and in the 3-D scene, in both themes
     "chosen": "#ffe600",  # the point of a go, and its place
     "declared-good": "#3fe07a",
     "declared-bad": "#ff5a4f",
@@ -37,7 +37,7 @@ Rgb = tuple[int, int, int]  # sRGB, 0 … 255
 
 
 def css() -> str:
-    """Return the palette as CSS: light or dark as the system has it, or as `data-theme` says; light on paper."""
+    """Return the palette as CSS: the system's theme, or that of `data-theme`; light on paper."""
     return "".join((
         f":root {{ color-scheme: light; {_variables(MARKS | LIGHT)} }}\n",
         f'@media (prefers-color-scheme: dark) {{ :root:not([data-theme="light"]) {{ color-scheme: dark;'
@@ -54,12 +54,12 @@ def rgb(color: str) -> Rgb:
 
 
 def linear(color: str) -> tuple[float, float, float]:
-    """Return a colour (#rrggbb) as linear RGB, 0 … 1, as glTF has it. Source: IEC 61966-2-1."""
+    """Return a colour (#rrggbb) as linear RGB, 0 … 1, for glTF. Source: IEC 61966-2-1."""
     red, green, blue = (c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in _shares(color))
     return red, green, blue
 
 
-DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # by which drones and runs are told apart on a map
+DRONES = tuple(DARK[f"d{number}"] for number in range(8))  # of drones and runs on a map
 
 
 def shade(color: Sequence[float]) -> Rgb:

@@ -1,4 +1,4 @@
-"""The one file that a browser opens: mark-up, style, program and data, with nothing to be fetched from a network.
+"""Makes the HTML file of a page: mark-up, style, program and data, without access to a network.
 
 The program is written as ES modules, which a browser does not load from a disk; so they stand in the page as one
 script, in the order of their imports. Scripts and styles are allowed by their digest alone: text of a model cannot run.
@@ -8,11 +8,14 @@ import base64
 import hashlib
 import html
 import re
+import textwrap
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 
 from dronecats.report.kit import palette
+from foundation.protocol import FINISHED, GO, ROTATE
+from foundation.run_folder.rows import Decision
 
 _FIELD = re.compile("{{(policy|title|style|trail|tools|main|more|script)}}")
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -21,21 +24,21 @@ _EXPORT = re.compile(r"^export ((?:async )?function|const|class) (\w+)", re.MULT
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageContent:
-    """What a page has beside the kit's style and bar. Texts are mark-up, but for the title."""
+    """The contents of a page beside the kit's style and bar. Texts are mark-up, except the title."""
 
     title: str
     folder: str  # package of the page's own style, page.css, and modules
-    entry: str = "bar"  # module that the program begins with
+    entry: str = "bar"  # first module of the program
     main: str
-    trail: str = ""  # items of the list in the bar: where the reader is
+    trail: str = ""  # items of the breadcrumb list in the bar
     tools: str = ""  # buttons beside the theme's
     more: str = ""  # elements after main
-    loads_files: bool = False  # scripts and pictures that lie beside the page may be loaded
+    loads_files: bool = False  # scripts and pictures beside the page may be loaded
     has_drawings: bool = False  # it holds SVG with styles in its elements
 
 
 def page(content: PageContent, blocks: Mapping[str, str] | None = None) -> Iterable[str]:
-    """Yield the page in pieces. `blocks` are JSON for script elements, by their id."""
+    """Yield the page in chunks. `blocks` are JSON for script elements, by their id."""
     style = palette.css() + _read(__package__ or "", "kit.css") + _read(content.folder, "page.css")
     script = program(content.entry, content.folder)
     values = {
@@ -85,7 +88,7 @@ def _module(name: str, folder: str) -> str:
 
 
 def _policy(content: PageContent, script: str, style: str) -> str:
-    """Return what the browser may load: this script and style, and files beside the page where it has any."""
+    """Return the content security policy: it permits this script and style, and if needed files beside the page."""
     beside = " 'self' file:" if content.loads_files else ""
     rules = [
         "default-src 'none'",
@@ -104,3 +107,34 @@ def _digest(text: str) -> str:
 
 def _read(folder: str, name: str) -> str:
     return files(folder).joinpath("web", name).read_text(encoding="utf-8")
+
+
+OUTCOMES = {  # outcome → its mark and its word
+    "success": ("✓", "success"),
+    "failure": ("✕", "failure"),
+    "error": ("!", "error"),
+    "damaged": ("!", "damaged"),
+    "censored": ("?", "censored"),
+    "unknown": ("?", "unknown"),
+    "distance only": ("?", "distance only"),
+}
+
+
+def action_words(decision: Decision) -> str:
+    """Return the action of a decision in a few words, such as `go (512, 700) 6.5 m` or `rotate 30° left`."""
+    action = decision.action
+    if action is None:
+        return "no action"
+    kind, point, depth_m, angle_deg = (action.get(key) for key in ("action", "point", "depth_m", "angle_deg"))
+    if kind == GO and isinstance(point, list) and len(point) == 2 and isinstance(depth_m, int | float):
+        return f"go ({point[0]:.0f}, {point[1]:.0f}) {depth_m:.1f} m"
+    if kind == ROTATE and isinstance(angle_deg, int | float):
+        return f"rotate {abs(angle_deg):.0f}° {'left' if angle_deg < 0 else 'right'}"
+    return f"{FINISHED} (report)" if kind == FINISHED and decision.report is True else str(kind)
+
+
+def action_or_reason(decision: Decision) -> str:
+    """Return the action of a decision in a few words, or the reason why it has none."""
+    if decision.action is not None:
+        return action_words(decision)
+    return f"no action: {textwrap.shorten(decision.error or 'the reply holds none', 60, placeholder='…')}"

@@ -1,1 +1,1 @@
-"""The page: every flight of a benchmark in a browser, from the tables down to a step, without a network."""
+"""The report's page: every flight of a benchmark in a browser, from the tables to a step, without a network."""

@@ -1,4 +1,4 @@
-"""Writes the page: index.html, and the flights and pictures beside it, which it loads when a reader opens them."""
+"""Writes the page: index.html, and beside it the flights and pictures, which it loads on demand."""
 
 import html
 import json
@@ -13,7 +13,7 @@ from dronecats import __version__
 from dronecats.judge.metrics.metric import MetricValue
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.report.kit import shell
-from dronecats.report.kit.words import OUTCOMES
+from dronecats.report.kit.shell import OUTCOMES
 from dronecats.report.page.flights import shown_flight
 from dronecats.report.page.pictures import (
     FOLDER,
@@ -25,7 +25,6 @@ from dronecats.report.page.pictures import (
     grounds,
     kept,
     nowhere,
-    rendered,
     within,
 )
 from dronecats.report.recorded.flight import RecordedFlight
@@ -34,17 +33,27 @@ from dronecats.report.results.collection import Collection, ScoredEpisode
 from dronecats.report.results.entrants import entrants
 from dronecats.report.table import ReportTable, TableColumn, TableRow
 from dronecats.report.writers import as_html
+from episodes.records.record import CELLS
 from foundation.errors import UsageError
 from foundation.files import whole_file
 
 RESERVED = ("of",)  # first words of addresses that name no run
-CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")  # in the order of the paper
-TOLD = ("command", "scripted", "latency", "rate_hz", "parser", "drones", "seed", "seconds", "full")  # of a flight
+SETTING_KEYS = (
+    "command",
+    "scripted",
+    "latency",
+    "rate_hz",
+    "parser",
+    "drones",
+    "seed",
+    "seconds",
+    "full",
+)  # of a flight
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageEntrant:
-    """Who flew, under which settings: runs that differ in their seed alone."""
+    """An entrant: runs that differ only in their seed."""
 
     key: str
     title: str
@@ -60,7 +69,7 @@ class PageRun:
     entrant: int
     seed: int
     rendered: bool  # whether its frames show anything
-    settings: tuple[tuple[str, str], ...]  # as words
+    settings: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,18 +83,18 @@ class PageEpisode:
     cell: str
     outcome: str
     mode: str | None  # how it ended, success or its failure mode
-    counted: bool  # it is somebody's score, and nobody has left it out
+    counted: bool  # scored, and not left out
     error: str | None
     steps: int | None
     declarations: int | None
     ground: str  # key of the picture of its map; empty: there is none
-    shown: bool  # whether its steps can be looked at
+    shown: bool  # whether its steps are in the page
     values: tuple[MetricValue, ...]  # of the metrics, in their order
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageMetric:
-    """What is measured of every flight."""
+    """A metric of the page."""
 
     name: str
     title: str
@@ -95,7 +104,7 @@ class PageMetric:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PageIndex:
-    """All that is read when the page opens."""
+    """The data that is read when the page opens."""
 
     made: str
     cells: tuple[str, ...]
@@ -106,49 +115,51 @@ class PageIndex:
     outcomes: Mapping[str, tuple[str, str]]  # the mark and the word of each
     grounds: dict[str, GroundPicture]
     embedded: bool
-    pictures: str  # what is to be said of pictures that were left out; empty: none was
+    pictures: str  # a sentence about pictures that were left out; empty: none
 
 
 def keys(names: Sequence[str]) -> list[str]:
-    """Return a word for each name that is a file's name and a part of an address anywhere, no two alike."""
+    """Return a unique word for each name that is valid in file names and addresses."""
     taken: set[str] = set(RESERVED)
-    found = []
+    result = []
     for name in names:
         word = re.sub(r"[^A-Za-z0-9._-]+", "-", name).strip(".-") or "run"
         key, count = word, 2
         while key.lower() in taken:
             key, count = f"{word}-{count}", count + 1
         taken.add(key.lower())
-        found.append(key)
-    return found
+        result.append(key)
+    return result
 
 
-def page_runs(collection: Collection) -> tuple[list[PageRun], list[PageEntrant]]:
-    """Return the runs in the order of the collection, and who flew them in that of the tables.
+def _page_runs(collection: Collection) -> tuple[list[PageRun], list[PageEntrant]]:
+    """Return the runs in the order of the collection, and their entrants in the order of the tables.
 
-    Raises UsageError when two records bear one id.
+    Raises UsageError when two records have one id.
     """
     places = {run.folder: number for number, run in enumerate(collection.runs)}
-    found = entrants(collection, pool_anyway=True)
-    flown_by = {run.folder: number for number, entrant in enumerate(found) for run in entrant.runs}
+    found_entrants = entrants(collection, pool_anyway=True)
+    number_of = {run.folder: number for number, entrant in enumerate(found_entrants) for run in entrant.runs}
     run_keys = keys([run.folder.name for run in collection.runs])
     runs = [
-        PageRun(key=key, entrant=flown_by[run.folder], seed=run.seed, rendered=rendered(run), settings=_settings(run))
+        PageRun(
+            key=key, entrant=number_of[run.folder], seed=run.seed, rendered=run.is_rendered, settings=_settings(run)
+        )
         for key, run in zip(run_keys, collection.runs, strict=True)
     ]
-    flown = [
+    page_entrants = [
         PageEntrant(
             key=key,
             title=entrant.label,
             model=entrant.is_model,
             runs=tuple(places[run.folder] for run in entrant.runs),
         )
-        for key, entrant in zip(keys([entrant.label for entrant in found]), found, strict=True)
+        for key, entrant in zip(keys([entrant.label for entrant in found_entrants]), found_entrants, strict=True)
     ]
-    return runs, flown
+    return runs, page_entrants
 
 
-def page_episode(
+def _page_episode(
     scored: ScoredEpisode,
     metrics: Sequence[PageMetric],
     key: str,
@@ -157,7 +168,7 @@ def page_episode(
     error: str | None,
     shown: bool,
 ) -> PageEpisode:
-    """Return what the page says of a flight before its steps are looked at."""
+    """Return the index's data of a flight."""
     verdict = scored.verdict
     return PageEpisode(
         key=key,
@@ -177,36 +188,10 @@ def page_episode(
     )
 
 
-def page_index(
-    metrics: Sequence[PageMetric],
-    runs: Sequence[PageRun],
-    flown_by: Sequence[PageEntrant],
-    episodes: Sequence[PageEpisode],
-    grounds: dict[str, GroundPicture],
-    *,
-    embedded: bool,
-    pictures: str,
-) -> PageIndex:
-    """Return the index of a page."""
-    flown = {episode.cell for episode in episodes}
-    return PageIndex(
-        made=f"dronecats {__version__}",
-        cells=(*(cell for cell in CELLS if cell in flown), *sorted(flown - {*CELLS, ""})),
-        metrics=tuple(metrics),
-        entrants=tuple(flown_by),
-        runs=tuple(runs),
-        episodes=tuple(episodes),
-        outcomes=OUTCOMES,
-        grounds=grounds,
-        embedded=embedded,
-        pictures=pictures,
-    )
-
-
 def script_json(value: Any) -> str:
-    """Return a value as JSON that may stand in a script element or file, whatever is in its texts.
+    """Return a value as JSON that is safe in a script element or file for any text.
 
-    Of a dataclass the fields that are None are left out.
+    Fields of dataclasses that are None are left out.
     """
     text = json.dumps(value, default=_fields, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
@@ -214,48 +199,51 @@ def script_json(value: Any) -> str:
 
 def _fields(value: Any) -> dict[str, Any]:
     names = type(value).__dataclass_fields__
-    return {name: told for name in names if (told := getattr(value, name)) is not None}
+    return {name: field_value for name in names if (field_value := getattr(value, name)) is not None}
 
 
-def page_metrics(collection: Collection) -> list[PageMetric]:
-    """Return what is measured of every flight: the registry's metrics, then one's own, of which the name is known."""
-    ours = [each for each in METRICS.values() if each.level == "episode"]
+def _page_metrics(collection: Collection) -> list[PageMetric]:
+    """Return the metrics of flights: the registry's, then the user's own, of which only the name is known."""
+    ours = [metric for metric in METRICS.values() if metric.level == "episode"]
     own = {name for scored in collection.episodes for name in scored.values} - {*METRICS}
     return [
-        *(PageMetric(name=each.name, title=each.title, unit=each.unit, definition=each.definition) for each in ours),
+        *(
+            PageMetric(name=metric.name, title=metric.title, unit=metric.unit, definition=metric.definition)
+            for metric in ours
+        ),
         *(PageMetric(name=name, title=name, unit="", definition="a metric of one's own") for name in sorted(own)),
     ]
 
 
 def _seen(value: MetricValue | None) -> MetricValue:
-    """Return a value as it can be shown: to five digits, and None for what is no number."""
+    """Return a value to five digits; None for a value that is not finite."""
     if value is None or isinstance(value, bool):
         return value
     return float(f"{value:.5g}") if math.isfinite(value) else None
 
 
 def _settings(run: RecordedRun) -> tuple[tuple[str, str], ...]:
-    """Return a run's settings as words, those that it has."""
+    """Return the (name, value) of a run's settings."""
     flight, simulated = run.flight, run.flight.get("simulated")
     model, commander = flight.get("model"), flight.get("commander")
-    told = {key: flight.get(key) for key in TOLD}
+    settings = {key: flight.get(key) for key in SETTING_KEYS}
     if isinstance(simulated, dict):
-        told.update({key: simulated.get(key) for key in ("airframe", "autopilot")})
+        settings.update({key: simulated.get(key) for key in ("airframe", "autopilot")})
     if isinstance(model, dict):
-        told.update({key: model.get(key) for key in ("temperature", "top_p", "max_tokens", "axis_order")})
+        settings.update({key: model.get(key) for key in ("temperature", "top_p", "max_tokens", "axis_order")})
     if isinstance(commander, dict):
-        told["commander"] = f"{commander.get('provider')}/{commander.get('name')}"
-    told.update(
+        settings["commander"] = f"{commander.get('provider')}/{commander.get('name')}"
+    settings.update(
         {
             key: run.configuration.get(key)
             for key in ("clock", "disturbed", "served_rate_hz", "prompt_name", "prompt_sha256")
         }
     )
-    return tuple((key, str(value)) for key, value in told.items() if value is not None and value != "")
+    return tuple((key, str(value)) for key, value in settings.items() if value is not None and value != "")
 
 
 PAGE = "index.html"
-DATA = "data"  # folder of the flights, a script each: a page on a disk may load scripts, and nothing else
+DATA = "data"  # folder of the flights, a script each: a page opened from a disk can load scripts only
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
 MORE = """<noscript><p>This page is a program: allow scripts for it. It loads nothing from any network.</p></noscript>
@@ -282,8 +270,8 @@ def write_page(
 
 def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, embed: bool, every: int) -> Path:
     out.mkdir(parents=True, exist_ok=True)
-    metrics = page_metrics(collection)
-    runs, entrants = page_runs(collection)
+    metrics = _page_metrics(collection)
+    runs, entrants = _page_runs(collection)
     if embed:
         every = max(every, every_for(collection.runs))
     places = {run.folder: number for number, run in enumerate(collection.runs)}
@@ -296,8 +284,8 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         if scored.verdict is not None:
             try:
                 data = _flight(scored, scored.verdict.delta_m, key, out, embed, every)
-            except UsageError as found:  # in a log that no verdict goes by
-                damage = str(found)
+            except UsageError as error:  # in a log that no verdict goes by
+                damage = str(error)
         if data is not None and embed:
             blocks[key] = data
         elif data is not None:
@@ -306,13 +294,17 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
             path.write_text(f"dronecatsFlight({script_json(key)},{data});\n", encoding="ascii")
         ground = ground_key(scored.folder) if data is not None else ""
         seen_grounds.append(ground)
-        episodes.append(page_episode(scored, metrics, name, number, ground, damage, data is not None))
-    index = page_index(
-        metrics,
-        runs,
-        entrants,
-        episodes,
-        grounds(seen_grounds),
+        episodes.append(_page_episode(scored, metrics, name, number, ground, damage, data is not None))
+    used_cells = {episode.cell for episode in episodes}
+    index = PageIndex(
+        made=f"dronecats {__version__}",
+        cells=(*(cell for cell in CELLS if cell in used_cells), *sorted(used_cells - {*CELLS, ""})),
+        metrics=tuple(metrics),
+        entrants=tuple(entrants),
+        runs=tuple(runs),
+        episodes=tuple(episodes),
+        outcomes=OUTCOMES,
+        grounds=grounds(seen_grounds),
         embedded=embed,
         pictures="" if every == 1 else f"Of each {every} steps one picture is kept, and all of declarations.",
     )
@@ -332,23 +324,23 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
 
 
 def _sections(tables: Sequence[ReportTable], entrants: Sequence[PageEntrant]) -> str:
-    """Return the tables as mark-up, their rows linked to the flights that they count."""
+    """Return the tables as HTML, their rows linked to their flights."""
     keys = {entrant.title: entrant.key for entrant in entrants}
-    parts = []
+    sections = []
     for table in tables:
         blocks = tuple(
             replace(block, rows=tuple(_linked(row, table.columns, keys) for row in block.rows))
             for block in table.blocks
         )
         heading = f"<h2>{html.escape(table.title)}</h2>"
-        parts.append(f"<section>{heading}{as_html(replace(table, blocks=blocks))}</section>")
+        sections.append(f"<section>{heading}{as_html(replace(table, blocks=blocks))}</section>")
     commands = dict.fromkeys(table.command for table in tables if table.command)
-    parts += [f"<pre>{html.escape(command)}</pre>" for command in commands]
-    return "\n".join(parts)
+    sections += [f"<pre>{html.escape(command)}</pre>" for command in commands]
+    return "\n".join(sections)
 
 
 def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, str]) -> TableRow:
-    """Return a row whose name leads to its entrant, and whose values lead to their cell of the grid."""
+    """Return a row with links from its name to its entrant, and from its values to their cell of the grid."""
     key = keys.get(row.entrant)
     if key is None:
         return row
@@ -359,22 +351,22 @@ def _linked(row: TableRow, columns: Sequence[TableColumn], keys: Mapping[str, st
 
 
 def _named(collection: Collection) -> list[str]:
-    """Return a key for each episode that no other of its run has."""
+    """Return a key for each episode, unique in its run."""
     names: dict[Path, list[str]] = {}
     for scored in collection.episodes:
         names.setdefault(scored.run.folder, []).append(scored.folder.resolve().name)
-    coming = {run: iter(keys(each)) for run, each in names.items()}
+    coming = {run: iter(keys(folder_names)) for run, folder_names in names.items()}
     return [next(coming[scored.run.folder]) for scored in collection.episodes]
 
 
 def _flight(scored: ScoredEpisode, delta_m: float, key: str, out: Path, embed: bool, every: int) -> str:
-    """Return a flight as JSON, its pictures put where the page finds them. Raises UsageError for a damaged log."""
-    flown = RecordedFlight.read(scored.folder, delta_m)
-    wanted = kept(flown.logs.decisions, every)
-    if not rendered(scored.run):
+    """Return a flight as JSON, and put its pictures where the page finds them. Raises UsageError for a damaged log."""
+    flight = RecordedFlight.read(scored.folder, delta_m)
+    wanted = kept(flight.logs.decisions, every)
+    if not scored.run.is_rendered:
         picture: PictureAddress = nowhere
     elif embed:
         picture = within(scored.folder, wanted)
     else:
         picture = beside(out, Path(FOLDER, *key.split("/")), scored.folder, wanted)
-    return script_json(shown_flight(scored.run, flown, picture))
+    return script_json(shown_flight(flight, picture))

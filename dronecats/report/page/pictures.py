@@ -1,4 +1,4 @@
-"""The pictures of the page: the frames that the models saw, beside it or within it, and the maps from above."""
+"""Provides the pictures of the page: the frames of the models, beside or within the page, and maps from above."""
 
 import base64
 import json
@@ -20,34 +20,26 @@ from foundation.run_folder import layout
 from foundation.run_folder.rows import Decision
 
 FOLDER = "pictures"
-# within a page: as many as a browser opens at once (50 MB), and as large as they have to be to be looked at
+# within a page: as many as a browser opens at once (50 MB), in a size that is still clear
 EMBEDDED_MAX = 5000
 EMBEDDED_WIDTH_PX = 480
 EMBEDDED_QUALITY = 60  # WebP: some 9 kB a picture
 
-PictureAddress = Callable[[Decision], str | None]  # where a decision's frame can be seen: an address; None: nowhere
-
-
-def rendered(run: RecordedRun) -> bool:
-    """Return whether a run's frames show anything; those of an unrendered one are grey, and are left out."""
-    simulated = run.flight.get("simulated")
-    return not isinstance(simulated, dict) or simulated.get("rendered") is not False
+PictureAddress = Callable[[Decision], str | None]  # returns the address of a decision's frame; None: there is none
 
 
 def every_for(runs: Sequence[RecordedRun]) -> int:
-    """Return how thin embedded pictures have to be: 1 for each of them, n for each n-th step's."""
-    folders = [folder / layout.FRAMES for run in runs if rendered(run) for folder in run.episodes]
+    """Return the stride of the steps whose pictures can be embedded; 1: all of them."""
+    folders = [folder / layout.FRAMES for run in runs if run.is_rendered for folder in run.episodes]
     total = sum(len(os.listdir(folder)) for folder in folders if folder.is_dir())
     return max(1, math.ceil(total / EMBEDDED_MAX))
 
 
 def kept(decisions: Sequence[Decision], every: int) -> set[tuple[int, int]]:
-    """Return the (drone, frame id) of which there are pictures: each n-th step's, the first, last and declared ones."""
+    """Return the (drone, frame id) of the pictures to keep: of each n-th step, the first, the last and declarations."""
     steps = sorted({decision.step for decision in decisions})
     chosen = {*steps[::every], *steps[-1:]}
-    return {
-        (each.drone, each.frame_id) for each in decisions if each.step in chosen or each.kind == FINISHED
-    }  # fmt: skip
+    return {(d.drone, d.frame_id) for d in decisions if d.step in chosen or d.kind == FINISHED}
 
 
 def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
@@ -76,7 +68,7 @@ def beside(out: Path, place: Path, folder: Path, wanted: set[tuple[int, int]]) -
 
 
 def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
-    """Return an episode's pictures as data: addresses, smaller than they were."""
+    """Return the addresses of an episode's pictures as data: URLs, of reduced size."""
 
     def address(decision: Decision) -> str | None:
         source = _frame(folder, decision, wanted)
@@ -94,7 +86,7 @@ def within(folder: Path, wanted: set[tuple[int, int]]) -> PictureAddress:
 
 
 def nowhere(decision: Decision) -> None:
-    """Return the address of a picture that was never taken."""
+    """Return no address, for runs without pictures."""
 
 
 def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Path | None:
@@ -106,8 +98,8 @@ def _frame(folder: Path, decision: Decision, wanted: set[tuple[int, int]]) -> Pa
 
 GROUND_PX = 1500
 GROUND_QUALITY = 62
-MARGIN_M = 12.0  # around the places of what stands there
-MAPS = 12  # at most: a collection of many worlds of one's own would make the page large
+MARGIN_M = 12.0  # around the places of the map's objects
+MAPS = 12  # at most, to bound the size of a page
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,7 +113,7 @@ class GroundPicture:
 
 
 def ground_key(folder: Path) -> str:
-    """Return what tells the map of an episode's folder: map/seed; empty: not known."""
+    """Return the map of an episode's folder as map/seed; empty: not known."""
     try:
         record = json.loads((folder / layout.EPISODE).read_text(encoding="utf-8"))
         return f"{record['map']}/{int(record.get('map_seed', 1))}"
@@ -130,15 +122,15 @@ def ground_key(folder: Path) -> str:
 
 
 def grounds(wanted: Iterable[str]) -> dict[str, GroundPicture]:
-    """Return the pictures by `ground_key`; a map that cannot be drawn here is left out, and flights are on a grid."""
-    found = {}
+    """Return the pictures by `ground_key`, without the maps that cannot be drawn here."""
+    pictures = {}
     for key in sorted({*wanted} - {""})[:MAPS]:
         name, _, seed = key.rpartition("/")
         try:
-            found[key] = ground(name, int(seed))
+            pictures[key] = ground(name, int(seed))
         except (DronecatsError, ImportError, ValueError):
             continue
-    return found
+    return pictures
 
 
 def ground(name: str, seed: int) -> GroundPicture:
@@ -147,7 +139,7 @@ def ground(name: str, seed: int) -> GroundPicture:
     from episodes.authoring.scene_pictures import from_above
 
     scene = maps.build(name, seed)
-    places = np.array([one.position_ned[:2] for one in scene.instances] or [scene.spawn_ned[:2]])
+    places = np.array([instance.position_ned[:2] for instance in scene.instances] or [scene.spawn_ned[:2]])
     low, high = places.min(axis=0), places.max(axis=0)
     north, east = (float(x) for x in (low + high) / 2)
     half = max(float((high - low).max()) / 2 + MARGIN_M, 20.0)

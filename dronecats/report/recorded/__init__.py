@@ -1,1 +1,1 @@
-"""Flights read back from their folders, with everything that logs, MAVLink and the world tell of them."""
+"""Reads flights and runs from their folders."""

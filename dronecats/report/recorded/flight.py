@@ -1,6 +1,6 @@
-"""A flight read back from its folder: everything that the logs, MAVLink and the world tell of it.
+"""Reads a flight from its folder: its logs, telemetry, tracks and world.
 
-Film, replay, export, report and study all read a flight here. What costs time is read when it is first needed.
+Film, replay, export, report and study all read a flight here. Slow parts are read when they are first needed.
 """
 
 from collections.abc import Mapping
@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from dronecats.agent.action import Action, ActionError, action_from
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.recorded.telemetry import DroneTelemetry, Timeline, telemetry
@@ -20,7 +21,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import exchanges
 from foundation.run_folder.rows import Decision, EstimatedPose, Exchange, FrameTruth, Pose
 
-if TYPE_CHECKING:  # each takes a while to import, and most readers of a flight need none of them
+if TYPE_CHECKING:  # slow to import, and rarely needed
     from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
     from episodes.maps.assets.multirotor import Outline
     from episodes.world.world import World
@@ -30,7 +31,7 @@ DecisionTime = Literal["t_frame", "t_decided"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SeenFrame:
-    """One picture that the pilot was shown."""
+    """One picture that the pilot received."""
 
     drone: int
     frame_id: int
@@ -38,8 +39,16 @@ class SeenFrame:
     jpeg: Path
 
 
+def action_of(decision: Decision) -> Action | None:
+    """Return the action of a decision; None where it has none, or an invalid one."""
+    try:
+        return action_from(decision.action)
+    except ActionError:
+        return None
+
+
 class RecordedFlight(JudgedFlight):
-    """One flight of one episode. Times are s since it began, places m in the map's NED frame."""
+    """One flight of one episode. Times are s since the episode began, places m in the map's NED frame."""
 
     @cached_property
     def run(self) -> RecordedRun:
@@ -48,12 +57,12 @@ class RecordedFlight(JudgedFlight):
 
     @property
     def instruction(self) -> str:
-        """What the pilot was told; empty: not known."""
+        """The instruction to the pilot; empty: not known."""
         return str(self.record.get("instruction") or self.run.flight.get("instruction") or "")
 
     @cached_property
     def exchanges(self) -> tuple[Exchange, ...]:
-        """The questions to its commander; none where nobody commanded. Raises UsageError for a damaged log."""
+        """The questions to its commander, if it has one. Raises UsageError for a damaged log."""
         return exchanges(self.folder)
 
     @property
@@ -63,12 +72,12 @@ class RecordedFlight(JudgedFlight):
 
     @property
     def t0_us(self) -> int:
-        """µs, the vehicle's clock when it began."""
+        """µs, the vehicle's clock when the episode began."""
         return self.logs.begin.t0_us if self.logs.begin else 0
 
     @cached_property
     def end_s(self) -> float:
-        """When it ended; of one without an end, when its logs were written last."""
+        """s, its end; without one, the last time in its logs."""
         if self.logs.end:
             return self.logs.end.t
         times = [pose.t for pose in self.logs.poses] + [pose.t for pose in self.estimated_poses]
@@ -76,31 +85,30 @@ class RecordedFlight(JudgedFlight):
 
     @property
     def estimated_poses(self) -> tuple[EstimatedPose, ...]:
-        """The smoothed estimate of a flight whose truth nobody measured."""
+        """The smoothed estimate of a flight without truth."""
         return self.logs.estimate.poses if self.logs.estimate else ()
 
     def latest_decision(self, drone: int, t_s: float, when: DecisionTime) -> Decision | None:
-        """Return a drone's newest decision at a time, by when its picture was taken or when it was made."""
+        """Return a drone's newest decision at a time, by the time of its picture or of the decision."""
         timeline = self._decisions.get((drone, when))
         return timeline.at(t_s) if timeline else None
 
     @cached_property
     def _decisions(self) -> dict[tuple[int, DecisionTime], Timeline[Decision]]:
-        found: dict[tuple[int, DecisionTime], Timeline[Decision]] = {}
+        timelines: dict[tuple[int, DecisionTime], Timeline[Decision]] = {}
         whens: tuple[DecisionTime, ...] = ("t_frame", "t_decided")
         for when in whens:
             for drone in {decision.drone for decision in self.logs.decisions}:
                 own = [decision for decision in self.logs.decisions if decision.drone == drone]
                 ordered = sorted(own, key=lambda decision: (getattr(decision, when), decision.step))
-                found[drone, when] = Timeline(tuple(getattr(each, when) for each in ordered), tuple(ordered))
-        return found
+                timelines[drone, when] = Timeline(
+                    tuple(getattr(decision, when) for decision in ordered), tuple(ordered)
+                )
+        return timelines
 
     @cached_property
     def frames(self) -> tuple[SeenFrame, ...]:
-        """The pictures on which something was decided, in the order of time; none where no pictures were kept.
-
-        Raises UsageError where one is missing.
-        """
+        """The pictures of all decisions, by time; () where none were kept. Raises UsageError if one is missing."""
         if not any((self.folder / layout.FRAMES).glob("*.jpg")):
             return ()
         seen: dict[tuple[int, int], SeenFrame] = {}
@@ -119,7 +127,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def world(self) -> "World":
-        """The world that it was flown in. Raises UsageError where its record or map is not here."""
+        """The world of the episode. Raises UsageError where its record or map is missing."""
         from episodes.records import record
         from episodes.world.world import World
 
@@ -135,10 +143,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def map_origin(self) -> Vec3 | None:
-        """lat °, lon °, alt m above mean sea level of the map's frame; None without a map.
-
-        Raises UsageError for a map that is not here.
-        """
+        """lat °, lon °, alt m above mean sea level of the map's frame; None: no map. Raises UsageError."""
         if not self.map:
             return None
         from episodes import maps
@@ -148,27 +153,27 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def origin(self) -> Vec3 | None:
-        """The same, without a map that of the first autopilot that told; None: nobody tells. Raises UsageError."""
-        told = (drone.origin for drone in self.telemetry.values() if drone.origin)
-        return self.map_origin or next(told, None)
+        """The map's origin, or without a map the first that an autopilot sent; None: unknown. Raises UsageError."""
+        origins = (drone.origin for drone in self.telemetry.values() if drone.origin)
+        return self.map_origin or next(origins, None)
 
-    # ---- where everybody was
+    # ---- telemetry and tracks
 
     @cached_property
     def telemetry(self) -> Mapping[int, DroneTelemetry]:
-        """What flight.tlog tells, by drone; {}: there is none. Raises UsageError when it cannot be read."""
+        """The messages of flight.tlog, by drone; {}: there is none. Raises UsageError when it cannot be read."""
         return telemetry(self.folder / layout.TLOG, self.t0_us)
 
     @cached_property
     def truth_rows(self) -> tuple[Pose | FrameTruth, ...]:
-        """The poses and frames of truth.jsonl; none where nobody measured the truth."""
+        """The poses and frames of truth.jsonl; () for a flight without truth."""
         return (*self.logs.poses, *self.logs.frames.values()) if self.logs.true else ()
 
     @cached_property
     def true_tracks(self) -> Mapping[int, "FlightTrack"]:
-        """Where each drone truly was: by the truth bus, else by the log on board, else by truth.jsonl.
+        """The true track of each drone: from the truth bus, else from the onboard log, else from truth.jsonl.
 
-        {}: nobody measured it. Raises UsageError when flight.tlog cannot be read.
+        {}: a flight without truth. Raises UsageError when flight.tlog cannot be read.
         """
         from dronecats.report.recorded.tracks import track_of_rows
 
@@ -178,8 +183,8 @@ class RecordedFlight(JudgedFlight):
         return {drone: track for drone, track in tracks.items() if track is not None}
 
     def _measured_track(self, drone: int) -> "FlightTrack | None":
-        """Return the true track with attitudes, None where none was kept or the map is not here."""
-        from dronecats.report.recorded import onboard_log, tracks
+        """Return the true track with attitudes; None where none was kept or the map is missing."""
+        from dronecats.report.recorded import tracks
 
         map_origin: Vec3 | None = None
         with suppress(UsageError):
@@ -189,56 +194,56 @@ class RecordedFlight(JudgedFlight):
         samples = self.telemetry[drone].truth(map_origin) if drone in self.telemetry else []
         if track := tracks.true_track(samples, self.t0_us):
             return track
-        kept = onboard_log.kept_ulog(self.folder, drone)
+        kept = tracks.kept_ulog(self.folder, drone)
         with suppress(UsageError):  # a torn log: truth.jsonl stands
-            return onboard_log.true_track(kept, self.t0_us, map_origin) if kept else None
+            return tracks.onboard_true_track(kept, self.t0_us, map_origin) if kept else None
         return None
 
     @cached_property
     def estimated_tracks(self) -> Mapping[int, "FlightTrack"]:
-        """Where each autopilot estimated that it was, in its own local frame: by its log on board, else by telemetry.
+        """The estimated track of each autopilot, in its local frame: from its onboard log, else from telemetry.
 
         Raises UsageError when flight.tlog cannot be read.
         """
-        from dronecats.report.recorded import onboard_log, tracks
+        from dronecats.report.recorded import tracks
 
-        found: dict[int, FlightTrack] = {}
+        estimated: dict[int, FlightTrack] = {}
         for drone in range(max(self.telemetry, default=0) + 1):
             track = tracks.estimated_track(self.telemetry[drone]) if drone in self.telemetry else None
-            kept = onboard_log.kept_ulog(self.folder, drone)
+            kept = tracks.kept_ulog(self.folder, drone)
             with suppress(UsageError):  # a torn log: telemetry stands
-                track = (onboard_log.estimated_track(kept, self.t0_us) if kept else None) or track
+                track = (tracks.onboard_estimated_track(kept, self.t0_us) if kept else None) or track
             if track is not None:
-                found[drone] = track
-        return found
+                estimated[drone] = track
+        return estimated
 
     @cached_property
     def tracks(self) -> Mapping[int, "FlightTrack"]:
-        """The tracks that are drawn, by drone: the true ones, of a flight without truth those of its autopilots.
+        """The tracks for drawing, by drone: the true ones, or the estimated ones of a flight without truth.
 
         Raises UsageError when flight.tlog cannot be read.
         """
         from dronecats.report.recorded.tracks import track_of_rows
 
-        true = {  # the log on board knows no steps of 1.1 cm
+        true = {  # the onboard log has no steps of 1.1 cm
             drone: track.drawn() if track.level or drone in self.telemetry else track
             for drone, track in self.true_tracks.items()
         }
         if true or self.estimated_tracks:
             return true or self.estimated_tracks
-        smoothed = {row.drone: [each for each in self.estimated_poses if each.drone == row.drone]
-                    for row in self.estimated_poses}  # fmt: skip
+        smoothed = {pose.drone: [pose for pose in self.estimated_poses if pose.drone == pose.drone]
+                    for pose in self.estimated_poses}  # fmt: skip
         tracks = {drone: track_of_rows(rows) for drone, rows in sorted(smoothed.items())}
         return {drone: track.drawn() for drone, track in tracks.items() if track is not None}
 
     @property
     def drones(self) -> tuple[int, ...]:
-        """The numbers of all that have a track."""
+        """The numbers of the drones with a track."""
         return tuple(sorted(self.tracks))
 
     @cached_property
     def drone_tracks(self) -> "tuple[DroneTracks, ...]":
-        """Where each drone was during the episode, estimated and true, by its number. Raises UsageError."""
+        """The estimated and true tracks of each drone during the episode, by its number. Raises UsageError."""
         from dronecats.report.recorded.tracks import drone_tracks
 
         numbers = {row.drone for row in self.logs.decisions} | {row.drone for row in self.logs.poses}
@@ -255,7 +260,7 @@ class RecordedFlight(JudgedFlight):
 
     @cached_property
     def target_track(self) -> "FlightTrack | None":
-        """Where the target's centre was, as far as truth.jsonl tells it."""
+        """The track of the target's centre in truth.jsonl."""
         from dronecats.report.recorded.tracks import target_track
 
         return target_track(self.truth_rows)

@@ -1,4 +1,4 @@
-"""A run folder read back: who flew, under which settings, and which episodes stand in it."""
+"""Reads a run folder: its pilot, settings and episodes."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ class RecordedRun:
     """One run folder: episodes flown by one pilot under one configuration, once each."""
 
     folder: Path
-    configuration: dict[str, Any]  # what run.json holds
+    configuration: dict[str, Any]  # contents of run.json
     episodes: tuple[Path, ...]  # their folders, by name
 
     @property
     def flight(self) -> dict[str, Any]:
-        """What was asked for, the fields of FlightSpec."""
+        """The fields of its FlightSpec."""
         return dict(self.configuration.get("flight") or {})
 
     @property
@@ -36,22 +36,22 @@ class RecordedRun:
 
     @property
     def is_model(self) -> bool:
-        """Whether a model flew it; a built-in pilot is none and is never reported as one."""
+        """Whether a model flew it. A built-in pilot is never reported as a model."""
         return self.flight.get("model") is not None
 
     @property
     def agent(self) -> str:
-        """Who decided: `paper`, another name, or MODULE:NAME."""
+        """The agent: `paper`, another name, or MODULE:NAME."""
         return agent_name(self.flight.get("agent") or self.configuration.get("agent"))
 
     @property
     def seed(self) -> int:
-        """What tells flights of the same episodes apart."""
+        """The seed, which distinguishes flights of the same episodes."""
         return int(self.flight.get("seed") or 0)
 
     @property
     def camera(self) -> CameraModel:
-        """The camera that was announced, else the benchmark's. Where it sits is not told."""
+        """The camera in run.json, else the benchmark's; run.json does not have its mounting."""
         announced, default = self.configuration.get("camera"), CameraModel()
         try:
             camera = announced if isinstance(announced, dict) else {}
@@ -65,22 +65,22 @@ class RecordedRun:
 
     @property
     def airframe(self) -> str:
-        """The airframe that was simulated, the default one's where none was named."""
+        """The simulated airframe, or the default."""
         return str(self._simulated.get("airframe") or DEFAULT_AIRFRAME)
 
     @property
     def is_rendered(self) -> bool:
-        """Whether its frames show something; those of an unrendered run are grey."""
+        """Whether its frames were rendered; those of other runs are grey."""
         return self._simulated.get("rendered") is not False
 
     @property
     def pilot_title(self) -> str:
-        """The pilot in words; a built-in one is said to be none."""
+        """The pilot in words; a built-in one is marked as no model."""
         return self.pilot if self.is_model else f"built-in pilot {self.pilot}, no model"
 
     @property
     def title(self) -> str:
-        """Who flew it and how, in words: the pilot, and what is not as usual of agent, autopilot and seed."""
+        """The pilot in words, with agent, autopilot and seed where they are not the default."""
         agent = "" if self.agent == PAPER else f", agent {self.agent}"
         autopilot = self._simulated.get("autopilot")
         on = f", on {autopilot}" if autopilot not in (None, "", "ours") else ""
@@ -93,28 +93,28 @@ class RecordedRun:
 
 
 def recorded_run(folder: Path) -> RecordedRun:
-    """Return a run folder, or the run of an episode folder with that episode alone. Raises UsageError."""
-    found = episodes(folder)
-    if not found:
+    """Return the run of a run folder, or of an episode folder with that episode alone. Raises UsageError."""
+    folders = episodes(folder)
+    if not folders:
         raise UsageError(f"{folder} holds no episode: a folder with {layout.DECISIONS} and {layout.TRUTH} is wanted")
-    run = found[0].resolve().parent
-    return RecordedRun(folder=run, configuration=run_configuration(run) or {}, episodes=tuple(found))
+    run = folders[0].resolve().parent
+    return RecordedRun(folder=run, configuration=run_configuration(run) or {}, episodes=tuple(folders))
 
 
 def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
-    """Return every run at or below these folders, in their order, each once.
+    """Return the unique runs at or below these folders, in their order.
 
-    A folder may be a run, an episode of one, or hold runs, as that of a benchmark does. Raises UsageError.
+    A folder may be a run, an episode of a run, or hold runs, such as that of a benchmark. Raises UsageError.
     """
-    found: dict[Path, RecordedRun] = {}
+    by_folder: dict[Path, RecordedRun] = {}
     for path in paths:
         if not path.is_dir():
             raise UsageError(f"there is no folder {path}")
         inside = [path] if episodes(path) else sorted(p.parent for p in path.glob(f"*/{layout.RUN}"))
-        runs = [recorded_run(each) for each in inside if episodes(each)]
+        runs = [recorded_run(folder) for folder in inside if episodes(folder)]
         if not runs:
             raise UsageError(f"{path} holds no run: a folder with {layout.RUN} and flown episodes is wanted")
         for run in runs:
-            before = found.get(run.folder)
-            found[run.folder] = run if before is None or len(run.episodes) > len(before.episodes) else before
-    return list(found.values())
+            before = by_folder.get(run.folder)
+            by_folder[run.folder] = run if before is None or len(run.episodes) > len(before.episodes) else before
+    return list(by_folder.values())

@@ -1,4 +1,4 @@
-"""The messages in flight.tlog, by drone: true poses, the autopilot's estimate, setpoints, modes, battery, warnings."""
+"""Reads flight.tlog, by drone: true poses, the autopilot's estimate, setpoints, modes, battery, warnings."""
 
 import math
 from bisect import bisect_right
@@ -36,20 +36,20 @@ KINDS = {POSE, TEXT, PLACE, ANGLES, SETPOINT, ORIGIN, RECEIVER, ESTIMATOR, *STAT
 
 @dataclass(frozen=True, slots=True)
 class Timeline(Generic[V]):
-    """Values of rising time, of which the newest counts."""
+    """Values with rising times; each is valid until the next."""
 
     t_s: tuple[float, ...] = ()  # s since the episode began
     values: tuple[V, ...] = ()
 
     def at(self, t_s: float) -> V | None:
-        """Return the newest value at a time, None before the first."""
+        """Return the newest value at a time; None before the first."""
         index = bisect_right(self.t_s, t_s + 1e-6)
         return self.values[index - 1] if index else None
 
 
 @dataclass(frozen=True, slots=True)
 class AutopilotState:
-    """The state that an autopilot reports of itself."""
+    """The state that an autopilot reports."""
 
     mode: str  # as PX4 names it; "": not known
     armed: bool
@@ -57,7 +57,7 @@ class AutopilotState:
 
 
 class DroneTelemetry:
-    """The messages of one drone, decoded when they are first needed. Times of arrays are µs of the vehicle's clock."""
+    """The messages of one drone, decoded on first use. Times of arrays are µs of the vehicle's clock."""
 
     def __init__(self, drone: int, frames: Sequence[bytes] = (), t0_us: int = 0) -> None:
         """`frames`: of the truth bus and of the autopilot, in their order; `t0_us`: the vehicle's clock at t = 0."""
@@ -98,23 +98,23 @@ class DroneTelemetry:
 
     @cached_property
     def setpoints(self) -> Array:
-        """(n, 12): µs, place m, velocity m/s, yaw and yaw rate as sent, then the asked velocity, 0 where it is open."""
+        """(n, 12): µs, place m, velocity m/s, yaw and yaw rate as sent, then the velocity with 0 for open axes."""
         return rising(self._autopilot.setpoints)
 
     @cached_property
-    def asked_velocity(self) -> Timeline[Vec3]:
-        """The velocity that it was told, m/s, NED."""
+    def setpoint_velocity(self) -> Timeline[Vec3]:
+        """The velocity of the setpoint, m/s, NED."""
         rows = [(self._t_s(row[0]), (float(row[9]), float(row[10]), float(row[11]))) for row in self.setpoints]
         return _timeline(rows)
 
     @property
     def origin(self) -> Vec3 | None:
-        """lat °, lon °, alt m above mean sea level of the autopilot's local frame; None: it never told."""
+        """lat °, lon °, alt m above mean sea level of the autopilot's local frame; None: it never sent it."""
         return self._autopilot.origin
 
     @cached_property
     def states(self) -> Timeline[AutopilotState]:
-        """One at each change."""
+        """The states, one at each change."""
         return _timeline([(self._t_s(us), state) for us, state in self._autopilot.states])
 
     @cached_property
@@ -130,7 +130,7 @@ def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
     """Return the telemetry in a tlog by drone; {} where there is none. Raises UsageError when it cannot be read.
 
     The truth bus numbers the drones: system 1 is drone 0. An autopilot of another number is the next drone.
-    A file that a kill has torn is read as far as it goes.
+    A file that a kill has cut off is read to its last complete message.
     """
     if not path.is_file():
         return {}
@@ -141,9 +141,9 @@ def telemetry(path: Path, t0_us: int) -> dict[int, DroneTelemetry]:
         if kind in KINDS and component in (AUTOPILOT, TRUTH_COMPONENT) and wire.scan(frame)[0] == [frame]:
             frames.append((system, frame))
             kinds.setdefault(system, set()).add((component, kind))
-    true = [system for system in kinds if (TRUTH_COMPONENT, POSE) in kinds[system]]
-    others = [system for system in sorted(kinds) if system not in true and (AUTOPILOT, PLACE) in kinds[system]]
-    number = {system: system - 1 for system in true} | {system: drone for drone, system in enumerate(others)}
+    with_truth = [system for system in kinds if (TRUTH_COMPONENT, POSE) in kinds[system]]
+    untracked = [system for system in sorted(kinds) if system not in with_truth and (AUTOPILOT, PLACE) in kinds[system]]
+    number = {system: system - 1 for system in with_truth} | {system: drone for drone, system in enumerate(untracked)}
     drones: dict[int, list[bytes]] = {}
     for system, frame in frames:
         if system in number:
@@ -167,9 +167,9 @@ def _header(frame: bytes) -> tuple[int, int, int]:
 
 
 class _Accuracy:
-    """The newest accuracies that were reported: how good a position is in the world, not only within its own frame.
+    """The newest reported accuracies of the position in the world, not only in its own frame.
 
-    The receiver's is a bound for the estimator's: no filter sees an error that all of its fixes share.
+    The receiver's is a lower bound for the estimator's: no filter sees an error that all of its fixes share.
     """
 
     def __init__(self) -> None:
@@ -177,14 +177,14 @@ class _Accuracy:
 
     @property
     def std_ned(self) -> Vec3:
-        """m per axis, the whole horizontal accuracy on each of the two; NaN where neither was reported."""
+        """m per axis, the full horizontal accuracy on each of the two; NaN where neither was reported."""
         horizontal, vertical = (float(np.fmax(a, b)) for a, b in zip(self.estimator, self.receiver, strict=True))
         return (horizontal, horizontal, vertical)
 
 
 @dataclass
 class _Autopilot:
-    """Collects the messages of one autopilot. Each kind of stamped message has a clock: they overtake one another."""
+    """Collects the messages of one autopilot. Each kind of stamped message has its own clock."""
 
     places: list[tuple[float, ...]] = field(default_factory=list)
     angles: list[tuple[float, ...]] = field(default_factory=list)
@@ -232,7 +232,7 @@ class _Autopilot:
     def _text(self, m: dialect.MAVLink_message) -> None:
         texts = self._texts.setdefault(m.get_srcComponent(), StatusTexts())
         texts.take(m, self._newest_us)
-        texts.since(self._newest_us)  # a last piece that is full waits for no other
+        texts.since(self._newest_us)  # completes a text whose last chunk is full
         while texts.newest:
             text = texts.newest.popleft()
             if text.severity <= WARNING:
@@ -254,11 +254,11 @@ def _timeline(rows: Sequence[tuple[float, V]]) -> Timeline[V]:
     return Timeline(tuple(t for t, _ in ordered), tuple(value for _, value in ordered))
 
 
-def rising(rows: Sequence[tuple[float, ...]], known: int = 1) -> Array:
-    """Return rows of rising time, what comes late or twice left out, and what is not finite in its first `known`."""
+def rising(rows: Sequence[tuple[float, ...]], finite: int = 1) -> Array:
+    """Return rows of rising time, without late, repeated, or (in the first `finite` columns) non-finite ones."""
     if not rows:
         return np.empty((0, 12))
     table = np.array(rows, np.float64)
-    table = table[np.isfinite(table[:, :known]).all(axis=1)]
+    table = table[np.isfinite(table[:, :finite]).all(axis=1)]
     newest = np.maximum.accumulate(np.concatenate([[-np.inf], table[:-1, 0]]))
     return table[table[:, 0] > newest]

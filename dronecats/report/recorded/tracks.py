@@ -1,11 +1,13 @@
-"""Where a drone was at any time, as arrays: of the truth bus, of truth.jsonl, or as its autopilot estimated.
+"""Tracks of drones as arrays: true ones, and those that autopilots estimated.
 
-The truth bus has fifty poses a second with attitude; so has the log on board of a simulated PX4. truth.jsonl has two
-places a second and a heading, and a drone is drawn level between them.
+The truth bus has fifty poses a second with attitude; so has the onboard log of a simulated PX4, a ULog of PX4's topics,
+which needs pyulog to be read. truth.jsonl has two places a second and a heading; between them a drone is drawn level.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,45 +17,48 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from dronecats.report.recorded.telemetry import DroneTelemetry, rising
 from episodes.world.fleet import DronePose
+from foundation.errors import UsageError
+from foundation.extras import is_installed
 from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler
+from foundation.run_folder import layout
 from foundation.run_folder.rows import EstimatedPose, FrameTruth, Pose
-from foundation.truth import TruthSample
+from foundation.truth import Origin, TruthSample
 
-SMOOTHED_S = 0.06  # places travel in steps of 1.1 cm, which would be seen as a tremor
-GAP_S = 0.2  # between two samples that are smoothed over
-LEVEL_PERIOD_S = 0.1  # at which a track without attitudes is laid out
+SMOOTHED_S = 0.06  # the bus has places in steps of 1.1 cm, visible as a tremor
+GAP_S = 0.2  # the largest between two samples that are smoothed
+LEVEL_PERIOD_S = 0.1  # of the samples of a drawn track without attitudes
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class FlightTrack:
-    """The way of one drone, n samples of rising time, at least one."""
+    """The track of one drone, n samples of rising time, at least one."""
 
     t_s: Array  # (n,) s of vehicle time since the episode began
     position_ned: Array  # (n, 3) m
     velocity_ned: Array  # (n, 3) m/s; NaN: not known
     attitude: Array  # (n, 4) w, x, y, z, FRD → NED
-    level: bool = False  # the attitude is not known but for its heading
+    level: bool = False  # only the heading of the attitude is known
 
     def __len__(self) -> int:
         return len(self.t_s)
 
     def newest(self, t_s: float) -> int:
-        """Return the index of the newest sample at a time, the first before there is any; microseconds are forgiven."""
+        """Return the index of the newest sample at a time, to a microsecond; before the first, that of the first."""
         return max(0, int(np.searchsorted(self.t_s, t_s + 1e-6, side="right")) - 1)
 
     def between(self, from_s: float, to_s: float) -> "FlightTrack":
-        """Return the samples of this time, both ends included."""
+        """Return the samples of this interval, both ends included."""
         kept = (self.t_s >= from_s) & (self.t_s <= to_s)
         return FlightTrack(
             self.t_s[kept], self.position_ned[kept], self.velocity_ned[kept], self.attitude[kept], self.level
         )  # fmt: skip
 
     def at(self, t_s: float) -> DronePose:
-        """Return the pose at a time: places in a straight line between two samples, attitudes on the shortest arc.
+        """Return the pose at a time: linear between two places, on the shortest arc between two attitudes.
 
-        Before the first sample and after the last it stays there.
+        Before the first sample and after the last, it is that of the sample.
         """
         t_s = min(max(t_s, float(self.t_s[0])), float(self.t_s[-1]))
         if len(self.t_s) == 1:
@@ -71,16 +76,16 @@ class FlightTrack:
         return np.column_stack([np.interp(times, self.t_s, self.position_ned[:, k]) for k in range(3)])
 
     def headings(self, times: Array) -> Array:
-        """Return the yaw (len(times),), rad, without jumps: it counts on beyond π."""
+        """Return the yaw (len(times),), rad, unwrapped."""
         forward = _rotation(self.attitude).apply((1.0, 0.0, 0.0)).reshape(-1, 3)
         return np.asarray(np.interp(times, self.t_s, np.unwrap(np.arctan2(forward[:, 1], forward[:, 0]))))
 
     def moves(self) -> bool:
-        """Return whether it ever leaves its first place by more than a centimetre."""
+        """Return whether any place is more than a centimetre from the first on an axis."""
         return bool((abs(self.position_ned - self.position_ned[0]) > 0.01).any())
 
     def drawn(self) -> "FlightTrack":
-        """Return the track as it is drawn: without the tremor of the bus, of a level one smooth between its places."""
+        """Return the track for drawing: without the tremor of the bus, a level one smooth between its places."""
         if self.level:
             return self._laid_out()
         if len(self.t_s) < 3 or float(np.diff(self.t_s).max()) > GAP_S:
@@ -98,24 +103,24 @@ class FlightTrack:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DroneTracks:
-    """One drone from the beginning of an episode to its end: where it was, and where it was told to go."""
+    """The tracks and setpoints of one drone from the beginning of an episode to its end."""
 
     number: int  # 0 is the first
-    estimate: FlightTrack | None  # by its autopilot's telemetry, in the map's frame; None: there is none
-    held: FlightTrack | None  # the estimate, with the sample before the episode that still held when it began
-    truth: FlightTrack | None  # the judge's; None: nobody measured it
+    estimate: FlightTrack | None  # of its autopilot's telemetry, in the map's frame
+    held: FlightTrack | None  # the estimate with the newest sample before the episode
+    truth: FlightTrack | None  # the judge's; None: not measured
     setpoints: Array | None  # (n, 9): t s, place m in the map's frame, velocity m/s, yaw, yaw rate; NaN: open
 
 
 def drone_tracks(
     number: int, truth: FlightTrack | None, telemetry: DroneTelemetry, end_s: float, origin: Vec3 | None
 ) -> DroneTracks:
-    """Return the tracks of a drone. `origin`: lat °, lon °, alt m of the map's frame; None: nobody tells."""
+    """Return the tracks of a drone. `origin`: lat °, lon °, alt m of the map's frame; None: unknown."""
     estimate, setpoints = estimated_track(telemetry), telemetry.setpoints[:, :9]
     moved = np.zeros(3)
     if origin is not None and telemetry.origin is not None:
         moved = np.array(geodetic_to_ned(*origin, *telemetry.origin))
-    if estimate is not None:  # one without attitudes has no heading either, along which anything could be measured
+    if estimate is not None:  # one without attitudes has no heading, along which to measure
         estimate = None if estimate.level else replace(estimate, position_ned=estimate.position_ned + moved)
     if len(setpoints):
         times = (setpoints[:, 0] - telemetry.t0_us) / 1e6
@@ -131,7 +136,7 @@ def drone_tracks(
 
 
 def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> FlightTrack | None:
-    """Return what of a track is of the episode, with the sample that `held` when it began; None where nothing is."""
+    """Return the part of a track in the episode, if `held` with the newest sample before it; None: there is none."""
     if track is None:
         return None
     kept = track.between(min(0.0, float(track.t_s[track.newest(0.0)])) if held else 0.0, end_s)
@@ -140,16 +145,16 @@ def _during(track: FlightTrack | None, end_s: float, held: bool = False) -> Flig
 
 def true_track(samples: Iterable[TruthSample], t0_us: int) -> FlightTrack | None:
     """Return the track of one drone's samples of the truth bus; None without any. `t0_us`: the clock at t = 0."""
-    rows = rising([
-        ((each.time_us - t0_us) / 1e6, *each.position_ned, *each.velocity_ned, *each.attitude) for each in samples
-    ])  # fmt: skip
+    rows = rising(
+        [((s.time_us - t0_us) / 1e6, *s.position_ned, *s.velocity_ned, *s.attitude) for s in samples]
+    )  # fmt: skip
     return FlightTrack(rows[:, 0], rows[:, 1:4], rows[:, 4:7], rows[:, 7:11]) if len(rows) else None
 
 
 def estimated_track(telemetry: DroneTelemetry) -> FlightTrack | None:
-    """Return the track that an autopilot sent, in its local frame, level where it sent no attitude; None: it sent none.
+    """Return the track that an autopilot sent, in its local frame, level without attitudes; None: it sent none.
 
-    Attitudes are those of the times of its places.
+    Attitudes are interpolated to the times of its places.
     """
     places, angles = telemetry.places, telemetry.angles
     if not len(places):
@@ -158,15 +163,15 @@ def estimated_track(telemetry: DroneTelemetry) -> FlightTrack | None:
     if len(angles):
         columns = (angles[:, 1], angles[:, 2], np.unwrap(angles[:, 3]))
         turned = np.column_stack([np.interp(places[:, 0], angles[:, 0], column) for column in columns])
-    attitude = np.array([quat_from_euler(*map(float, each)) for each in turned])
+    attitude = np.array([quat_from_euler(*map(float, angles_rad)) for angles_rad in turned])
     t_s = (places[:, 0] - telemetry.t0_us) / 1e6
     return FlightTrack(t_s, places[:, 1:4], places[:, 4:7], attitude, level=not len(angles))
 
 
 def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> FlightTrack | None:
-    """Return the track of one drone's rows of a log: level, and without velocity; None where none tells a place.
+    """Return the track of one drone's rows of a log: level, without velocity; None where no row has a place.
 
-    A row without a heading has the last one before it.
+    A row without a heading has that of the row before it.
     """
     placed = {row.t: row for row in rows if row.position_ned is not None}
     if not placed:
@@ -181,7 +186,7 @@ def track_of_rows(rows: Iterable[Pose | FrameTruth | EstimatedPose]) -> FlightTr
 
 
 def target_track(rows: Iterable[Pose | FrameTruth]) -> FlightTrack | None:
-    """Return where the target's centre was, by the rows of truth.jsonl; None where none tells it."""
+    """Return the track of the target's centre from rows of truth.jsonl; None where no row has it."""
     placed = {row.t: row.target_ned for row in rows if row.target_ned is not None}
     if not placed:
         return None
@@ -192,7 +197,7 @@ def target_track(rows: Iterable[Pose | FrameTruth]) -> FlightTrack | None:
 
 
 def _level(yaw: Array) -> Array:
-    return np.array([quat_from_euler(0.0, 0.0, float(each)) for each in yaw])
+    return np.array([quat_from_euler(0.0, 0.0, float(heading)) for heading in yaw])
 
 
 def _rotation(attitude: Array) -> Rotation:
@@ -201,3 +206,55 @@ def _rotation(attitude: Array) -> Rotation:
 
 def _vec3(place: Array) -> Vec3:
     return float(place[0]), float(place[1]), float(place[2])
+
+
+def kept_ulog(folder: Path, drone: int = 0) -> Path | None:
+    """Return the onboard log of a drone's autopilot; None where it was not kept, or pyulog is missing."""
+    path = folder / layout.onboard_log_name(drone)
+    return path if path.is_file() and is_installed("pyulog") else None
+
+
+def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
+    """Return the columns of those of these topics that a ULog has. Raises UsageError when the file is no ULog."""
+    from pyulog import ULog
+
+    try:
+        return {d.name: d.data for d in reversed(ULog(str(path), list(names)).data_list)}  # instance 0 of each stays
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
+    except Exception as error:  # a damaged file raises errors of many classes in pyulog
+        raise UsageError(f"{path} is no ULog: {type(error).__name__} {error}") from None
+
+
+def onboard_estimated_track(path: Path, t0_us: int) -> FlightTrack | None:
+    """Return the estimate of a ULog, in the autopilot's local frame; None: it has none. Raises UsageError."""
+    return _track(ulog_topics(path, "vehicle_local_position", "vehicle_attitude"), "", t0_us)
+
+
+def onboard_true_track(path: Path, t0_us: int, map_origin: Origin) -> FlightTrack | None:
+    """Return the truth that a simulated PX4 wrote, in the map's frame; None: it wrote none.
+
+    Raises UsageError when the file is no ULog.
+    """
+    topics = ulog_topics(path, "vehicle_local_position_groundtruth", "vehicle_attitude_groundtruth")
+    track, place = _track(topics, "_groundtruth", t0_us), topics.get("vehicle_local_position_groundtruth")
+    if track is None or place is None:
+        return None
+    first = geodetic_to_ned(*map_origin, *(float(place[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt")))
+    return FlightTrack(track.t_s, track.position_ned + np.array(first), track.velocity_ned, track.attitude)
+
+
+def _track(topics: dict[str, dict[str, Any]], suffix: str, t0_us: int) -> FlightTrack | None:
+    place, turned = topics.get(f"vehicle_local_position{suffix}"), topics.get(f"vehicle_attitude{suffix}")
+    if place is None or turned is None or len(turned["timestamp"]) < 2:
+        return None
+    names = ("x", "y", "z", "vx", "vy", "vz")
+    rows = np.column_stack([place["timestamp"].astype(float), *(place[name] for name in names)])
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    at_us = turned["timestamp"].astype(float)
+    rows = rows[(rows[:, 0] >= at_us[0]) & (rows[:, 0] <= at_us[-1])]
+    if not len(rows):
+        return None
+    turns = Rotation.from_quat(np.column_stack([turned[f"q[{k}]"] for k in (1, 2, 3, 0)]))
+    attitude = Slerp(at_us, turns)(rows[:, 0]).as_quat()[:, [3, 0, 1, 2]]
+    return FlightTrack((rows[:, 0] - t0_us) / 1e6, rows[:, 1:4], rows[:, 4:], attitude)

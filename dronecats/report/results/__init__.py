@@ -1,1 +1,1 @@
-"""Runs read back: which belong together, what each of their episodes came to, tables for whoever asks in SQL."""
+"""The results of runs: one row per episode, entrants that may be compared, and SQL tables."""

@@ -1,8 +1,18 @@
-"""All that was flown in some runs, one row an episode: the table from which reports, comparisons and SQL are made."""
+"""Reads all episodes of some runs, one row per episode; reports, comparisons and studies are made from these rows.
 
+A reader may leave flights out by the value of a metric, such as those with more than two estimator resets. That is
+never the default, and every report says so: a cause that arises in flight may be more frequent at one level of a study
+than at another.
+"""
+
+import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
+
+from msgspec import UNSET
 
 from dronecats.judge.metrics.deliberation import StepOutlook, outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
@@ -12,15 +22,32 @@ from dronecats.judge.metrics.registry import METRICS, value_of
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun, recorded_runs
 from dronecats.report.results.identity import record_digest, served
-from dronecats.report.results.usage import NONE_TOLD, Usage, usage
 from foundation.errors import UsageError
 from foundation.protocol import RADIUS_M
+from foundation.run_folder import layout
+from foundation.run_folder.reading import exchanges, json_object, rows
 from foundation.run_folder.results import SCORED, Verdict
+from foundation.run_folder.rows import Decision
+
+
+@dataclass(frozen=True, slots=True)
+class Usage:
+    """Answered questions of an episode, with their tokens. A fleet's joint question counts once."""
+
+    questions: int = 0
+    tokens_in: int | None = None  # None: not logged for any question
+    tokens_out: int | None = None
+    commander_questions: int = 0
+    commander_in: int | None = None
+    commander_out: int | None = None
+    cached: int | None = None  # of tokens_in, from the vendor's cache
+    reasoning: int | None = None  # of tokens_out
+    endpoints: tuple[str, ...] = ()  # endpoints that a router chose, in the order of their first answers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScoredEpisode:
-    """One flight of one episode, with every metric of the whole episode."""
+    """One flight of one episode, with every metric of the episode as a whole."""
 
     run: RecordedRun
     folder: Path
@@ -29,21 +56,21 @@ class ScoredEpisode:
     cell: str
     verdict: Verdict | None  # None: its logs are damaged
     values: Mapping[str, MetricValue]  # by the metric's name
-    error: str | None  # why it is nobody's score; None: it is scored
+    error: str | None  # why it is not scored; None: it is scored
     steps: Mapping[str, tuple[MetricValue, ...]] = field(
         default_factory=dict
-    )  # by the metric's name, a value a decision
-    mode: str | None = None  # how it ended, success or its failure mode; None: it is nobody's score
-    outlooks: tuple[StepOutlook, ...] = ()  # its steps beside one another, for what a think bought
-    host_stalls: int | None = None  # steps that the host held up; None: not told, as in lockstep
-    left_out: str | None = None  # why the reader of a report does not want it counted
-    usage: Usage = NONE_TOLD
-    record_sha256: str = ""  # of the record that was flown; empty: there is none
-    served: tuple[str, ...] = ()  # models that answered, in the vendors' words; empty: not told
+    )  # by the metric's name, a value per decision
+    mode: str | None = None  # how it ended, success or its failure mode; None: it is not scored
+    outlooks: tuple[StepOutlook, ...] = ()  # its steps, to compare the effect of a think with others
+    host_stalls: int | None = None  # steps that the host delayed; None: not logged, as in lockstep
+    left_out: str | None = None  # why the reader of a report does not count it
+    usage: Usage = Usage()
+    record_sha256: str = ""  # of the flown record; empty: there is none
+    served: tuple[str, ...] = ()  # models that answered, in the vendors' words; empty: not logged
 
     @property
     def scored(self) -> bool:
-        """Whether it counts: what the infrastructure broke is nobody's success and nobody's failure."""
+        """Whether it counts: an error of the infrastructure is neither a success nor a failure."""
         return self.verdict is not None and self.verdict.outcome in SCORED and self.left_out is None
 
     @property
@@ -67,9 +94,9 @@ def collect(
     on_episode: Callable[[ScoredEpisode], None] = lambda scored: None,
     processes: int | None = None,
 ) -> Collection:
-    """Return what stands in these folders. One damaged episode spoils no other. Raises UsageError.
+    """Return the runs in these folders. A damaged episode does not affect the others. Raises UsageError.
 
-    It is read by so many processes; None: by as many as pay.
+    `processes` is the number of processes that read; None: as many as pay.
     """
     runs = recorded_runs(paths)
     folders = [(run, folder) for run in runs for folder in run.episodes]
@@ -77,70 +104,191 @@ def collect(
     def read(number: int) -> ScoredEpisode:
         run, folder = folders[number]
         scored = scored_episode(run, folder, delta_m, metrics)
-        return replace(scored, run=replace(run, configuration={}, episodes=()))  # which need not be sent here
+        return replace(scored, run=replace(run, configuration={}, episodes=()))  # the parent process has them
 
-    scored = []
-    for (run, _), each in zip(folders, of_each(read, range(len(folders)), processes), strict=True):
-        scored.append(replace(each, run=run))
-        on_episode(scored[-1])
-    return Collection(runs=tuple(runs), episodes=tuple(scored))
+    episodes = []
+    for (run, _), scored in zip(folders, of_each(read, range(len(folders)), processes), strict=True):
+        episodes.append(replace(scored, run=run))
+        on_episode(episodes[-1])
+    return Collection(runs=tuple(runs), episodes=tuple(episodes))
 
 
 def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequence[Metric]) -> ScoredEpisode:
-    """Return one episode of a run with its metrics. Raises UsageError where one of the user's own breaks."""
+    """Return one episode of a run with its metrics. Raises UsageError where a metric of the user's own fails."""
     try:
-        flown = RecordedFlight.read(folder, delta_m)
+        flight = RecordedFlight.read(folder, delta_m)
     except UsageError as damage:
         return ScoredEpisode(
             run=run, folder=folder, episode=folder.resolve().name, map="", cell="", verdict=None, values={},
             error=str(damage),
         )  # fmt: skip
-    verdict = flown.verdict
+    verdict = flight.verdict
     return ScoredEpisode(
         run=run,
         folder=folder,
-        episode=flown.id,
-        map=flown.map,
-        cell=flown.cell,
+        episode=flight.id,
+        map=flight.map,
+        cell=flight.cell,
         verdict=verdict,
-        values=dict(_of_the_whole(flown, metrics)),
+        values=dict(_episode_values(flight, metrics)),
         error=None if verdict.outcome in SCORED else verdict.error or verdict.outcome,
-        steps=dict(_of_steps(flown, metrics)),
-        mode=failure_mode(flown),
-        outlooks=tuple(outlooks(flown)),
-        host_stalls=_host_stalls(flown),
-        usage=usage(flown),
-        record_sha256=record_digest(flown.record) if flown.record else "",
+        steps=dict(_step_values(flight, metrics)),
+        mode=failure_mode(flight),
+        outlooks=tuple(outlooks(flight)),
+        host_stalls=_host_stalls(flight),
+        usage=_usage(flight.logs.decisions, flight.folder),
+        record_sha256=record_digest(flight.record) if flight.record else "",
         served=served(folder),
     )
 
 
-def without_stalled(collection: Collection) -> Collection:
-    """Return the collection with every flight that the host held up left uncounted."""
-    kept = (
-        replace(each, left_out="the host held it up", error=f"the host held it up on {each.host_stalls} steps")
-        if each.scored and each.host_stalls
-        else each
-        for each in collection.episodes
-    )
-    return replace(collection, episodes=tuple(kept))
-
-
-def _host_stalls(flown: RecordedFlight) -> int | None:
-    told = any(isinstance(decision.host_lag_s, float) for decision in flown.logs.decisions)
-    stalls = flown.verdict.host_stalls
-    return stalls if isinstance(stalls, int) else 0 if told else None
-
-
-def _of_the_whole(flown: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
+def _episode_values(flight: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
     for metric in metrics:
-        value = value_of(metric, flown) if metric.level == "episode" else ()
+        value = value_of(metric, flight) if metric.level == "episode" else ()
         if value is None or isinstance(value, bool | float | int):
             yield metric.name, value
 
 
-def _of_steps(flown: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
+def _step_values(flight: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
     for metric in metrics:
-        values = value_of(metric, flown) if metric.level == "step" else None
+        values = value_of(metric, flight) if metric.level == "step" else None
         if isinstance(values, Sequence):
             yield metric.name, tuple(values)
+
+
+def _host_stalls(flight: RecordedFlight) -> int | None:
+    is_logged = any(isinstance(decision.host_lag_s, float) for decision in flight.logs.decisions)
+    stalls = flight.verdict.host_stalls
+    return stalls if isinstance(stalls, int) else 0 if is_logged else None
+
+
+def usage_of(folder: Path) -> Usage:
+    """Return the usage of an episode by its folder. Raises UsageError for a damaged log."""
+    return _usage(rows(folder / layout.DECISIONS, Decision), folder)
+
+
+def _usage(decisions: Iterable[Decision], folder: Path) -> Usage:
+    """Return the usage; a joint reply is in the log of each of its drones, and counts once."""
+    steps = {decision.step: decision for decision in decisions}.values()
+    try:
+        answered = [exchange for exchange in exchanges(folder) if exchange.reply is not None]
+    except UsageError:  # commander.jsonl affects no score
+        answered = []
+    return Usage(
+        questions=len(steps),
+        tokens_in=_sum([step.tokens_in for step in steps]),
+        tokens_out=_sum([step.tokens_out for step in steps]),
+        commander_questions=len(answered),
+        commander_in=_sum([exchange.tokens_in for exchange in answered]),
+        commander_out=_sum([exchange.tokens_out for exchange in answered]),
+        cached=_sum([None if step.tokens_cached is UNSET else step.tokens_cached for step in steps]),
+        reasoning=_sum([None if step.tokens_reasoning is UNSET else step.tokens_reasoning for step in steps]),
+        endpoints=tuple(dict.fromkeys(str(step.endpoint) for step in steps if step.endpoint is not UNSET)),
+    )
+
+
+def _sum(counts: list[int | None]) -> int | None:
+    logged = [count for count in counts if count is not None]
+    return sum(logged) if logged else None
+
+
+def without_stalled(collection: Collection) -> Collection:
+    """Return the collection with every flight that the host delayed left uncounted."""
+    kept = (
+        replace(flight, left_out="the host held it up", error=f"the host held it up on {flight.host_stalls} steps")
+        if flight.scored and flight.host_stalls
+        else flight
+        for flight in collection.episodes
+    )
+    return replace(collection, episodes=tuple(kept))
+
+
+@dataclass(frozen=True, slots=True)
+class Exclusion:
+    """Leaves out the flights in which a metric is above a number."""
+
+    metric: str  # a name of the registry
+    most: float  # in the metric's unit
+
+    def __str__(self) -> str:
+        return f"{self.metric} above {self.most:g}"
+
+    def value(self, scored: ScoredEpisode) -> float | None:
+        """Return the metric of a flight; None where the flight has none."""
+        value = scored.values.get(self.metric)
+        return None if value is None else float(value)
+
+    def excludes(self, scored: ScoredEpisode) -> bool:
+        """Return whether a flight is left out."""
+        value = self.value(scored)
+        return value is not None and value > self.most
+
+
+def parse_exclusion(text: str) -> Exclusion:
+    """Return the exclusion of `--exclude-above METRIC=N`. Raises UsageError."""
+    name, equals, number = text.partition("=")
+    example = "for example estimator_resets=2"
+    if not equals:
+        raise UsageError(f"--exclude-above wants METRIC=N, {example}, got '{text:.60}'")
+    if name not in METRICS or METRICS[name].level != "episode":
+        raise UsageError(f"--exclude-above: '{name:.60}' is no metric of an episode, {example}; see docs/metrics.md")
+    try:
+        most = float(number)
+    except ValueError:
+        most = math.nan
+    if not math.isfinite(most):
+        raise UsageError(f"--exclude-above {name} wants a number, {example}, got '{number:.60}'")
+    return Exclusion(name, most)
+
+
+def exclude(collection: Collection, exclusions: Sequence[Exclusion]) -> Collection:
+    """Return the collection with the flights above any of the exclusions left uncounted."""
+    return replace(collection, episodes=tuple(_excluded(flight, exclusions) for flight in collection.episodes))
+
+
+def _excluded(scored: ScoredEpisode, exclusions: Sequence[Exclusion]) -> ScoredEpisode:
+    hit = next((exclusion for exclusion in exclusions if exclusion.excludes(scored)), None) if scored.scored else None
+    if hit is None:
+        return scored
+    error = f"left out: {hit.metric} is {hit.value(scored):g}, above {hit.most:g}"
+    return replace(scored, left_out=str(hit), error=error)
+
+
+def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[Exclusion]) -> Iterator[str]:
+    """Yield the sentences of a report about the flights that it leaves out."""
+    left_out = Counter(flight.left_out for flight in flights if flight.left_out)
+    for exclusion in exclusions:  # those that leave out no flight too
+        left_out.setdefault(str(exclusion), 0)
+    for reason, count in left_out.items():
+        yield f"Left out: {count} of {len(flights)} flights: {reason}."
+    for exclusion in exclusions:
+        unmeasured = sum(flight.scored and exclusion.value(flight) is None for flight in flights)
+        if unmeasured:
+            yield f"{unmeasured} flights do not tell {exclusion.metric} and are counted."
+
+
+@dataclass(frozen=True, slots=True)
+class Unflown:
+    """The missing flights of one benchmark. A benchmark in progress is no sample of its suite."""
+
+    folder: Path  # of bench.json
+    flights: int  # that belong to it
+    missing: int  # of these, those without a folder here
+
+
+def unflown(runs: Iterable[RecordedRun]) -> list[Unflown]:
+    """Return the benchmarks of which flights are missing; a damaged bench.json counts as empty."""
+    episode_ids: dict[Path, dict[str, set[str]]] = {}  # benchmark → run → ids of its episodes
+    for run in runs:
+        episode_ids.setdefault(run.folder.parent, {})[run.folder.name] = {folder.name for folder in run.episodes}
+    counts = [
+        _unflown(folder, json_object(folder / layout.BENCH) or {}, there) for folder, there in episode_ids.items()
+    ]
+    return [count for count in counts if count.missing]
+
+
+def _unflown(folder: Path, benchmark: Mapping[str, Any], present: Mapping[str, set[str]]) -> Unflown:
+    listed = [run for run in benchmark.get("runs") or () if isinstance(run, dict)]
+    planned = {str(run.get("name")): set(run.get("episodes") or ()) for run in listed}
+    missing = sum(len(ids - present.get(name, set())) for name, ids in planned.items())
+    return Unflown(folder, sum(map(len, planned.values())), missing)

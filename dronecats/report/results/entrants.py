@@ -1,4 +1,4 @@
-"""Who stands in a table: the runs of one pilot under one setting, their flights of each episode put together."""
+"""Groups runs into the entrants of a table: all runs of one pilot under one setting."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,148 +14,143 @@ from dronecats.report.results.identity import odd_runs, refusal
 from foundation.errors import UsageError
 
 FLAT = "flat"
-ASKED = ("temperature", "top_p", "max_tokens", "reasoning")  # fields of a Setting
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """What makes two lines of a table out of one pilot; all else that differs keeps runs from being one line."""
+    """The fields that make separate entrants of one pilot; runs of one entrant must agree in everything else."""
 
     pilot: str
-    replayed: bool  # recorded replies flew it, and nobody was asked
+    replayed: bool  # recorded replies flew it; no model was called
     is_model: bool
     command: str  # flat, hierarchical or solo
-    commander: str  # PROVIDER/NAME, or a script; empty: nobody
-    latency: str  # the policy, by which a rate is pinned too
-    agent: str  # paper, or another; its runs are never counted together with the paper's
-    disturbed: str = ""  # what was done to it on purpose, in words; empty: nothing
+    commander: str  # PROVIDER/NAME, or a script; empty: none
+    latency: str  # the policy; it may fix the rate too
+    agent: str  # paper, or another, which is never counted together with the paper's
+    disturbed: str = ""  # its disturbances, in words; empty: none
     temperature: str = ""  # in words, as the three below; empty: no model, or not sent
     top_p: str = ""
     max_tokens: str = ""
-    reasoning: str = ""  # what a model is sent to switch it, on all steps but those after a think
+    reasoning: str = ""  # fields that switch reasoning on all steps but those after a think
 
 
 @dataclass(frozen=True)
 class Entrant:
-    """A line of the tables: every flight that a pilot flew under one setting."""
+    """A row of the tables: all flights of a pilot under one setting."""
 
     label: str
     setting: Setting
     runs: tuple[RecordedRun, ...]
-    episodes: tuple[ScoredEpisode, ...]  # every flight of every episode, those that are nobody's score too
+    episodes: tuple[ScoredEpisode, ...]  # every flight of every episode, those that are not scored too
 
     @property
     def is_model(self) -> bool:
-        """Whether a model was asked; built-in pilots and replays never stand among models."""
+        """Whether a model flew; built-in pilots and replays are never listed among models."""
         return self.setting.is_model and not self.setting.replayed
 
     @cached_property
     def scored(self) -> tuple[ScoredEpisode, ...]:
         """The flights that count."""
-        return tuple(each for each in self.episodes if each.scored)
+        return tuple(flight for flight in self.episodes if flight.scored)
 
     @cached_property
     def by_episode(self) -> Mapping[str, tuple[ScoredEpisode, ...]]:
         """The flights that count by the episode's id, in the order of their seeds."""
-        found: dict[str, list[ScoredEpisode]] = {}
-        for each in sorted(self.scored, key=lambda each: each.run.seed):
-            found.setdefault(each.episode, []).append(each)
-        return {name: tuple(found[name]) for name in sorted(found)}
+        flights: dict[str, list[ScoredEpisode]] = {}
+        for flight in sorted(self.scored, key=lambda flight: flight.run.seed):
+            flights.setdefault(flight.episode, []).append(flight)
+        return {name: tuple(flights[name]) for name in sorted(flights)}
 
 
 def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entrant, ...]:
-    """Return who flew, models first, each in the order of the runs.
+    """Return the entrants, models first, each in the order of the runs.
 
-    Raises UsageError when runs of one setting are of different kinds, when a flight is there twice, or when two
-    records bear one id. `pool_anyway` counts the first two together all the same; the last never can be.
+    Raises UsageError when runs of one setting are of different kinds, when a flight occurs twice, or when two records
+    have one id. `pool_anyway` permits the first two; the last is never permitted.
     """
-    _one_record_an_id(collection.episodes)
+    _check_record_ids(collection.episodes)
     runs: dict[Setting, list[RecordedRun]] = {}
     for run in collection.runs:
         runs.setdefault(setting(run), []).append(run)
-    flown: dict[Path, list[ScoredEpisode]] = {}
-    for each in collection.episodes:
-        flown.setdefault(each.run.folder, []).append(each)
-    found = []
-    for one, members in runs.items():
-        episodes = tuple(each for run in members for each in flown.get(run.folder, ()))
-        if not pool_anyway and (said := refusal(members)):
-            odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
-            raise UsageError(
-                f"{said}; leave {odd} out and report it by itself, or count them together with --pool-anyway"
-            )
-        if not pool_anyway and (said := _twice(episodes)):
-            raise UsageError(f"{said}; leave one of them out, or count them together with --pool-anyway")
-        found.append(Entrant(_label(one, list(runs)), one, tuple(members), episodes))
-    return tuple(sorted(found, key=lambda entrant: not entrant.is_model))
+    by_run: dict[Path, list[ScoredEpisode]] = {}
+    for flight in collection.episodes:
+        by_run.setdefault(flight.run.folder, []).append(flight)
+    entries = []
+    for settings, members in runs.items():
+        episodes = tuple(flight for run in members for flight in by_run.get(run.folder, ()))
+        if not pool_anyway:
+            advice = "or count them together with --pool-anyway"
+            if reason := refusal(members):
+                odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
+                raise UsageError(f"{reason}; leave {odd} out and report it by itself, {advice}")
+            if reason := _repeated_flight(episodes):
+                raise UsageError(f"{reason}; leave one of them out, {advice}")
+        entries.append(Entrant(_label(settings, list(runs)), settings, tuple(members), episodes))
+    return tuple(sorted(entries, key=lambda entrant: not entrant.is_model))
 
 
 def setting(run: RecordedRun) -> Setting:
-    """Return under which setting a run was flown."""
+    """Return the setting of a run."""
     flight = run.flight
     commander = flight.get("commander")
-    command = str(flight.get("command") or FLAT)
     return Setting(
         pilot=run.pilot,
         replayed=flight.get("replay") is not None,
         is_model=run.is_model,
-        command=command,
-        commander=_title(commander) if isinstance(commander, dict) else str(flight.get("scripted") or ""),
+        command=str(flight.get("command") or FLAT),
+        commander=f"{commander.get('provider')}/{commander.get('name')}"
+        if isinstance(commander, dict)
+        else str(flight.get("scripted") or ""),
         latency=str(flight.get("latency") or ""),
         agent=run.agent,
         disturbed=str(run.configuration.get("disturbed") or ""),
-        **_asked(flight.get("model")),
+        **_request_words(flight.get("model")),
     )
 
 
-def _asked(model: Any) -> dict[str, str]:
-    """Return how a model is asked, in words by the field of a Setting."""
+def _request_words(model: Any) -> dict[str, str]:
+    """Return the request fields of a model in words, by the field of a Setting."""
     if not isinstance(model, dict):
         return {}
     sent = {name: model.get(name) for name in ("temperature", "top_p", "max_tokens")}
-    told = {name: f"{name} {value}" for name, value in sent.items() if value is not None}
+    words = {name: f"{name} {value}" for name, value in sent.items() if value is not None}
     quick = model.get("quick")
-    return told if quick is None else {**told, "reasoning": f"reasoning {json.dumps(quick, sort_keys=True)}"}
+    return words if quick is None else {**words, "reasoning": f"reasoning {json.dumps(quick, sort_keys=True)}"}
 
 
-def _label(one: Setting, others: Sequence[Setting]) -> str:
-    """Return the pilot's name, with as much of its setting as tells it from the others of that name.
+def _label(entry: Setting, entries: Sequence[Setting]) -> str:
+    """Return the pilot's name, with the fields of its setting that differ among entrants of that name.
 
-    An agent that is not the paper's is always told.
+    An agent other than the paper's is always named.
     """
-    name = f"replay of {one.pilot}" if one.replayed else one.pilot
-    name = name if one.agent == PAPER else f"{name} · {one.agent}"
-    namesakes = [
-        other for other in others if (other.pilot, other.replayed, other.agent) == (one.pilot, one.replayed, one.agent)
-    ]
-    said = []
-    for field in ("command", "commander", "latency", "disturbed", *ASKED):
-        value = getattr(one, field)
-        if value and any(getattr(other, field) != value for other in namesakes):
-            said.append(value)
-    return ", ".join([name, *said])
+    name = f"replay of {entry.pilot}" if entry.replayed else entry.pilot
+    name = name if entry.agent == PAPER else f"{name} · {entry.agent}"
+    key = (entry.pilot, entry.replayed, entry.agent)
+    namesakes = [setting for setting in entries if (setting.pilot, setting.replayed, setting.agent) == key]
+    differing = []
+    for field in ("command", "commander", "latency", "disturbed", "temperature", "top_p", "max_tokens", "reasoning"):
+        value = getattr(entry, field)
+        if value and any(getattr(namesake, field) != value for namesake in namesakes):
+            differing.append(value)
+    return ", ".join([name, *differing])
 
 
-def _twice(episodes: Iterable[ScoredEpisode]) -> str | None:
-    """Return which flight is there twice: the same episode with the same seed is no second flight."""
+def _repeated_flight(episodes: Iterable[ScoredEpisode]) -> str | None:
+    """Return a sentence that names a flight that occurs twice, the same episode with the same seed; None: none does."""
     seen: dict[tuple[str, int], ScoredEpisode] = {}
-    for each in episodes:
-        before = seen.setdefault((each.episode, each.run.seed), each)
-        if before is not each:
-            return f"{before.folder} and {each.folder} are of one episode and of the same seed {each.run.seed}"
+    for flight in episodes:
+        before = seen.setdefault((flight.episode, flight.run.seed), flight)
+        if before is not flight:
+            return f"{before.folder} and {flight.folder} are of one episode and of the same seed {flight.run.seed}"
     return None
 
 
-def _one_record_an_id(episodes: Iterable[ScoredEpisode]) -> None:
+def _check_record_ids(episodes: Iterable[ScoredEpisode]) -> None:
     seen: dict[str, ScoredEpisode] = {}
-    for each in episodes:
-        before = seen.setdefault(each.episode, each)
-        if each.record_sha256 and before.record_sha256 and each.record_sha256 != before.record_sha256:
+    for flight in episodes:
+        before = seen.setdefault(flight.episode, flight)
+        if flight.record_sha256 and before.record_sha256 and flight.record_sha256 != before.record_sha256:
             raise UsageError(
-                f"{before.folder} and {each.folder} were flown after different records of the id '{each.episode}':"
+                f"{before.folder} and {flight.folder} were flown after different records of the id '{flight.episode}':"
                 " they are different episodes, and no table can hold both"
             )
-
-
-def _title(model: Mapping[str, Any]) -> str:
-    return f"{model.get('provider')}/{model.get('name')}"

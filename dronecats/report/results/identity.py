@@ -1,7 +1,7 @@
-"""What makes runs of one kind, so that their episodes may be counted together, and in what two runs differ.
+"""Decides which runs may be counted together: the identity of a run, and the differences between two runs.
 
-Everything that run.json says was asked for and was there belongs to it, but for what tells flights of one kind apart
-and for what was only measured. What an older run does not tell is equal to nothing but another that does not tell it.
+The identity has everything of run.json that was requested or present, except what distinguishes flights of one kind
+(such as the seed) and what was only measured. A value that an older run does not record equals only another such gap.
 """
 
 import hashlib
@@ -18,8 +18,8 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_TOLD = "not told"
-NAMES = {  # key of run.json → what it is called in a sentence
+NOT_RECORDED = "not told"
+NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
     "prompt_sha256": "the prompt",
     "commander_prompt_sha256": "the commander's prompt",
@@ -29,72 +29,72 @@ NAMES = {  # key of run.json → what it is called in a sentence
     "map_sha256": "the map",
     "firmware": "the firmware",
 }
-# of a flight; prompt and agent are known by what they came to, and a recorded latency is named after its own
+# fields of a flight; prompt and agent are compared by their digest and name, a recorded latency by its policy
 FREE = ("seed", "episode", "record", "accounts", "prompt", "agent", "latency_trace", "keep_ulog")
-PARTS = ("the suite ", "the protocol's ")  # of which one may have what the other has not, as each has its own suite
+OPTIONAL_PREFIXES = ("the suite ", "the protocol's ")  # a run may lack these: each has its own suite
 DIGEST = re.compile(r"\b([0-9a-f]{8})[0-9a-f]{24,}\b")
 
-Identity = Mapping[str, frozenset[str]]  # what → its values, of a run mostly one
+Identity = Mapping[str, frozenset[str]]  # name → its values, mostly one per run
 
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One thing in which two runs differ."""
+    """One difference between two runs."""
 
-    what: str  # "the prompt", "latency", "the version of numpy"
-    values: tuple[str, ...]  # in words, of the one and of the other
+    name: str  # "the prompt", "latency", "the version of numpy"
+    values: tuple[str, ...]  # of the two runs, in words
 
     def __str__(self) -> str:
-        told = (DIGEST.sub(r"\1", value) for value in self.values)
-        return f"{self.what} ({' and '.join(told)})"
+        shown = (DIGEST.sub(r"\1", value) for value in self.values)
+        return f"{self.name} ({' and '.join(shown)})"
 
 
 def identity(run: RecordedRun) -> dict[str, frozenset[str]]:
-    """Return all by which a run is of its kind."""
-    told = dict(_of_run(run.configuration))
-    flown = [one for folder in run.episodes if (one := _of_episode(folder)) is not None]
-    codes = {one.code_sha256 for one in flown}
-    told["the code"] = frozenset(codes) | (told["the code"] - {NOT_TOLD} if codes else told["the code"])
-    served = {name for one in flown for name in one.served}
-    told["the model as served"] = frozenset(served) or frozenset({NOT_TOLD})
-    return told
+    """Return the identity of a run."""
+    values = dict(_run_values(run.configuration))
+    episodes = [episode for folder in run.episodes if (episode := _episode_identity(folder)) is not None]
+    codes = {episode.code_sha256 for episode in episodes}
+    values["the code"] = frozenset(codes) | (values["the code"] - {NOT_RECORDED} if codes else values["the code"])
+    served = {name for episode in episodes for name in episode.served}
+    values["the model as served"] = frozenset(served) or frozenset({NOT_RECORDED})
+    return values
 
 
-def identity_digest(told: Identity) -> str:
-    """Return the SHA-256 by which runs of one kind are told from others."""
-    # with the names of version 0.1.0, whose archives tell such a digest
+def identity_digest(values: Identity) -> str:
+    """Return the SHA-256 of an identity."""
+    # with the agents' names of version 0.1.0, whose archives hold such a digest
     former = {name: made for made, name in FORMER.items()}
-    agents = frozenset(former.get(name, name.replace(":", ".")) for name in told.get("the agent", ()))
-    all_of_it = {**told, "the agent": agents} if agents else told
-    text = json.dumps({what: sorted(values) for what, values in all_of_it.items()}, sort_keys=True)
+    agents = frozenset(former.get(name, name.replace(":", ".")) for name in values.get("the agent", ()))
+    packed = {**values, "the agent": agents} if agents else values
+    text = json.dumps({name: sorted(entries) for name, entries in packed.items()}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def differences(a: Identity, b: Identity) -> list[Difference]:
-    """Return in what two runs differ; nothing when they are of one kind."""
-    found = []
-    for what in dict.fromkeys([*a, *b]):
-        if what.startswith(PARTS) and not (what in a and what in b):
+    """Return the differences of two identities; none when the runs are of one kind."""
+    differing = []
+    for name in dict.fromkeys([*a, *b]):
+        if name.startswith(OPTIONAL_PREFIXES) and not (name in a and name in b):
             continue
-        one, other = a.get(what, frozenset({NOT_TOLD})), b.get(what, frozenset({NOT_TOLD}))
-        if one != other:
-            found.append(Difference(what, (_words(one), _words(other))))
-    return found
+        value, other_value = a.get(name, frozenset({NOT_RECORDED})), b.get(name, frozenset({NOT_RECORDED}))
+        if value != other_value:
+            differing.append(Difference(name, (_words(value), _words(other_value))))
+    return differing
 
 
 def odd_runs(runs: Sequence[RecordedRun]) -> list[tuple[RecordedRun, list[Difference]]]:
-    """Return the runs that are not of the kind of most of them, each with its differences from the first of most.
+    """Return the runs that differ from the most frequent kind, each with its differences from the first of that kind.
 
-    Where two kinds have as many runs, the kind of the earlier run stands for most.
+    Of two equally frequent kinds, that of the earlier run counts as the most frequent.
     """
     kinds = [identity(run) for run in runs]
     usual = _usual(kinds)
     apart = [(run, differences(kind, usual)) for run, kind in zip(runs, kinds, strict=True)]
-    return [(run, found) for run, found in apart if found]
+    return [(run, differing) for run, differing in apart if differing]
 
 
 def refusal(runs: Sequence[RecordedRun]) -> str | None:
-    """Return why these runs are not of one kind, a sentence that names in what they differ; None when they are."""
+    """Return a sentence that names the differences of runs that are not of one kind; None when they are."""
     for run in runs:
         codes = identity(run)["the code"]
         if len(codes) > 1:
@@ -102,64 +102,65 @@ def refusal(runs: Sequence[RecordedRun]) -> str | None:
     odd = odd_runs(runs)
     if not odd:
         return None
-    run, found = odd[0]
-    others = [each for each in runs if each.folder not in {folder.folder for folder, _ in odd}]
-    single = "suite" not in run.configuration and "suite" in others[0].configuration
+    run, differing = odd[0]
+    odd_folders = {odd_run.folder for odd_run, _ in odd}
+    usual = next(candidate for candidate in runs if candidate.folder not in odd_folders)
+    single = "suite" not in run.configuration and "suite" in usual.configuration
     alone = ", since it was not flown by a benchmark" if single else ""
     more = f"; {len(odd) - 1} more differ" if len(odd) > 1 else ""
     return (
-        f"{run.folder} differs from {others[0].folder}, both of {run.pilot}, in {_listed(found)}{alone}{more}:"
+        f"{run.folder} differs from {usual.folder}, both of {run.pilot}, in {_listed(differing)}{alone}{more}:"
         " runs of different kinds are not counted together"
     )
 
 
 def _usual(kinds: Sequence[Identity]) -> Identity:
-    """Return the first of the kind that most are of."""
-    alike = [sum(not differences(kind, other) for other in kinds) for kind in kinds]
-    return kinds[alike.index(max(alike))] if kinds else {}
+    """Return the first identity of the most frequent kind."""
+    counts = [sum(not differences(kind, compared) for compared in kinds) for kind in kinds]
+    return kinds[counts.index(max(counts))] if kinds else {}
 
 
 def record_digest(record: Mapping[str, Any]) -> str:
-    """Return the SHA-256 of a record, however its file was laid out."""
+    """Return the SHA-256 of a record, independent of the layout of its file."""
     return hashlib.sha256(json.dumps(record, sort_keys=True).encode()).hexdigest()
 
 
 def served(folder: Path) -> tuple[str, ...]:
-    """Return the models that answered in an episode, in the vendors' words; empty: not told."""
-    told = _of_episode(folder)
-    return told.served if told else ()
+    """Return the models that answered in an episode, in the vendors' words; empty: not recorded."""
+    episode = _episode_identity(folder)
+    return episode.served if episode else ()
 
 
-def _of_episode(folder: Path) -> EpisodeIdentity | None:
+def _episode_identity(folder: Path) -> EpisodeIdentity | None:
     """Return an episode's identity.json; None where an older version wrote none, or it is damaged."""
     return taken(json_object(folder / layout.IDENTITY) or {}, EpisodeIdentity)[0]
 
 
-def _of_run(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozenset[str]]]:
+def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozenset[str]]]:
     flight = configuration.get("flight")
-    asked = flight if isinstance(flight, dict) else {}
+    flight_fields = flight if isinstance(flight, dict) else {}
     for key, name in NAMES.items():
-        told = configuration.get(key, NOT_TOLD)
-        yield name, _value(agent_name(asked.get("agent") or told) if key == "agent" else told)
+        value = configuration.get(key, NOT_RECORDED)
+        yield name, _value(agent_name(flight_fields.get("agent") or value) if key == "agent" else value)
     protocol = configuration.get("protocol")
-    yield "the protocol", frozenset({"told" if isinstance(protocol, dict) else NOT_TOLD})
-    for name, value in _leaves(protocol if isinstance(protocol, dict) else {}):
-        yield f"the protocol's {name}", _value(value)
+    yield "the protocol", frozenset({"told" if isinstance(protocol, dict) else NOT_RECORDED})
+    for name, leaf in _leaves(protocol if isinstance(protocol, dict) else {}):
+        yield f"the protocol's {name}", _value(leaf)
     suite = configuration.get("suite")
-    yield "the suite's version", _value(suite.get("version")) if isinstance(suite, dict) else frozenset({NOT_TOLD})
+    yield "the suite's version", _value(suite.get("version")) if isinstance(suite, dict) else frozenset({NOT_RECORDED})
     if isinstance(suite, dict):
         yield f"the suite {suite.get('name') or 'of episodes by name'}", _value(suite.get("sha256"))
-    for name, value in _leaves({key: value for key, value in asked.items() if key not in FREE}):
-        yield name, _value(value)
+    for name, leaf in _leaves({key: leaf for key, leaf in flight_fields.items() if key not in FREE}):
+        yield name, _value(leaf)
     versions = configuration.get("versions")
     for package, version in (versions if isinstance(versions, dict) else {}).items():
-        # a patch of Python changes no number
-        told = ".".join(str(version).split(".")[:2]) if package == "python" else version
-        yield f"the version of {package}", _value(told)
+        # a patch release of Python changes no result
+        value = ".".join(str(version).split(".")[:2]) if package == "python" else version
+        yield f"the version of {package}", _value(value)
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield (dotted name, value) of what a flight says; what is null was not asked for, and is as good as not there."""
+    """Yield (dotted name, value) of each leaf; null means not requested, and is left out."""
     if isinstance(value, dict):
         for key, inner in value.items():
             yield from _leaves(inner, f"{name}.{key}" if name else str(key))
@@ -179,6 +180,7 @@ def _shown(values: Iterable[str]) -> str:
     return DIGEST.sub(r"\1", " and ".join(sorted(values)))
 
 
-def _listed(found: Sequence[Difference]) -> str:
-    each = [str(one) for one in found[:6]] + ([f"{len(found) - 6} more things"] if len(found) > 6 else [])
-    return ", ".join(each[:-1]) + (" and " if len(each) > 1 else "") + each[-1]
+def _listed(differing: Sequence[Difference]) -> str:
+    names = [str(difference) for difference in differing[:6]]
+    names += [f"{len(differing) - 6} more things"] if len(differing) > 6 else []
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]

@@ -1,14 +1,24 @@
-"""The tables that runs are asked in: a dataclass each, a column per field with its unit, and the metrics' columns."""
+"""The SQL tables of runs: their columns with units, and the rows that run folders have in them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-from msgspec import Meta
+import msgspec
+from msgspec import UNSET, Meta
 
+from dronecats.agent.action import Go, Rotate
 from dronecats.judge.metrics.metric import Metric, MetricLevel
 from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.verdict import finished, measured
+from dronecats.report.recorded.flight import RecordedFlight, action_of
+from dronecats.report.recorded.run import RecordedRun
+from foundation.errors import UsageError
+from foundation.protocol import CAP_S
+from foundation.run_folder.results import SCORED
+from foundation.run_folder.rows import FrameTruth
 
 SQL_TYPES = {bool: "BOOLEAN", int: "BIGINT", float: "DOUBLE", str: "VARCHAR"}
 
@@ -134,7 +144,7 @@ class DeclarationRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SqlColumn:
-    """A column as it is told to people and to the database."""
+    """A column with its description and its SQL type."""
 
     name: str
     type: str  # of SQL
@@ -143,7 +153,7 @@ class SqlColumn:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunTable:
-    """A table: a row's class, and of which metrics it has a column each."""
+    """A table: the class of its rows, and the level of the metrics that have a column in it."""
 
     name: str
     row: type
@@ -151,18 +161,18 @@ class RunTable:
 
     @property
     def about(self) -> str:
-        """What a row is, one sentence."""
+        """The description of a row, one sentence."""
         return str(self.row.__doc__)
 
     @property
     def columns(self) -> tuple[SqlColumn, ...]:
-        """Its columns in their order: the row's fields, then the metrics that no field has the name of."""
+        """The columns in their order: the row's fields, then the metrics with other names."""
         own = [_column(name, hint) for name, hint in get_type_hints(self.row, include_extras=True).items()]
         return (*own, *(_metric_column(metric) for metric in self.metrics))
 
     @property
     def metrics(self) -> tuple[Metric, ...]:
-        """The metrics that it has columns of."""
+        """The metrics that have a column."""
         taken = get_type_hints(self.row)
         return tuple(m for m in METRICS.values() if m.level == self.level and m.name not in taken)
 
@@ -180,7 +190,7 @@ TABLES: Mapping[str, RunTable] = {
 
 
 def markdown() -> str:
-    """Return all tables with their columns as docs/query.md has them."""
+    """Return all tables with their columns, for docs/query.md."""
     return "\n".join(_section(table) for table in TABLES.values())
 
 
@@ -201,22 +211,214 @@ def _metric_column(metric: Metric) -> SqlColumn:
 
 
 def _measured_type(metric: Metric) -> str:
-    """Return the type of what a metric's function says that it returns: DOUBLE unless that is narrower."""
+    """Return the SQL type of a metric by its function's annotation: DOUBLE unless that is narrower."""
     hint = get_type_hints(metric.of).get("return")
     kinds = {k for k in _leaves(hint) if k is not type(None)}
     return SQL_TYPES[kinds.pop()] if len(kinds) == 1 and kinds <= SQL_TYPES.keys() else SQL_TYPES[float]
 
 
 def _leaves(hint: Any) -> set[Any]:
-    """Return the types that an annotation is made of, those within a sequence likewise."""
+    """Return the types in an annotation, also those within a sequence."""
     if get_origin(hint) is Annotated:
         return _leaves(get_args(hint)[0])
-    inner = [each for each in get_args(hint) if each is not Ellipsis]
+    inner = [part for part in get_args(hint) if part is not Ellipsis]
     return set().union(*map(_leaves, inner)) if inner else {hint}
 
 
-def _plain(hint: Any) -> type:
-    if isinstance(hint, UnionType):
-        hint = next(each for each in get_args(hint) if each is not type(None))
-    found: type = hint
-    return found
+def _plain(hint: Any) -> Any:
+    return next(part for part in get_args(hint) if part is not type(None)) if isinstance(hint, UnionType) else hint
+
+
+UNMEASURED = FrameTruth(frame_id=0, t=0.0, drone=0, distance_m=None, visible=None)
+Values = dict[str, list[Any]]  # of a table, by the names of its columns
+
+
+@dataclass(slots=True)
+class Tabulated:
+    """The rows of one run, a list per column of each requested table."""
+
+    tables: dict[str, Values] = field(default_factory=dict)
+    damage: list[str] = field(default_factory=list)  # a sentence for each damaged episode
+
+
+def names(runs: Sequence[RecordedRun]) -> list[str]:
+    """Return a unique name for each run: the shortest end of its folder's path that differs from the others."""
+    depth = 1
+    while True:
+        names = ["/".join(run.folder.resolve().parts[-depth:]) for run in runs]
+        if len(set(names)) == len(names) or all(len(run.folder.resolve().parts) <= depth for run in runs):
+            return names
+        depth += 1
+
+
+def tabulated(run: RecordedRun, name: str, wanted: Collection[str]) -> Tabulated:
+    """Return the rows of a run in the tables `wanted`. A damaged episode does not affect the others.
+
+    A damaged episode has one row, in `episodes`, with its error.
+    """
+    result = Tabulated({table: {c.name: [] for c in TABLES[table].columns} for table in wanted})
+    if "runs" in wanted:
+        _append(result.tables["runs"], _run_row(run, name))
+    if set(wanted) <= {"runs"}:
+        return result
+    for folder in run.episodes:
+        try:
+            flight = RecordedFlight.read(folder)
+        except UsageError as damage:
+            result.damage.append(str(damage))
+            if "episodes" in wanted:
+                _append(result.tables["episodes"], _damaged_row(name, folder, str(damage)))
+            continue
+        for table, rows in EPISODE_TABLES.items():
+            if table in wanted:
+                for row, metrics in rows(flight, name, TABLES[table]):
+                    _append(result.tables[table], row, metrics)
+    return result
+
+
+def _append(values: Values, row: Any, metrics: Mapping[str, Any] | None = None) -> None:
+    own = {column_field.name for column_field in fields(row)}
+    for column, column_values in values.items():
+        column_values.append(getattr(row, column) if column in own else (metrics or {}).get(column))
+
+
+def _run_row(run: RecordedRun, name: str) -> RunRow:
+    configuration, flight = run.configuration, run.flight
+    versions = configuration.get("versions")
+    return RunRow(
+        run=name,
+        pilot=run.pilot,
+        is_model=run.is_model,
+        command=_text(flight.get("command")),
+        latency=_text(flight.get("latency")),
+        parser=_text(flight.get("parser")),
+        seed=run.seed,
+        agent=run.agent,
+        prompt_sha256=_text(configuration.get("prompt_sha256")),
+        dronecats=_text(versions.get("dronecats")) if isinstance(versions, dict) else None,
+        episodes=len(run.episodes),
+        configuration=msgspec.json.encode(configuration).decode(),
+    )
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) else None
+
+
+Rows = Iterator[tuple[Any, Mapping[str, Any]]]  # a row, and its metrics
+
+
+def _episode_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
+    verdict, end = flight.verdict, flight.logs.end
+    scored = verdict.outcome in SCORED
+    row = EpisodeRow(
+        run=run,
+        episode=flight.id,
+        map=flight.map or None,
+        cell=flight.cell or None,
+        instruction=_text(flight.record.get("instruction")),
+        drones=len(verdict.drones) or None,
+        outcome=verdict.outcome,
+        scored=scored,
+        error=None if scored else verdict.error or verdict.outcome,
+        note=verdict.note,
+        censored=verdict.censored,
+        ended=end.reason if end else None,
+        ended_s=end.t if end else None,
+    )
+    yield row, {metric.name: metric.of(flight) for metric in table.metrics}
+
+
+def _damaged_row(run: str, folder: Path, error: str) -> EpisodeRow:
+    nothing: dict[str, Any] = dict.fromkeys(column.name for column in fields(EpisodeRow))
+    return EpisodeRow(**{**nothing, "run": run, "episode": folder.resolve().name, "scored": False, "error": error})
+
+
+def _step_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
+    metric_values = {metric.name: metric.of(flight) for metric in table.metrics}
+    for number, decision in enumerate(flight.logs.decisions):
+        action, frame = action_of(decision), flight.logs.frames.get((decision.drone, decision.frame_id), UNMEASURED)
+        north_m, east_m, down_m = frame.position_ned or (None, None, None)
+        row = StepRow(
+            run=run,
+            episode=flight.id,
+            drone_index=decision.drone,
+            step=decision.step,
+            frame_id=decision.frame_id,
+            t_frame_s=decision.t_frame,
+            t_decided_s=decision.t_decided,
+            action=decision.kind,
+            point_x=action.x if isinstance(action, Go) else None,
+            point_y=action.y if isinstance(action, Go) else None,
+            depth_m=action.depth_m if isinstance(action, Go) else None,
+            angle_deg=action.angle_deg if isinstance(action, Rotate) else None,
+            reply=None if decision.reply is UNSET else decision.reply,
+            error=decision.error,
+            mended=None if decision.mended is UNSET else ",".join(decision.mended),
+            latency_s=decision.latency_s,
+            tokens_in=decision.tokens_in,
+            tokens_out=decision.tokens_out,
+            thinking=decision.thinking,
+            rate_hz=decision.rate_hz,
+            finish=None if decision.finish is UNSET else decision.finish,
+            north_m=north_m,
+            east_m=east_m,
+            down_m=down_m,
+            yaw_deg=frame.yaw_deg,
+            distance_m=frame.distance_m,
+            distance_box_m=frame.distance_box_m,
+            visible=frame.visible,
+            visible_fraction=frame.visible_fraction,
+            bearing_deg=frame.bearing_deg,
+            oracle_depth_m=frame.oracle_depth_m,
+        )
+        yield row, {name: values[number] for name, values in metric_values.items() if isinstance(values, Sequence)}
+
+
+def _pose_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
+    for pose in flight.logs.poses:
+        north_m, east_m, down_m = pose.position_ned
+        target_north_m, target_east_m, target_down_m = pose.target_ned or (None, None, None)
+        row = PoseRow(
+            run=run,
+            episode=flight.id,
+            drone_index=pose.drone,
+            t_s=pose.t,
+            north_m=north_m,
+            east_m=east_m,
+            down_m=down_m,
+            yaw_deg=pose.yaw_deg,
+            target_north_m=target_north_m,
+            target_east_m=target_east_m,
+            target_down_m=target_down_m,
+            distance_m=pose.distance_m,
+            visible=pose.visible,
+        )
+        yield row, {}
+
+
+def _declaration_rows(flight: RecordedFlight, run: str, table: RunTable) -> Rows:
+    declarations = [measured(decision, flight.logs) for decision in finished(flight.logs)]
+    for number, declaration in enumerate(sorted(declarations, key=lambda d: (d.t, d.step, d.drone)), 1):
+        row = DeclarationRow(
+            run=run,
+            episode=flight.id,
+            number=number,
+            drone_index=declaration.drone,
+            step=declaration.step,
+            t_s=declaration.t,
+            counts=declaration.t <= CAP_S,
+            distance_m=declaration.distance_m,
+            visible=declaration.visible,
+            qualifies=declaration.qualifies(flight.delta_m),
+            unmeasured=declaration.unknown,
+        )
+        yield row, {}
+
+
+EPISODE_TABLES: Mapping[str, Callable[[RecordedFlight, str, RunTable], Rows]] = {
+    "episodes": _episode_rows,
+    "steps": _step_rows,
+    "poses": _pose_rows,
+    "declarations": _declaration_rows,
+}

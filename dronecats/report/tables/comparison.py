@@ -1,12 +1,12 @@
-"""Pilots compared pair by pair on the episodes that both flew, and the scatter of scores from flight to flight."""
+"""Tables that compare pilots pair by pair on their common episodes, and the scatter of scores from flight to flight."""
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 from dronecats.judge.statistics.paired import ALPHA, POWER, Paired, holm, paired
 from dronecats.judge.statistics.shares import Spread, spread
-from dronecats.report.cells import NAME, NONE, PERCENT
-from dronecats.report.report_data import BUILT_IN, COMMANDING, MODELS, ONE_DRONE, ReportData, titled
+from dronecats.report.report_data import BUILT_IN, COMMANDING, MODELS, NAME, ONE_DRONE, PERCENT, ReportData, titled
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.record import CELLS
@@ -25,13 +25,15 @@ COLUMNS = (
     TableColumn(name="smallest_points", title="Could have shown", unit="points", decimals=1),
 )
 
+Flights = dict[str, tuple[str, tuple[bool, ...]]]  # by episode: its cell, and the successes of its flights
+
 
 def comparison(data: ReportData) -> ReportTable | None:
-    """Return every two models beside one another, and every two built-in pilots; None where there are no two."""
+    """Return the comparison of every two models and of every two built-in pilots; None without a pair."""
     blocks = []
     for title, is_model in ((MODELS, True), (BUILT_IN, False)):
         among = [entrant for entrant in data.entrants if entrant.is_model is is_model]
-        rows = [row for suite, cells in SUITES for row in _rows(among, suite, cells)]
+        rows = [row for suite, cells in SUITES for row in _pair_rows(among, suite, cells)]
         if rows:
             blocks.append(TableBlock(title=title, rows=tuple(rows)))
     if not blocks:
@@ -53,29 +55,31 @@ def comparison(data: ReportData) -> ReportTable | None:
     )
 
 
-def _rows(among: Sequence[Entrant], suite: str, cells: Sequence[str]) -> list[TableRow]:
-    """Return a line for every two of these that have flown episodes in common."""
-    pairs = [(a, b, _paired(a, b, cells)) for a, b in itertools.combinations(among, 2)]
-    told = [(a, b, result) for a, b, result in pairs if result.episodes]
-    adjusted = holm([result.p for _, _, result in told])
-    return [_row(a, b, suite, result, p) for (a, b, result), p in zip(told, adjusted, strict=True)]
+def _pair_rows(among: Sequence[Entrant], suite: str, cells: Sequence[str]) -> list[TableRow]:
+    """Return a row for every two of these entrants that flew common episodes."""
+    results = [(a, b, _paired(a, b, cells)) for a, b in itertools.combinations(among, 2)]
+    results = [(a, b, result) for a, b, result in results if result.episodes]
+    adjusted = holm([result.p for _, _, result in results])
+    rows = []
+    for (a, b, result), p_holm in zip(results, adjusted, strict=True):
+        difference = TableCell(value=PERCENT * result.difference, of=result.episodes)
+        smallest = TableCell(
+            value=None if result.smallest is None else PERCENT * result.smallest,
+            of=None if result.smallest is None else result.episodes,
+        )
+        counts = result.episodes, result.only_first, result.only_second
+        rows.append(row(a.label, b.label, suite, *counts, difference, result.p, p_holm, smallest))
+    return rows
 
 
 def _paired(a: Entrant, b: Entrant, cells: Sequence[str]) -> Paired:
-    both = [name for name, flown in a.by_episode.items() if name in b.by_episode and flown[0].cell in cells]
-    one, other = ([[each.success for each in e.by_episode[name]] for name in both] for e in (a, b))
-    return paired(one, other)
-
-
-def _row(a: Entrant, b: Entrant, suite: str, told: Paired, adjusted: float) -> TableRow:
-    shown = NONE if told.smallest is None else TableCell(value=PERCENT * told.smallest, of=told.episodes)
-    difference = TableCell(value=PERCENT * told.difference, of=told.episodes)
-    counts = told.episodes, told.only_first, told.only_second
-    return row(a.label, b.label, suite, *counts, difference, told.p, adjusted, shown)
+    common = [name for name, flights in a.by_episode.items() if name in b.by_episode and flights[0].cell in cells]
+    first, second = ([[flight.success for flight in e.by_episode[name]] for name in common] for e in (a, b))
+    return paired(first, second)
 
 
 def variance(data: ReportData) -> ReportTable | None:
-    """Return each flight's successes, their scatter, and what coins would scatter; None where nobody flew twice."""
+    """Return each flight's successes and their observed and expected scatter; None where none flew twice."""
     cells = data.cells(CELLS)
     columns = [NAME, TableColumn(name="flight", title="Flight", align="left")]
     columns += [
@@ -87,21 +91,18 @@ def variance(data: ReportData) -> ReportTable | None:
     for title, is_model in ((MODELS, True), (BUILT_IN, False)):
         rows = []
         for entrant in data.entrants:
-            flights = repeated(entrant)
-            if entrant.is_model is is_model and flights:
-                scatter = [_spread(flights, [cell]) for cell in cells] + [_spread(flights, ONE_DRONE)]
-                rows += _scatter_rows(entrant.label, scatter)
-                left = len(entrant.by_episode) - len(flights)
-                if any(each and len(each.totals) == 2 for each in scatter):
-                    notes.append(
-                        f"Of {entrant.label} there are two flights: a standard deviation from two says hardly more than"
-                        " that they differed, see its interval."
-                    )
-                notes += (
-                    [f"Of {entrant.label}, episodes left out that were not scored in every flight: {left}."]
-                    if left
-                    else []
+            flights = _repeated(entrant)
+            if entrant.is_model is not is_model or not flights:
+                continue
+            scatter = [_spread(flights, [cell]) for cell in cells] + [_spread(flights, ONE_DRONE)]
+            rows += _scatter_rows(entrant.label, scatter)
+            if any(result and len(result.totals) == 2 for result in scatter):
+                notes.append(
+                    f"Of {entrant.label} there are two flights: a standard deviation from two says hardly more than"
+                    " that they differed, see its interval."
                 )
+            if left := len(entrant.by_episode) - len(flights):
+                notes.append(f"Of {entrant.label}, episodes left out that were not scored in every flight: {left}.")
         if rows:
             blocks.append(TableBlock(title=title, rows=tuple(rows)))
     if not blocks:
@@ -122,45 +123,31 @@ def variance(data: ReportData) -> ReportTable | None:
     )
 
 
-def repeated(entrant: Entrant) -> dict[str, tuple[str, tuple[bool, ...]]]:
-    """Return cell and successes of each episode that was scored in every flight, by id; nothing of a single flight."""
-    by_episode = entrant.by_episode
-    most = max(map(len, by_episode.values()), default=0)
-    if most < 2:
-        return {}
+def _repeated(entrant: Entrant) -> Flights:
+    """Return the episodes that were scored in every flight; none of a single flight."""
+    most = max(map(len, entrant.by_episode.values()), default=0)
     return {
-        name: (flown[0].cell, tuple(each.success for each in flown))
-        for name, flown in by_episode.items()
-        if len(flown) == most
+        name: (flights[0].cell, tuple(flight.success for flight in flights))
+        for name, flights in entrant.by_episode.items()
+        if len(flights) == most > 1
     }
 
 
-def _spread(flights: dict[str, tuple[str, tuple[bool, ...]]], cells: Sequence[str]) -> Spread | None:
+def _spread(flights: Flights, cells: Sequence[str]) -> Spread | None:
     chosen = [outcomes for cell, outcomes in flights.values() if cell in cells]
     return spread(list(zip(*chosen, strict=True))) if chosen else None
 
 
 def _scatter_rows(label: str, scatter: Sequence[Spread | None]) -> list[TableRow]:
-    """Return a line a flight, and the lines that sum them up."""
-    count = max(len(each.totals) for each in scatter if each)
-    lines: list[tuple[str, list[TableCell]]] = []
-    for k in range(count):
-        lines.append((str(k + 1), [_scatter_cell(None if s is None else s.totals[k], s) for s in scatter]))
-    lines.append(("mean", [_scatter_cell(None if s is None else s.mean, s) for s in scatter]))
-    lines.append((f"s.d. of {count}", [_deviation(s) for s in scatter]))
-    lines.append(("binomial", [_scatter_cell(None if s is None else s.binomial, s) for s in scatter]))
-    lines.append(("by episode", [_scatter_cell(None if s is None else s.by_episode, s) for s in scatter]))
-    return [
-        TableRow(cells=(TableCell(value=label if k == 0 else ""), TableCell(value=flight), *cells), entrant=label)
-        for k, (flight, cells) in enumerate(lines)
-    ]
-
-
-def _scatter_cell(value: float | None, scatter: Spread | None) -> TableCell:
-    return TableCell(value=value, of=scatter.episodes if scatter else None)
-
-
-def _deviation(scatter: Spread | None) -> TableCell:
-    if scatter is None:
-        return NONE
-    return TableCell(value=scatter.deviation, low=scatter.low, high=scatter.high, of=scatter.episodes)
+    """Return a row for each flight, and the rows of their mean and scatter; `scatter` has an entry for each column."""
+    count = max(len(result.totals) for result in scatter if result)
+    names = (*(str(k + 1) for k in range(count)), "mean", f"s.d. of {count}", "binomial", "by episode")
+    columns = []
+    for result in scatter:
+        values = (*result.totals, result.mean, result.deviation, result.binomial, result.by_episode) if result else ()
+        cells = [TableCell(value=value, of=result.episodes if result else None) for value in values]
+        if result:
+            cells[count + 1] = replace(cells[count + 1], low=result.low, high=result.high)
+        columns.append(cells or [TableCell(value=None)] * len(names))
+    lines = zip(names, *columns, strict=True)
+    return [row("" if k else label, name, *cells, entrant=label) for k, (name, *cells) in enumerate(lines)]

@@ -1,14 +1,25 @@
-"""What is measured step by step: pointing and depth, replies, the served rate, thinking; and the user's own metrics."""
+"""Tables of measures per step: pointing and depth, replies, the served rate, thinking; and the user's own metrics."""
 
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 from dronecats.judge.metrics.deliberation import Followed, deliberation
 from dronecats.judge.metrics.metric import Metric
-from dronecats.report import names
-from dronecats.report.cells import FLIGHTS, NAME, NONE, PERCENT, count, mean, part, percent, quantile, steps, total
-from dronecats.report.report_data import ReportData, titled
+from dronecats.report.report_data import (
+    FLIGHTS,
+    NAME,
+    PERCENT,
+    Cells,
+    ReportData,
+    fraction,
+    mean,
+    percent,
+    quantile,
+    steps,
+    titled,
+    total,
+)
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.table import ReportTable, TableCell, TableColumn
@@ -30,31 +41,27 @@ GROUNDING = (
 
 
 def grounding(data: ReportData) -> ReportTable | None:
-    """Return pointing and depth over all steps with the target in view; None where no step tells."""
+    """Return pointing and depth over all steps with the target in view; None without such steps."""
 
-    def row(entrant: Entrant) -> list[TableCell] | None:
-        flown = entrant.scored
-        hits, angles = steps(flown, names.ON_TARGET), steps(flown, names.POINTING)
-        depths, apart = steps(flown, names.DEPTH), steps(flown, names.DEPTH_ABSOLUTE)
-        rescaled, wide = steps(flown, names.RESCALED), steps(flown, names.WIDE)
-        if not (angles or depths or wide):
+    def row_of(entrant: Entrant) -> Cells | None:
+        flights = entrant.scored
+        angles, depths = steps(flights, "pointing_error_deg"), steps(flights, "depth_error_m")
+        distances, turns = steps(flights, "depth_error_abs_m"), steps(flights, "wide_rotation")
+        if not (angles or depths or turns):
             return None
         return [
-            count(len(angles)) if angles else NONE,
-            part(int(sum(hits)), len(hits)),
+            len(angles) or None,
+            _share(steps(flights, "on_target")),
             quantile(angles, 0.5),
             quantile(angles, 0.95),
             quantile(depths, 0.5),
-            quantile(apart, 0.5),
-            quantile(apart, 0.95),
-            part(int(sum(rescaled)), len(rescaled)),
-            part(int(sum(wide)), len(wide)),
+            quantile(distances, 0.5),
+            quantile(distances, 0.95),
+            _share(steps(flights, "rescaled")),
+            _share(turns),
         ]
 
-    blocks = data.blocks(GROUNDING, row)
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table(
         name="grounding",
         title="Pointing and depth",
         caption=(
@@ -64,18 +71,22 @@ def grounding(data: ReportData) -> ReportTable | None:
             " flights; steps of one flight are no sample of their own, so no interval stands here."
         ),
         columns=GROUNDING,
-        blocks=blocks,
-        command=data.command,
+        row_of=row_of,
     )
 
 
-WHY = {names.UNREADABLE: "Unreadable", names.REFUSED: "Refused", names.CUT_OFF: "Cut off"}
+def _share(values: Sequence[float]) -> TableCell:
+    """Return the share (%) of steps for which a metric of 0 and 1 holds."""
+    return fraction(int(sum(values)), len(values))
+
+
+FAULTS = {"unreadable": "Unreadable", "refused": "Refused", "cut_off": "Cut off"}  # metric → title
 REPLIES = (
     NAME,
     FLIGHTS,
     TableColumn(name="decisions", title="Decisions"),
     *(TableColumn(name=f"{name}_percent", title=title, unit="%", decimals=1, better="less")
-      for name, title in WHY.items()),
+      for name, title in FAULTS.items()),
     TableColumn(name="unreadable_flights", title="Flights with any", better="less"),
 )  # fmt: skip
 
@@ -83,18 +94,15 @@ REPLIES = (
 def replies(data: ReportData) -> ReportTable | None:
     """Return the shares of unreadable, refused and cut-off replies; None where only built-in pilots flew."""
 
-    def row(entrant: Entrant) -> list[TableCell] | None:
-        flown = entrant.scored
-        decisions, *counts = (_sum(entrant, name) for name in (names.DECISIONS, *WHY))
+    def row_of(entrant: Entrant) -> Cells | None:
+        flights = entrant.scored
+        decisions = total(flights, "decisions")
         if not (entrant.is_model and decisions):
             return None
-        hurt = sum(bool(each.values.get(names.UNREADABLE)) for each in flown)
-        return [count(len(flown)), count(decisions), *(part(each, decisions) for each in counts), count(hurt)]
+        shares = [fraction(total(flights, name), decisions) for name in FAULTS]
+        return [len(flights), decisions, *shares, sum(bool(flight.values.get("unreadable")) for flight in flights)]
 
-    blocks = data.blocks(REPLIES, row)
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table(
         name="replies",
         title="Replies",
         caption=(
@@ -103,13 +111,8 @@ def replies(data: ReportData) -> ReportTable | None:
             " allowed, so that a larger max_tokens or less reasoning may help."
         ),
         columns=REPLIES,
-        blocks=blocks,
-        command=data.command,
+        row_of=row_of,
     )
-
-
-def _sum(entrant: Entrant, metric: str) -> int:
-    return round(float(total(entrant.scored, metric).value or 0))
 
 
 QUANTILES = (5, 25, 50, 75, 95)  # %
@@ -125,27 +128,23 @@ SERVED = (
 
 
 def served(data: ReportData) -> ReportTable | None:
-    """Return the quantiles of rate and latency over all steps, and how many steps the host held up."""
+    """Return the quantiles of rate and latency over all steps, and the number of steps that the host delayed."""
 
-    def row(entrant: Entrant) -> list[TableCell] | None:
-        rates, latencies = (steps(entrant.scored, name) for name in (names.RATE, names.LATENCY))
+    def row_of(entrant: Entrant) -> Cells | None:
+        rates, latencies = steps(entrant.scored, "rate_hz"), steps(entrant.scored, "latency_s")
         if not rates:
             return None
-        told = [each for each in entrant.scored if each.host_stalls is not None]
-        stalled = sum(each.host_stalls or 0 for each in told)
-        asked = sum(each.usage.questions for each in told)
+        timed = [flight for flight in entrant.scored if flight.host_stalls is not None]
+        stalls = [flight.host_stalls or 0 for flight in timed]
         return [
-            count(len(rates)),
+            len(rates),
             *(quantile(rates, q / 100) for q in QUANTILES),
             *(quantile(latencies, q / 100) for q in (50, 95)),
-            part(stalled, asked),
-            count(sum(bool(each.host_stalls) for each in told)) if told else NONE,
+            fraction(sum(stalls), sum(flight.usage.questions for flight in timed)),
+            sum(map(bool, stalls)) if timed else None,
         ]
 
-    blocks = data.blocks(SERVED, row)
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table(
         name="served",
         title="Served control rate",
         caption=(
@@ -154,39 +153,34 @@ def served(data: ReportData) -> ReportTable | None:
             " falls behind does; only flights in real time tell."
         ),
         columns=SERVED,
-        blocks=blocks,
-        command=data.command,
+        row_of=row_of,
     )
 
 
-STALLS, LOSSES = "Stalls broken", "Target seen again"
 THINKING = (
     NAME,
     TableColumn(name="thinks", title="Thinks"),
     TableColumn(name="matched", title="Matched"),
     TableColumn(name="gain_m_per_step", title="Gain", unit="m/step", decimals=2),
     *(
-        TableColumn(name=f"{name}_after_{who}_percent", title=f"after {words}", group=group, unit="%", decimals=1)
-        for name, group in (("stalls", STALLS), ("losses", LOSSES))
-        for who, words in (("think", "a think"), ("other", "another"))
+        TableColumn(name=f"{name}_after_{step}_percent", title=f"after {words}", group=group, unit="%", decimals=1)
+        for name, group in (("stalls", "Stalls broken"), ("losses", "Target seen again"))
+        for step, words in (("think", "a think"), ("other", "another"))
     ),
 )
 
 
 def thinking(data: ReportData) -> ReportTable | None:
-    """Return the paper's three comparisons over all steps of each line; None where nobody thought."""
+    """Return the paper's three comparisons over all steps of each entrant; None where none thought."""
 
-    def row(entrant: Entrant) -> list[TableCell] | None:
-        told = deliberation(step for each in entrant.scored for step in each.outlooks)
-        if not told.thinks:
+    def row_of(entrant: Entrant) -> Cells | None:
+        effect = deliberation(step for flight in entrant.scored for step in flight.outlooks)
+        if not effect.thinks:
             return None
-        gain = NONE if told.gain_m_per_step is None else TableCell(value=told.gain_m_per_step, of=told.matched)
-        return [count(told.thinks), count(told.matched), gain, *_shares(told.stalls), *_shares(told.losses)]
+        gain = TableCell(value=effect.gain_m_per_step, of=None if effect.gain_m_per_step is None else effect.matched)
+        return [effect.thinks, effect.matched, gain, *_fractions(effect.stalls), *_fractions(effect.losses)]
 
-    blocks = data.blocks(THINKING, row)
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table(
         name="thinking",
         title="What thinking bought",
         caption=(
@@ -196,43 +190,30 @@ def thinking(data: ReportData) -> ReportTable | None:
             " observes, and proves nothing."
         ),
         columns=THINKING,
-        blocks=blocks,
-        command=data.command,
+        row_of=row_of,
     )
 
 
-def _shares(told: Followed) -> tuple[TableCell, TableCell]:
-    return part(told.think, told.of_thinks), part(told.other, told.of_others)
+def _fractions(followed: Followed) -> tuple[TableCell, TableCell]:
+    return fraction(followed.think, followed.of_thinks), fraction(followed.other, followed.of_others)
 
 
-def own(metrics: Sequence[Metric]) -> Callable[[ReportData], ReportTable | None]:
-    """Return what makes the table of these metrics; of none it makes none."""
+def own(data: ReportData, metrics: Sequence[Metric]) -> ReportTable | None:
+    """Return the table of the user's own metrics; None without metrics or flights."""
+    cells = data.cells(CELLS)
 
-    def table(data: ReportData) -> ReportTable | None:
-        cells = data.cells(CELLS)
-        if not metrics or not cells:
-            return None
-        columns = [NAME]
-        for metric in metrics:
-            columns += [_column(metric, cell, data) for cell in cells]
+    def row_of(entrant: Entrant) -> Cells | None:
+        values = [_cell(m, [e for e in entrant.scored if e.cell == cell]) for m in metrics for cell in cells]
+        return values if any(cell.value is not None for cell in values) else None
 
-        def row(entrant: Entrant) -> list[TableCell] | None:
-            told = [_cell(m, [e for e in entrant.scored if e.cell == cell]) for m in metrics for cell in cells]
-            return told if any(cell.value is not None for cell in told) else None
-
-        blocks = data.blocks(columns, row)
-        said = tuple(f"{metric.title}: {metric.definition}." for metric in metrics)
-        return ReportTable(
-            name="own",
-            title="Metrics of our own",
-            caption="Means over the scored flights; of what is measured step by step, the median over all steps.",
-            columns=tuple(columns),
-            blocks=blocks,
-            notes=said,
-            command=data.command,
-        )
-
-    return table
+    return data.table(
+        name="own",
+        title="Metrics of our own",
+        caption="Means over the scored flights; of what is measured step by step, the median over all steps.",
+        columns=[NAME, *(_column(metric, cell, data) for metric in metrics for cell in cells)],
+        row_of=row_of,
+        notes=tuple(f"{metric.title}: {metric.definition}." for metric in metrics),
+    )
 
 
 def _column(metric: Metric, cell: str, data: ReportData) -> TableColumn:
@@ -248,18 +229,19 @@ def _column(metric: Metric, cell: str, data: ReportData) -> TableColumn:
     )
 
 
-def _cell(metric: Metric, flown: Sequence[ScoredEpisode]) -> TableCell:
+def _cell(metric: Metric, flights: Sequence[ScoredEpisode]) -> TableCell:
     if metric.level == "step":
-        every = steps(flown, metric.name)
-        return part(int(sum(every)), len(every)) if metric.is_share else quantile(every, 0.5)
-    if metric.is_share and all(each.values.get(metric.name) in (None, False, True) for each in flown):
-        return percent(flown, metric.name)
-    told = mean(flown, metric.name)
-    return replace(told, value=PERCENT * told.value) if metric.is_share and isinstance(told.value, float) else told
+        values = steps(flights, metric.name)
+        return _share(values) if metric.is_share else quantile(values, 0.5)
+    if metric.is_share and all(flight.values.get(metric.name) in (None, False, True) for flight in flights):
+        return percent(flights, metric.name)
+    cell = mean(flights, metric.name)
+    return replace(cell, value=PERCENT * cell.value) if metric.is_share and isinstance(cell.value, float) else cell
 
 
 def _decimals(metric: Metric, data: ReportData) -> int:
-    """Return as many as show about three digits."""
-    told = [abs(value) for each in data.episodes if isinstance(value := each.values.get(metric.name), int | float)]
-    size = statistics.median(told) if told else 1.0
+    """Return the decimals that show about three digits."""
+    sizes = [abs(value) for flight in data.episodes
+             if isinstance(value := flight.values.get(metric.name), int | float)]  # fmt: skip
+    size = statistics.median(sizes) if sizes else 1.0
     return 0 if size >= 100 else 1 if size >= 10 else 2

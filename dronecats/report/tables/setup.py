@@ -1,62 +1,55 @@
-"""How each line was flown, and what its flights cost: what a reader needs to fly them again."""
+"""Tables of the settings that each entrant flew with, and of the costs of its flights."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from dronecats.agent.models.spec import PROVIDERS
-from dronecats.report.cells import FLIGHTS, NAME, NONE, count
-from dronecats.report.report_data import ReportData
+from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, ReportData
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
-from dronecats.report.results.identity import DIGEST, NOT_TOLD, identity
-from dronecats.report.table import ReportTable, TableCell, TableColumn
+from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity
+from dronecats.report.table import ReportTable, TableCell, TableColumn, words
 
-WORDS = {  # column → what of the identity stands there
+IDENTITY_COLUMNS = {  # column → its title, and the entry of the identity in it
     "served": ("As served", "the model as served"),
     "prompt": ("Prompt", "the prompt"),
     "parser": ("Parser", "parser"),
     "clock": ("Clock", "the clock"),
     "code": ("Code", "the code"),
 }
-SETTINGS = {"command": "Command", "commander": "Commander", "latency": "Latency"}
-DISTURBED = TableColumn(name="disturbed", title="Disturbed", align="left")  # where anybody was
 SETUP = (
     NAME,
     TableColumn(name="runs", title="Runs"),
     TableColumn(name="flights_of_an_episode", title="Flights"),
-    *(TableColumn(name=name, title=title, align="left") for name, title in SETTINGS.items()),
-    TableColumn(name="sampling", title="Sampling", align="left"),
-    TableColumn(name="reasoning", title="Reasoning", align="left"),
-    *(TableColumn(name=name, title=title, align="left") for name, (title, _) in WORDS.items()),
+    words("Command", "command"),
+    words("Commander", "commander"),
+    words("Latency", "latency"),
+    words("Sampling", "sampling"),
+    words("Reasoning", "reasoning"),
+    *(words(title, name) for name, (title, _) in IDENTITY_COLUMNS.items()),
 )
 
 
-def setup(data: ReportData) -> ReportTable:
-    """Return how each line was flown."""
-
+def setup(data: ReportData) -> ReportTable | None:
+    """Return the settings of each entrant."""
     any_disturbed = any(entrant.setting.disturbed for entrant in data.entrants)
-    columns = (*SETUP, DISTURBED) if any_disturbed else SETUP
 
-    def row(entrant: Entrant) -> list[TableCell]:
+    def row_of(entrant: Entrant) -> Cells:
+        setting = entrant.setting
+        texts = [setting.command, setting.commander, setting.latency, _sampling(entrant), _reasoning(entrant)]
         kinds = [identity(run) for run in entrant.runs]
-        as_asked = {NOT_TOLD, str((entrant.runs[0].flight.get("model") or {}).get("name"))}
-        told = [
-            sorted({v for kind in kinds for v in kind.get(what, ())} - (as_asked if name == "served" else set()))
-            for name, (_, what) in WORDS.items()
-        ]
-        named = [_names(entrant, column) + values for column, values in zip(WORDS, told, strict=True)]
-        return [
-            count(len(entrant.runs)),
-            count(max(map(len, entrant.by_episode.values()), default=0)),
-            *(_words(getattr(entrant.setting, name)) for name in SETTINGS),
-            _words(_sampling(entrant)),
-            _words(_reasoning(entrant)),
-            *(_words(DIGEST.sub(r"\1", ", ".join(values))) for values in named),
-            *([_words(entrant.setting.disturbed)] if any_disturbed else []),
-        ]
+        for column, (_, name) in IDENTITY_COLUMNS.items():
+            values = {value for kind in kinds for value in kind.get(name, ())}
+            if column == "served":  # only where it differs from the requested name
+                values -= {NOT_RECORDED, str((entrant.runs[0].flight.get("model") or {}).get("name"))}
+            names = {run.configuration.get("prompt_name") for run in entrant.runs} if column == "prompt" else set()
+            texts.append(DIGEST.sub(r"\1", ", ".join([*sorted(str(name) for name in names if name), *sorted(values)])))
+        texts += [setting.disturbed] if any_disturbed else []
+        flights = max(map(len, entrant.by_episode.values()), default=0)
+        return [len(entrant.runs), flights, *(text or None for text in texts)]
 
-    return ReportTable(
+    return data.table(
         name="setup",
         title="How it was flown",
         caption=(
@@ -64,30 +57,21 @@ def setup(data: ReportData) -> ReportTable:
             " the question after a think was sent. As served: only where it differs from the name that was asked for."
             " Digests by their first eight letters; run.json has them whole."
         ),
-        columns=columns,
-        blocks=data.blocks(columns, row),
+        columns=(*SETUP, words("Disturbed", "disturbed")) if any_disturbed else SETUP,
+        row_of=row_of,
         notes=data.notes(),
-        command=data.command,
     )
 
 
-def _names(entrant: Entrant, column: str) -> list[str]:
-    """Return what stands before the digests of a column: of a prompt whose it is."""
-    if column != "prompt":
-        return []
-    names = {run.configuration.get("prompt_name") for run in entrant.runs}
-    return sorted(str(name) for name in names if name)
-
-
 def _sampling(entrant: Entrant) -> str:
-    """Return how a model's replies were drawn, what is not sent left out."""
+    """Return the sampling parameters that were sent to a model."""
     model = entrant.runs[0].flight.get("model") or {}
-    told = {key: model.get(key) for key in ("temperature", "top_p", "top_k", "max_tokens")}
-    return ", ".join(f"{key} {value}" for key, value in told.items() if value is not None)
+    sent = {key: model.get(key) for key in ("temperature", "top_p", "top_k", "max_tokens")}
+    return ", ".join(f"{key} {value}" for key, value in sent.items() if value is not None)
 
 
 def _reasoning(entrant: Entrant) -> str:
-    """Return what switches a model's reasoning, before and after a `think`; empty: no model, or one not known."""
+    """Return the fields that switch a model's reasoning, before and after a `think`; empty: unknown, or no model."""
     model = entrant.runs[0].flight.get("model") or {}
     provider = PROVIDERS.get(str(model.get("provider")))
     if provider is None:
@@ -100,7 +84,7 @@ def _reasoning(entrant: Entrant) -> str:
 
 
 def _leaves(fields: Any, name: str = "") -> Iterator[str]:
-    """Yield the fields of a request in words, as reasoning.enabled false."""
+    """Yield the fields of a request in words, such as `reasoning.enabled false`."""
     if isinstance(fields, Mapping):
         for key, inner in fields.items():
             yield from _leaves(inner, f"{name}.{key}" if name else str(key))
@@ -108,11 +92,6 @@ def _leaves(fields: Any, name: str = "") -> Iterator[str]:
         yield f"{name} {fields if isinstance(fields, str) else json.dumps(fields)}"
 
 
-def _words(text: str) -> TableCell:
-    return TableCell(value=text or None)
-
-
-MILLION = 1e6
 COSTS = (
     NAME,
     FLIGHTS,
@@ -124,40 +103,35 @@ COSTS = (
     TableColumn(name="usd_per_flight", title="$", group="A flight", unit="$", decimals=4),
     TableColumn(name="usd", title="$", group="All", unit="$", decimals=2),
     TableColumn(name="usd_per_success", title="$ a success", group="All", unit="$", decimals=4, better="less"),
-    TableColumn(name="endpoints", title="Answered by", align="left"),
+    words("Answered by", "endpoints"),
 )
 
 
 def costs(data: ReportData) -> ReportTable | None:
-    """Return what each flight took; None where no tokens are told."""
+    """Return the tokens and the price of each entrant's flights; None where no tokens were logged."""
 
-    def row(entrant: Entrant) -> list[TableCell] | None:
-        flown = entrant.episodes
-        told = [each for each in flown if each.usage.tokens_in is not None or each.usage.tokens_out is not None]
-        if not told:
+    def row_of(entrant: Entrant) -> Cells | None:
+        flights = entrant.episodes
+        usages = [flight.usage for flight in flights]
+        logged = [usage for usage in usages if usage.tokens_in is not None or usage.tokens_out is not None]
+        if not logged:
             return None
-        usd = dollars(flown)
-        solved = sum(each.success for each in flown)
-        asked = sum(each.usage.questions + each.usage.commander_questions for each in flown)
-        tokens = [
-            _mean([(e.usage.tokens_in or 0) + (e.usage.commander_in or 0) for e in told]),
-            _mean([e.usage.cached for e in told if e.usage.cached is not None]),
-            _mean([(e.usage.tokens_out or 0) + (e.usage.commander_out or 0) for e in told]),
-            _mean([e.usage.reasoning for e in told if e.usage.reasoning is not None]),
+        questions = sum(usage.questions + usage.commander_questions for usage in usages)
+        usd, solved = _dollars(flights), sum(flight.success for flight in flights)
+        return [
+            len(flights),
+            _per(questions, len(flights)),
+            _mean([(usage.tokens_in or 0) + (usage.commander_in or 0) for usage in logged]),
+            _mean([usage.cached for usage in logged if usage.cached is not None]),
+            _mean([(usage.tokens_out or 0) + (usage.commander_out or 0) for usage in logged]),
+            _mean([usage.reasoning for usage in logged if usage.reasoning is not None]),
+            _per(usd, len(flights)),
+            usd,
+            _per(usd, solved),
+            ", ".join(sorted({name for usage in logged for name in usage.endpoints})) or None,
         ]
-        endpoints = ", ".join(sorted({name for e in told for name in e.usage.endpoints}))
-        money = [NONE] * 3 if usd is None else [
-            TableCell(value=usd / len(flown), of=len(flown)),
-            TableCell(value=usd),
-            TableCell(value=usd / solved, of=solved) if solved else NONE,
-        ]  # fmt: skip
-        questions = TableCell(value=asked / len(flown), of=len(flown))
-        return [count(len(flown)), questions, *tokens, *money, TableCell(value=endpoints or None)]
 
-    blocks = data.blocks(COSTS, row)
-    if not blocks:
-        return None
-    return ReportTable(
+    return data.table(
         name="costs",
         title="Costs",
         caption=(
@@ -169,35 +143,32 @@ def costs(data: ReportData) -> ReportTable | None:
             " it."
         ),
         columns=COSTS,
-        blocks=blocks,
-        command=data.command,
+        row_of=row_of,
     )
 
 
 def _mean(counts: Sequence[int]) -> TableCell:
-    return TableCell(value=sum(counts) / len(counts), of=len(counts)) if counts else NONE
+    return _per(sum(counts), len(counts))
 
 
-def dollars(flown: Iterable[ScoredEpisode]) -> float | None:
-    """Return what these flights cost ($) by the declared prices; None where a price or a count is not known."""
-    spent = 0.0
-    for each in flown:
-        asked = each.run.flight
-        model, commander, used = asked.get("model"), asked.get("commander") or asked.get("model"), each.usage
-        parts = [(model, used.questions, used.tokens_in, used.tokens_out)]
-        parts.append((commander, used.commander_questions, used.commander_in, used.commander_out))
-        for who, questions, tokens_in, tokens_out in parts:
+def _per(amount: float | None, count: int) -> TableCell:
+    return NONE if amount is None or not count else TableCell(value=amount / count, of=count)
+
+
+def _dollars(flights: Iterable[ScoredEpisode]) -> float | None:
+    """Return the cost of these flights ($) by the declared prices; None where a price or a count is not known."""
+    usd = 0.0
+    for flight in flights:
+        model, usage = flight.run.flight.get("model"), flight.usage
+        commander = flight.run.flight.get("commander") or model
+        for prices, questions, tokens_in, tokens_out in (
+            (model, usage.questions, usage.tokens_in, usage.tokens_out),
+            (commander, usage.commander_questions, usage.commander_in, usage.commander_out),
+        ):
             if questions == 0:
                 continue
-            cost = _cost(who, tokens_in, tokens_out)
-            if cost is None:
+            input_usd, output_usd = ((prices or {}).get(key) for key in ("input_usd", "output_usd"))  # $ per 1e6 tokens
+            if tokens_in is None or tokens_out is None or input_usd is None or output_usd is None:
                 return None
-            spent += cost
-    return spent
-
-
-def _cost(model: Mapping[str, Any] | None, tokens_in: int | None, tokens_out: int | None) -> float | None:
-    prices = [(model or {}).get(key) for key in ("input_usd", "output_usd")]
-    if tokens_in is None or tokens_out is None or None in prices:
-        return None
-    return (tokens_in * float(prices[0] or 0) + tokens_out * float(prices[1] or 0)) / MILLION
+            usd += (tokens_in * float(input_usd) + tokens_out * float(output_usd)) / 1e6
+    return usd

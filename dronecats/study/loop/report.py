@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from dronecats.report.table import CellValue, ReportTable, numbers, table_of, words
 from dronecats.report.writers import as_markdown
 from dronecats.study.loop.margins import LoopStudy, StepFigures

@@ -3,7 +3,7 @@
 import math
 from typing import Any
 
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from dronecats.study.analysis.steps import QUANTILES, StepQuantiles
 from dronecats.study.analysis.study_results import ALL, MEASURES, LevelResult, level_steps, levels_besides, successes
 from dronecats.study.analysis.success_fits import HalfSuccessFit

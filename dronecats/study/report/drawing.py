@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from dronecats.study.report import curves, forests
 from dronecats.study.report.findings import FactorFindings, Findings
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from dronecats.judge.statistics.paired import ALPHA
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from dronecats.study.analysis.differences import SUCCESS, PairedDifference
 from dronecats.study.analysis.study_results import StudiedFactor
 from dronecats.study.analysis.success_fits import HeatMap, MainEffect

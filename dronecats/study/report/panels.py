@@ -4,7 +4,7 @@ import textwrap
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from dronecats.study.analysis.study_results import LevelStep, StudiedFactor
 
 COLOURS = (style.BLUE, style.VERMILION, style.GREEN, style.PURPLE, style.ORANGE, style.SKY)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.judge.metrics.registry import METRICS
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from dronecats.report.kit import shell
 from dronecats.report.report_folder import write_tables
 from dronecats.report.results.database import array, literal

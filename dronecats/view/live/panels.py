@@ -11,7 +11,7 @@ import viser
 from msgspec import UNSET
 
 from dronecats.report.kit.palette import DARK, LIGHT, MARKS
-from dronecats.report.kit.words import action_or_reason
+from dronecats.report.kit.shell import action_or_reason
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Decision, drone_label

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from dronecats.judge.verdict import Measured, measured, qualifies
-from dronecats.report.kit.words import action_or_reason
+from dronecats.report.kit.shell import action_or_reason
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
 from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go, sight
@@ -197,7 +197,7 @@ class FlightMoments:
             velocity_ned=telemetry.true_velocity.at(t_s) if self.true else self._own_velocity(drone, t_s),
             true=self.true,
             height_m=self._height(pose.position_ned),
-            setpoint_ned=telemetry.asked_velocity.at(t_s) if state is None or state.mode == OFFBOARD else None,
+            setpoint_ned=telemetry.setpoint_velocity.at(t_s) if state is None or state.mode == OFFBOARD else None,
             mode=state.mode if state else "",
             armed=state.armed if state else None,
             battery=state.battery if state else None,

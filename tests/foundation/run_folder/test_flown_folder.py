@@ -7,8 +7,7 @@ import jsonschema
 import pytest
 
 from dronecats.judge.episode import write_verdict
-from dronecats.report.afterflight.surveyed_target import SurveyedTarget
-from dronecats.report.afterflight.trace import derive
+from dronecats.report.afterflight import SurveyedTarget, derive
 from foundation.run_folder import layout
 from tests.foundation.run_folder.published import check, validator
 from tests.support.flown_runs import ALONE

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from dronecats.report.afterflight.trace import against_truth
+from dronecats.report.afterflight import against_truth
 from foundation.errors import UsageError
 
 ORIGIN = (47.397742, 8.545594, 488.0)

@@ -15,8 +15,16 @@ from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import build, load_world, origin
 from dronecats.judge.episode import judge_folder
-from dronecats.report.afterflight.surveyed_target import SurveyedTarget, target_from, target_of
-from dronecats.report.afterflight.trace import EstimatorLog, derive, from_telemetry, from_ulog, rejudge
+from dronecats.report.afterflight import (
+    EstimatorLog,
+    SurveyedTarget,
+    derive,
+    from_telemetry,
+    from_ulog,
+    rejudge,
+    target_from,
+    target_of,
+)
 from dronecats.report.recorded.telemetry import telemetry
 from foundation.errors import UsageError
 from foundation.frames import geodetic_to_ned, ned_to_geodetic

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from dronecats.report.afterflight.smoothing import CORRELATION_S, Estimates, smooth
+from dronecats.report.afterflight import CORRELATION_S, Estimates, smooth
 
 STEP_S = 0.1
 

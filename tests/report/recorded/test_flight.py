@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from dronecats.report.afterflight.trace import derive
+from dronecats.report.afterflight import derive
 from dronecats.report.export.conventions import about
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.replay.moments import flight_moments

@@ -5,7 +5,7 @@ import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.report.archive import tar
+from dronecats.report.archive import archive_file as tar
 from dronecats.report.archive.submission import digest
 from episodes.records import catalogue
 

@@ -3,7 +3,7 @@
 import json
 
 from dronecats.report.recorded.run import recorded_runs
-from dronecats.report.results.exclusion import unflown
+from dronecats.report.results.collection import unflown
 from tests.report.results.synthetic_runs import write_run
 
 IDS = ("campus-searching-01", "residential-approaching-01")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.report.results.identity import (
-    NOT_TOLD,
+    NOT_RECORDED,
     differences,
     identity,
     identity_digest,
@@ -34,7 +34,7 @@ CHANGES: list[tuple[dict[str, Any], str, tuple[str, str]]] = [
     ({"agent": "mine.agent"}, "agent", ("paper", "mine.agent")),
     ({"clock": "real time"}, "clock", ("lockstep", "real time")),
     ({"camera": None}, "camera", ('{"fov_deg": 90.0, "height": 480, "width": 640}', "null")),
-    ({"map_sha256": "e" * 64}, "map", (NOT_TOLD, "e" * 64)),
+    ({"map_sha256": "e" * 64}, "map", (NOT_RECORDED, "e" * 64)),
     ({"protocol": {"RADIUS_M": 3.0, "CAP_S": 300.0}}, "RADIUS_M", ("5.0", "3.0")),
     ({"suite": {"name": "one-drone", "version": 1, "sha256": "6" * 64}}, "one-drone", ("5" * 64, "6" * 64)),
     ({"suite": {"name": "quick", "version": 2, "sha256": "6" * 64}}, "version", ("1", "2")),
@@ -87,7 +87,7 @@ def test_what_is_not_told_is_equal_to_its_like_alone():
 
     assert refusal([older("runs/a"), older("runs/b")]) is None
     found = differences(identity(older("runs/a")), identity(a_run("runs/b")))
-    assert [each.values for each in found] == [(NOT_TOLD, "a" * 64), (NOT_TOLD, "told"), (NOT_TOLD, "1")]
+    assert [each.values for each in found] == [(NOT_RECORDED, "a" * 64), (NOT_RECORDED, "told"), (NOT_RECORDED, "1")]
 
 
 def test_measured_things_make_no_kind():

@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.pilots.oracle.failing import FAILURES
+from dronecats.report.archive.leaderboard import entry, page
 from dronecats.report.archive.verification import CellScore, Verification
-from dronecats.report.results.leaderboard import entry, page, what
+from dronecats.report.report_data import pilot_description
 from foundation.errors import UsageError
 from tests.docs.pages import ROOT
 from tests.docs.test_tree import anchors
@@ -85,7 +86,7 @@ def test_what_was_not_verified_is_refused():
 
 def test_every_pilot_is_named_as_what_it_is():
     for pilot in ("oracle", "vision", "blind", "blind:fan", "recorded:x", *(f"failing:{f}" for f in FAILURES)):
-        assert what(pilot) != what("unknown"), pilot
+        assert pilot_description(pilot), pilot
 
 
 def test_a_file_that_is_no_entry_is_refused(tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from dronecats.agent.latency import trace_name
-from dronecats.report.results.exclusion import parse_exclusion
+from dronecats.report.results.collection import parse_exclusion
 from dronecats.study import design
 from dronecats.study.analysis.loading import load_results
 from foundation.errors import UsageError

@@ -3,7 +3,7 @@
 import pytest
 
 from dronecats.cli.main import main
-from dronecats.report.figures import style
+from dronecats.report import figures as style
 from tests.report.conftest import reader as reader
 from tests.study.studies import APPROACHING, TRACKING, write_study
 

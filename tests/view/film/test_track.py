@@ -8,7 +8,7 @@ import pytest
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from dronecats.report.afterflight.trace import derive
+from dronecats.report.afterflight import derive
 from dronecats.report.recorded.telemetry import telemetry
 from dronecats.report.recorded.tracks import track_of_rows
 from dronecats.view.film.plan import filmable

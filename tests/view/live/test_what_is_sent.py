@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from benchmarks.page_client import PageClient
-from dronecats.report.kit.words import action_or_reason
+from dronecats.report.kit.shell import action_or_reason
 from dronecats.view.editor.draft import Drafting
 from dronecats.view.live import panels as markup
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment

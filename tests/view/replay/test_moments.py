@@ -180,7 +180,7 @@ def test_a_vehicle_of_another_number_is_still_the_first_drone(copied, flight):
     log.close()
     logs = telemetry(path, flight.recorded.t0_us)
     assert list(logs) == [0]
-    assert logs[0].asked_velocity == flight.recorded.telemetry[0].asked_velocity
+    assert logs[0].setpoint_velocity == flight.recorded.telemetry[0].setpoint_velocity
     assert logs[0].states.values == flight.recorded.telemetry[0].states.values
 
 
@@ -267,7 +267,7 @@ def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
     track = estimated_track(heard)
     assert track is not None
     assert track.level  # it never told how it leans
-    told = heard.asked_velocity
+    told = heard.setpoint_velocity
     assert told.t_s == (1.0, 2.0)
     assert told.values[0] == pytest.approx((1.0, 0.5, 0.3))
     assert told.values[1] == (1.0, 0.5, 0.0)

@@ -1,0 +1,458 @@
+"""Derives estimate.jsonl, the smoothed pose trace of a flight without truth, after landing (docs/run-folder.md).
+
+The logs stay as they are: decisions.jsonl has the time of every frame, truth.jsonl the begin and end of the episode,
+and flight.tlog or the autopilot's own ULog the estimates. A target may have a place surveyed by satellite.
+
+The smoother (RTS, axis by axis) models what an estimator's reports are: filtered already, with an error that does not
+change from report to report but wanders with the satellites. So a reported position is the true one plus a slowly
+wandering error (a Gauss-Markov process of the reported accuracy, over CORRELATION_S), which no number of reports in one
+flight averages away. The smoother removes short errors: noise, and jumps of the estimate that contradict its velocity.
+State per axis: position, velocity (constant but for white noise in the acceleration), error of the estimated position.
+"""
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dronecats.judge.distances import sentence
+from dronecats.judge.episode import write_verdict
+from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.telemetry import DroneTelemetry
+from dronecats.report.recorded.tracks import kept_ulog, ulog_topics
+from foundation.errors import UsageError
+from foundation.frames import Vec3, geodetic_to_ned, ned_to_geodetic
+from foundation.protocol import POSE_PERIOD_S
+from foundation.run_folder import layout
+from foundation.run_folder.reading import Logs, estimate, read
+from foundation.run_folder.rows import EstimatedFrame, EstimatedPose, EstimateHead
+from foundation.run_folder.writing import as_json, write_lines
+
+HANDHELD_STD_M = 3.0  # m, what a telephone or a handheld receiver does in the open; RTK does 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class SurveyedTarget:
+    """The surveyed centre of the target."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float | None  # m above mean sea level; None: not surveyed, so that distances are horizontal
+    std_m: float = HANDHELD_STD_M  # m, per axis
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it as JSON."""
+        return asdict(self)
+
+    def ned(self, origin: Vec3) -> Vec3:
+        """Return its place in the local frame of `origin` (lat °, lon °, alt m); at the origin's height if unknown."""
+        altitude = origin[2] if self.altitude_m is None else self.altitude_m
+        return geodetic_to_ned(*origin, self.latitude_deg, self.longitude_deg, altitude)
+
+    def distance(self, target_ned: Vec3, position_ned: Vec3, std_ned: Vec3) -> tuple[float, float]:
+        """Return (distance, its standard deviation) in m; the second is NaN if that of the pose is not known."""
+        axes = range(2 if self.altitude_m is None else 3)
+        apart = [position_ned[i] - target_ned[i] for i in axes]
+        variances = [std_ned[i] ** 2 + self.std_m**2 for i in axes]
+        distance = math.hypot(*apart)
+        if distance * distance <= max(variances):  # within the uncertainty: no direction to project on
+            return distance, math.sqrt(max(variances))
+        return distance, math.sqrt(sum(v * (a / distance) ** 2 for v, a in zip(variances, apart, strict=True)))
+
+
+def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
+    """Return the target of the text `LAT,LON` or `LAT,LON,ALT`. Raises UsageError."""
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (2, 3) or not all(math.isfinite(n) for n in numbers):
+        raise UsageError(f"a target is LAT,LON or LAT,LON,ALT, for example 47.397742,8.545594,488.2; got '{text}'")
+    latitude, longitude, *altitude = numbers
+    return checked(latitude, longitude, altitude[0] if altitude else None, HANDHELD_STD_M if std_m is None else std_m)
+
+
+def target_of(value: Any) -> SurveyedTarget:
+    """Return the target that `as_json` wrote. Raises UsageError for anything else."""
+    if isinstance(value, dict):
+        values: list[Any] = [value.get(f.name) for f in fields(SurveyedTarget)]
+        latitude, longitude, altitude, std_m = values
+        if all(_is_number(v) for v in (latitude, longitude, std_m)) and (altitude is None or _is_number(altitude)):
+            return checked(latitude, longitude, altitude, std_m)
+    raise UsageError("a surveyed target wants latitude_deg, longitude_deg, altitude_m (or null) and std_m, in numbers")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def checked(latitude: float, longitude: float, altitude: float | None, std_m: float) -> SurveyedTarget:
+    """Return the target. Raises UsageError when its place or accuracy is out of range."""
+    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (altitude is None or -500.0 <= altitude <= 9000.0)):
+        raise UsageError(f"a target at latitude {latitude:g}, longitude {longitude:g}, altitude {altitude} is nowhere")
+    if not 0.0 <= std_m <= 100.0:
+        raise UsageError(f"a target is surveyed to 0 to 100 m, got {std_m:g}")
+    return SurveyedTarget(latitude, longitude, altitude, std_m)
+
+
+Array = NDArray[np.float64]
+CORRELATION_S = 300.0  # s, a flight's length: longer than what a receiver's error stays the same in the open
+POSITION_NOISE_M = 0.05  # m, white, of one report: the estimator's small corrections
+ACCELERATION_PSD = 1.0  # (m/s²)²/Hz: a multirotor at the speeds that are flown here
+UNREPORTED_M = 1.0  # m, weight of a position whose accuracy nobody reported; its smoothed accuracy is not told
+THINNED_US = 90_000  # µs: reports nearer to one another tell the same
+_H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """The estimates that an autopilot reported during a flight, in its local frame."""
+
+    time_us: Array  # (n,) µs, vehicle clock, strictly rising
+    position_ned: Array  # (n, 3) m
+    velocity_ned: Array  # (n, 3) m/s
+    position_std_m: Array  # (n, 3) m, as reported; NaN where it was not
+    velocity_std_mps: Array  # (n, 3) m/s
+
+    def between(self, from_us: float, to_us: float) -> "Estimates":
+        """Return the estimates of an interval."""
+        part = slice(*np.searchsorted(self.time_us, (from_us, to_us)))
+        return Estimates(
+            self.time_us[part],
+            self.position_ned[part],
+            self.velocity_ned[part],
+            self.position_std_m[part],
+            self.velocity_std_mps[part],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SmoothedPath:
+    """The smoothed places of the vehicle at the requested instants."""
+
+    time_us: Array  # (k,) µs
+    position_ned: Array  # (k, 3) m
+    std_m: Array  # (k, 3) m; NaN where no accuracy was ever reported
+
+
+def smooth(estimates: Estimates, at_us: Array) -> SmoothedPath:
+    """Return the smoothed path at those of the instants `at_us` that lie within the estimates."""
+    kept = _thinned(estimates.time_us)
+    time_us = estimates.time_us[kept]
+    instants = np.unique(at_us)
+    instants = instants[(instants >= time_us[0]) & (instants <= time_us[-1])]
+    steps = np.union1d(time_us, instants)
+    rows = np.searchsorted(steps, time_us)
+    wanted = np.searchsorted(steps, instants)
+    position, std = np.empty((len(instants), 3)), np.empty((len(instants), 3))
+    for axis in range(3):
+        mean, variance = _smooth_axis(
+            steps,
+            rows,
+            estimates.position_ned[kept, axis],
+            estimates.velocity_ned[kept, axis],
+            _filled(estimates.position_std_m[:, axis])[kept],
+            estimates.velocity_std_mps[kept, axis],
+        )
+        position[:, axis], std[:, axis] = mean[wanted], np.sqrt(variance[wanted])
+        if not np.isfinite(estimates.position_std_m[:, axis]).any():
+            std[:, axis] = math.nan
+    return SmoothedPath(instants, position, std)
+
+
+def _thinned(time_us: Array) -> NDArray[np.int64]:
+    kept, last = [], -math.inf
+    for index, t in enumerate(time_us):
+        if t >= last + THINNED_US:
+            kept.append(index)
+            last = t
+    return np.array(kept, np.int64)
+
+
+def _filled(std: Array) -> Array:
+    """Return the accuracies with gaps filled by the last one before, or at the beginning by the first."""
+    reported = np.flatnonzero(np.isfinite(std))
+    if not len(reported):
+        return np.full_like(std, UNREPORTED_M)
+    return np.asarray(std[reported[np.maximum(0, np.searchsorted(reported, np.arange(len(std)), "right") - 1)]])
+
+
+def _smooth_axis(
+    steps: Array, rows: NDArray[np.int64], position: Array, velocity: Array, error: Array, velocity_std: Array
+) -> tuple[Array, Array]:
+    """Return mean and variance of the position at every step; `rows` are the steps that have a report."""
+    from filterpy.kalman import KalmanFilter  # scipy.stats comes with it, which takes seconds
+
+    reports = {int(row): index for index, row in enumerate(rows)}
+    newest = np.maximum(0, np.searchsorted(rows, np.arange(len(steps)), "right") - 1)
+    transitions, noises, measured, weights = [], [], [], []
+    for step in range(len(steps)):
+        dt = (steps[step] - steps[step - 1]) / 1e6 if step else 0.0
+        kept = math.exp(-dt / CORRELATION_S)
+        transitions.append(np.array([[1.0, dt, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, kept]]))
+        noises.append(_process_noise(dt, error[newest[step]] ** 2 * (1.0 - kept**2)))
+        report = reports.get(step)
+        measured.append(None if report is None else np.array([position[report], velocity[report]]))
+        weights.append(np.diag([POSITION_NOISE_M**2, velocity_std[newest[step]] ** 2]))
+    kalman = KalmanFilter(dim_x=3, dim_z=2)
+    kalman.x = np.array([position[0], velocity[0], 0.0])
+    unsure = error[0] ** 2
+    kalman.P = np.array(
+        [[unsure + POSITION_NOISE_M**2, 0.0, -unsure], [0.0, velocity_std[0] ** 2, 0.0], [-unsure, 0.0, unsure]]
+    )
+    means, covariances, _, _ = kalman.batch_filter(
+        measured, Fs=transitions, Qs=noises, Hs=[_H] * len(steps), Rs=weights
+    )
+    means, covariances, _, _ = kalman.rts_smoother(means, covariances, Fs=transitions, Qs=noises)
+    return means[:, 0], covariances[:, 0, 0]
+
+
+def _process_noise(dt: float, wandered: float) -> Array:
+    q = ACCELERATION_PSD
+    noise = np.array([[q * dt**3 / 3.0, q * dt**2 / 2.0, 0.0], [q * dt**2 / 2.0, q * dt, 0.0], [0.0, 0.0, wandered]])
+    return noise + np.eye(3) * 1e-12  # two instants may be the same: the smoother inverts what has been predicted
+
+
+VELOCITY_STD = 0.1  # m/s: MAVLink reports no accuracy of the estimated velocity; PX4's ULogs show about this outdoors
+MARGIN_US = 5e6  # µs of the flight before and after the episode that help to smooth its ends
+
+
+@dataclass(frozen=True, slots=True)
+class EstimatorLog:
+    """The estimates of the first drone during a flight, in its local frame."""
+
+    estimates: Estimates
+    heading_us: Array  # (m,) µs, vehicle clock, rising
+    heading: Array  # (m,) rad, unwrapped
+    origin: Vec3 | None  # lat °, lon °, alt m above mean sea level of the local frame; None: unknown
+    source: str  # name of the file
+
+    def yaw_deg(self, at_us: float) -> float | None:
+        """Return the heading at an instant, −180 to 180°; None: unknown."""
+        if not len(self.heading):
+            return None
+        return (math.degrees(float(np.interp(at_us, self.heading_us, self.heading))) + 180.0) % 360.0 - 180.0
+
+
+def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None = None) -> Path:
+    """Write estimate.jsonl of an episode folder and return it; without `target`, the one in episode.json, if any.
+
+    Without `ulog` it is derived from the autopilot's onboard log in the folder, else from flight.tlog.
+
+    Raises UsageError when the logs are not sufficient, or when there is a target and the frame's origin is unknown.
+    """
+    flight = RecordedFlight.read(folder)
+    begin = flight.logs.begin
+    if begin is None:
+        raise UsageError(f"{folder} holds no episode that began")
+    record = from_ulog(ulog) if ulog else _estimator_log(flight)
+    target = target or _surveyed_target(flight)
+    target_ned = None
+    if target is not None:
+        if record.origin is None:
+            raise UsageError(
+                f"{record.source} never tells where on Earth its local frame is: GPS_GLOBAL_ORIGIN is missing"
+            )
+        target_ned = target.ned(record.origin)
+    frames = {(d.drone, d.frame_id): d.t_frame for d in flight.logs.decisions}
+    poses_s = np.arange(0.0, flight.end_s + 1e-6, POSE_PERIOD_S)
+    t0_us = float(begin.t0_us)
+    estimates = record.estimates.between(t0_us - MARGIN_US, t0_us + poses_s[-1] * 1e6 + MARGIN_US)
+    if len(estimates.time_us) < 2:
+        raise UsageError(f"{record.source} tells no positions of the time of the episode; is it of this flight?")
+    path = smooth(estimates, t0_us + np.array([*poses_s, *frames.values()], float) * 1e6)
+    writer = _Rows(record, path, t0_us, target, target_ned)
+    head = EstimateHead(
+        source=record.source,
+        origin=record.origin,
+        target=target.as_json() if target else None,
+        target_ned=_rounded_place(target_ned),
+    )
+    poses = [writer.pose(float(t)) for t in poses_s]
+    seen = [writer.frame(frame_id, drone, t) for (drone, frame_id), t in frames.items()]
+    file = folder / layout.ESTIMATE
+    try:
+        write_lines(file, [head, *filter(None, poses), *filter(None, seen)])
+    except OSError as error:
+        raise UsageError(f"{file} cannot be written: {error.strerror}") from None
+    return file
+
+
+def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
+    kept = kept_ulog(flight.folder)
+    if kept is not None:
+        with suppress(UsageError):  # the log ends before its first estimate
+            return from_ulog(kept)
+    path = flight.folder / layout.TLOG
+    if not path.is_file():
+        raise UsageError(f"{path} cannot be read: No such file or directory")
+    return from_telemetry(flight.telemetry.get(0, DroneTelemetry(0)), path)
+
+
+def from_telemetry(telemetry: DroneTelemetry, path: Path) -> EstimatorLog:
+    """Return the estimates that an autopilot sent, logged in `path`. Raises UsageError when it sent no positions."""
+    places, angles = telemetry.places, telemetry.angles
+    if len(places) < 2:
+        raise UsageError(f"{path} tells no positions: it holds no LOCAL_POSITION_NED of an autopilot")
+    velocity_std = np.full((len(places), 3), VELOCITY_STD)
+    estimates = Estimates(places[:, 0], places[:, 1:4], places[:, 4:7], places[:, 7:10], velocity_std)
+    return EstimatorLog(estimates, angles[:, 0], np.unwrap(angles[:, 3]), telemetry.origin, path.name)
+
+
+def from_ulog(path: Path) -> EstimatorLog:
+    """Return the estimates in PX4's onboard log. Raises UsageError when the file is no such log."""
+    log = ulog_topics(path, "vehicle_local_position", "vehicle_gps_position", "sensor_gps")
+    try:
+        local = log["vehicle_local_position"]
+        columns = [[local[name] for name in names] for names in (("x", "y", "z"), ("vx", "vy", "vz"))]
+        estimated = np.column_stack([local["eph"], local["eph"], local["epv"]]).astype(float)
+        velocity_std = np.column_stack([local["evh"], local["evh"], local["evv"]]).astype(float)
+        time_us = local["timestamp"].astype(float)
+        heading, has_origin = local["heading"].astype(float), local["xy_global"].astype(bool)
+        origin = tuple(float(local[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt"))
+    except (KeyError, IndexError) as missing:
+        raise UsageError(f"{path} is no ULog with vehicle_local_position: {missing} is missing") from None
+    receiver = log.get("vehicle_gps_position") or log.get("sensor_gps")
+    if receiver is not None:
+        seen_us = receiver["timestamp"].astype(float)
+        reported = [np.interp(time_us, seen_us, receiver[name].astype(float)) for name in ("eph", "eph", "epv")]
+        estimated = np.fmax(estimated, np.column_stack(reported))
+    position, velocity = (np.column_stack(column).astype(float) for column in columns)
+    usable = np.isfinite(position).all(1) & np.isfinite(velocity).all(1) & (np.diff(time_us, prepend=-1.0) > 0)
+    if usable.sum() < 2:
+        raise UsageError(f"{path} tells no positions")
+    estimates = Estimates(
+        time_us[usable], position[usable], velocity[usable], estimated[usable], np.fmax(velocity_std[usable], 0.02)
+    )
+    local_origin = origin if has_origin.any() and len(origin) == 3 else None
+    return EstimatorLog(estimates, time_us[usable], np.unwrap(heading[usable]), local_origin, path.name)
+
+
+def rejudge(result: dict[str, Any], target: SurveyedTarget | None, report: Callable[[str], None]) -> dict[str, Any]:
+    """Return the result of `fly --json`, judged again with estimate.jsonl; unchanged where the logs allow no trace."""
+    folder = Path(result["run_dir"])
+    try:
+        derive(folder, target)
+    except UsageError as reason:
+        report(f"no smoothed trace: {reason}")
+        return result
+    verdict = write_verdict(folder)
+    measured = verdict.distances or None
+    if measured:
+        report(sentence(measured, verdict.delta_m))
+    return {**result, "outcome": verdict.outcome, "success": verdict.success, "distances": as_json(measured)}
+
+
+def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
+    """Return the errors of estimate.jsonl against the logged truth, whose frame begins at `map_origin` (°, °, m).
+
+    `rms_m` and `max_m` are distances, `within_2_std` the share of coordinates that err by two standard deviations at
+    most. Raises UsageError when the two have no time in common.
+    """
+    logs, estimated_log = read(folder), estimate(folder)
+    if estimated_log is None:
+        raise UsageError(f"{folder} has no {layout.ESTIMATE}")
+    true = _TruePath(logs)
+    common = [(p, p.position_std_m) for p in estimated_log.poses if p.position_std_m and true.covers(p.t)]
+    origin = estimated_log.head.origin
+    if not common or not origin:
+        raise UsageError(f"{folder} tells no instant, or no origin, for which the estimate could be held to the truth")
+    estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *p.position_ned)) for p, _ in common]
+    apart = np.subtract(estimated, [true.at(p.t) for p, _ in common])
+    std = np.array([std_m for _, std_m in common])
+    distance = np.linalg.norm(apart, axis=1)
+    return {
+        "poses": len(common),
+        "rms_m": round(float(np.sqrt((distance**2).mean())), 4),
+        "max_m": round(float(distance.max()), 4),
+        "within_2_std": round(float((np.abs(apart) <= 2.0 * std).mean()), 4),
+    }
+
+
+class _TruePath:
+    """The first drone's true path. Its poses are up to 20 ms later than the half seconds of the estimate's."""
+
+    def __init__(self, logs: Logs) -> None:
+        poses = sorted((p.t, *p.position_ned) for p in logs.poses if p.drone == 0)
+        self._path = np.array(poses, float).reshape(-1, 4)
+
+    def covers(self, t: float) -> bool:
+        """Return whether a time (s) is at a pose, or between two without a gap."""
+        times = self._path[:, 0]
+        after = int(np.searchsorted(times, t))
+        if after == len(times) or (after == 0 and times[0] > t):
+            return False
+        return bool(times[after] == t or times[after] - times[after - 1] <= 1.5 * POSE_PERIOD_S)
+
+    def at(self, t: float) -> list[float]:
+        """Return the position at a time (s): (3,) m, NED in the map's frame."""
+        return [float(np.interp(t, self._path[:, 0], self._path[:, axis])) for axis in (1, 2, 3)]
+
+
+class _Rows:
+    """Makes the rows of poses and frames."""
+
+    def __init__(
+        self,
+        record: EstimatorLog,
+        path: SmoothedPath,
+        t0_us: float,
+        target: SurveyedTarget | None,
+        target_ned: Vec3 | None,
+    ) -> None:
+        self._record, self._path, self._t0_us = record, path, t0_us
+        self._target, self._target_ned = target, target_ned
+
+    def pose(self, t: float) -> EstimatedPose | None:
+        """Return the row of an instant (s); None without an estimate."""
+        fields = self._fields(t)
+        return EstimatedPose(t=round(t, 6), drone=0, **fields) if fields else None
+
+    def frame(self, frame_id: int, drone: int, t: float) -> EstimatedFrame | None:
+        """Return the row of a frame taken at an instant (s); None without an estimate."""
+        fields = self._fields(t)
+        return EstimatedFrame(frame_id=frame_id, t=round(t, 6), drone=drone, **fields) if fields else None
+
+    def _fields(self, t: float) -> dict[str, Any] | None:
+        """Return the common fields of poses and frames."""
+        at_us = self._t0_us + t * 1e6
+        index = int(np.searchsorted(self._path.time_us, at_us))
+        if index >= len(self._path.time_us) or self._path.time_us[index] != at_us:
+            return None
+        position, std = _vector(self._path.position_ned[index]), _vector(self._path.std_m[index])
+        distance: tuple[float | None, float | None] = (None, None)
+        if self._target is not None and self._target_ned is not None:
+            distance = self._target.distance(self._target_ned, position, std)
+        return {
+            "position_ned": _rounded_place(position),
+            "position_std_m": _rounded_place(std),
+            "yaw_deg": _rounded_number(self._record.yaw_deg(at_us)),
+            "target_ned": _rounded_place(self._target_ned),
+            "distance_m": _rounded_number(distance[0]),
+            "distance_std_m": _rounded_number(distance[1]),
+            "visible": None,  # nobody measured it
+        }
+
+
+def _surveyed_target(flight: RecordedFlight) -> SurveyedTarget | None:
+    declared = flight.record.get("surveyed_target")
+    return None if declared is None else target_of(declared)
+
+
+def _vector(row: NDArray[np.float64]) -> Vec3:
+    return (float(row[0]), float(row[1]), float(row[2]))
+
+
+def _rounded_number(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else round(value, 4)
+
+
+def _rounded_place(place: Vec3 | None) -> Vec3 | None:
+    if place is None or any(math.isnan(v) for v in place):
+        return None
+    return (round(place[0], 4), round(place[1], 4), round(place[2], 4))

@@ -1,0 +1,315 @@
+"""The file format of an archive of runs: a manifest and logs, in a tar in an xz."""
+
+import hashlib
+import lzma
+import re
+import tarfile
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Annotated, BinaryIO
+
+import msgspec
+from msgspec import Meta
+
+from foundation.errors import UsageError
+from foundation.run_folder import layout
+
+SCHEMA = 1  # version of the archive; counts up when a field changes its meaning
+MANIFEST = "manifest.json"
+NAME_CHARS, NOTE_CHARS = 80, 500
+
+_EPISODE = r"[a-z0-9](?:[a-z0-9-]{0,62}[a-z0-9])?"
+_OF_RUN = r"runs/[0-9]{2}"
+_OF_EPISODE = rf"{_OF_RUN}/{_EPISODE}"
+LOGS = (
+    "episode.json", "identity.json", "decisions.jsonl", "truth.jsonl", "verdict.json", "commander.jsonl",
+    "estimate.jsonl",
+)  # fmt: skip
+LOG = re.compile(rf"{_OF_RUN}/run\.json|{_OF_EPISODE}/(?:{'|'.join(map(re.escape, LOGS))})")
+FRAME = re.compile(rf"{_OF_EPISODE}/frames/[0-9]{{6,9}}(?:_d[0-9]{{1,3}})?\.jpg")
+LEFT_OUT = re.compile(rf"{_OF_EPISODE}/(?:frames/|flight\.tlog)")
+EPISODE_NAME = re.compile(_EPISODE)
+
+Sha256 = Annotated[str, Meta(pattern="^[0-9a-f]{64}$")]
+Name = Annotated[str, Meta(min_length=1, max_length=NAME_CHARS)]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FileDigest:
+    """The digest of a file; of a folder, whose name ends with /, that of the output of `sha256sum *` in it."""
+
+    bytes: Annotated[int, Meta(ge=0)]
+    sha256: Sha256
+    files: Annotated[int, Meta(ge=0)] | None = None  # of a folder
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SubmittedRun:
+    """One run of an archive: one flight of each of its episodes."""
+
+    folder: Annotated[str, Meta(pattern=f"^{_OF_RUN}$")]
+    seed: int
+    episodes: tuple[Annotated[str, Meta(pattern=f"^{_EPISODE}$")], ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Manifest:
+    """The contents of manifest.json, the first file of an archive."""
+
+    schema: int
+    name: Name  # of the entry
+    note: Annotated[str, Meta(max_length=NOTE_CHARS)]
+    pilot: str  # built-in pilot, or PROVIDER/NAME of the model
+    is_model: bool
+    identity: Sha256  # of the identity that its runs share (`dronecats.report.results.identity`)
+    suite: str | None  # that each run has completely; None: none
+    partial: str | None  # a sentence about what is missing or broken; None: the suite is complete and scored
+    runs: tuple[SubmittedRun, ...]
+    files: dict[str, FileDigest]  # that follow in the archive
+    left_out: dict[str, FileDigest]  # that are not in the archive
+    scrubbed: tuple[str, ...]  # files from which a key or a machine's path was removed
+    dronecats: str  # version that packed it
+
+    def encoded(self) -> bytes:
+        """Return it as the contents of its file."""
+        return msgspec.json.format(msgspec.json.encode(self, order="deterministic"), indent=1) + b"\n"
+
+
+def decoded(data: bytes) -> Manifest:
+    """Return the manifest of a file. Raises UsageError."""
+    try:
+        content = msgspec.json.decode(data)
+        version = content.get("schema") if isinstance(content, dict) else None
+        if isinstance(version, int) and version > SCHEMA:
+            raise UsageError(f"the archive is of a newer dronecats: version {version}, known is {SCHEMA}; update")
+        manifest = msgspec.convert(content, Manifest)
+        unknown = content.keys() - Manifest.__dataclass_fields__.keys()
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:
+        raise UsageError(f"{MANIFEST} of the archive is damaged: {wrong}") from None
+    if unknown:
+        raise UsageError(f"{MANIFEST} of the archive is damaged: {sorted(unknown)[0][:40]!r} is not known")
+    texts = (manifest.name, manifest.note, manifest.pilot, manifest.suite, manifest.partial, manifest.dronecats)
+    for text in texts:
+        if text and not text.isprintable():
+            raise UsageError(f"{MANIFEST} of the archive is damaged: it holds what cannot be printed")
+    for path in manifest.files:
+        if not (LOG.fullmatch(path) or FRAME.fullmatch(path)):
+            raise UsageError(f"the archive names {path[:80]!r}, which is no file of a run")
+    for path in manifest.left_out:
+        if not LEFT_OUT.fullmatch(path):
+            raise UsageError(f"the archive names {path[:80]!r} as left out, which is no file of a run")
+    return manifest
+
+
+BLOCK = 512  # bytes
+CHUNK = 1 << 20
+MEMORY_MAX = 128 << 20  # bytes that unpacking may take; a stream may ask for 4 GB
+RATIO_MAX = 2000  # bytes out of one in; logs come to less than a hundred
+RATIO_FROM = 64 << 20  # bytes out from which the ratio is checked
+TOTAL_MAX = 64 << 30  # bytes, frames included
+
+
+@dataclass(slots=True)
+class Packed:
+    """A file of an archive; it can be read once, before the next."""
+
+    name: str
+    size: int  # bytes
+    _source: "Unxz"
+    _left: int
+
+    def chunks(self) -> Iterator[bytes]:
+        """Yield its bytes in chunks. Raises UsageError where the archive is cut off."""
+        while self._left:
+            piece = self._source.exactly(min(CHUNK, self._left))
+            self._left -= len(piece)
+            yield piece
+
+    def skip(self) -> None:
+        """Read to the end of its last block."""
+        for _ in self.chunks():
+            pass
+        if self._source.exactly(-self.size % BLOCK).strip(b"\0"):
+            raise UsageError(f"the archive is damaged: something stands behind {self.name[:80]!r}")
+
+
+class Unxz:
+    """Decompresses an xz on demand, within bounds of memory and size."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+        self._xz = lzma.LZMADecompressor(format=lzma.FORMAT_XZ, memlimit=MEMORY_MAX)
+        self._in = self._out = 0
+
+    def exactly(self, count: int) -> bytes:
+        """Return the next `count` bytes. Raises UsageError when there are fewer, or when the archive is too large."""
+        data = self.at_most(count)
+        if len(data) != count:
+            raise UsageError("the archive is cut off")
+        return data
+
+    def at_most(self, count: int) -> bytes:
+        """Return the next `count` bytes, fewer at the end. Raises UsageError."""
+        chunks: list[bytes] = []
+        missing = count
+        while missing and not self._xz.eof:
+            packed = b""
+            if self._xz.needs_input:
+                packed = self._file.read(CHUNK)
+                self._in += len(packed)
+                if not packed:
+                    raise UsageError("the archive is cut off")
+            try:
+                chunks.append(self._xz.decompress(packed, missing))
+            except lzma.LZMAError as wrong:
+                raise UsageError(f"the archive cannot be unpacked: {str(wrong).lower()}") from None
+            missing -= len(chunks[-1])
+            self._out += len(chunks[-1])
+            if self._out > TOTAL_MAX or (self._out > RATIO_FROM and self._out > RATIO_MAX * self._in):
+                raise UsageError("the archive unpacks to more than flights can be")
+        return b"".join(chunks)
+
+    def ends(self) -> bool:
+        """Return whether the file ends here."""
+        return self._xz.eof and not self._xz.unused_data and not self._file.read(1)
+
+
+def read(file: BinaryIO) -> Iterator[Packed]:
+    """Yield the files of an archive in their order, with unique names. Raises UsageError.
+
+    It accepts plain files in the ustar format and nothing else: no links, no devices, no headers that change others.
+    """
+    source, names = Unxz(file), set[str]()
+    while True:
+        header = source.exactly(BLOCK)
+        if not header.strip(b"\0"):
+            break
+        packed = _packed(header, source)
+        if packed.name in names:
+            raise UsageError(f"the archive holds {packed.name[:80]!r} twice")
+        names.add(packed.name)
+        yield packed
+        packed.skip()
+    while rest := source.at_most(CHUNK):
+        if rest.strip(b"\0"):
+            raise UsageError("the archive is damaged: something stands behind its end")
+    if not source.ends():
+        raise UsageError("the archive is damaged: something stands behind its end")
+
+
+def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
+    """Write an archive of (name, function that returns its bytes), in this order. Raises OSError.
+
+    The same files are the same bytes.
+    """
+    with (
+        lzma.open(path, "wb", format=lzma.FORMAT_XZ, preset=6) as packed,
+        tarfile.open(fileobj=packed, mode="w", format=tarfile.USTAR_FORMAT) as tar,
+    ):
+        for name, made in files:
+            data = made()
+            entry = tarfile.TarInfo(name)  # without owner and time
+            entry.size, entry.mode, entry.mtime = len(data), 0o644, 0
+            tar.addfile(entry, BytesIO(data))
+
+
+def _packed(header: bytes, source: Unxz) -> Packed:
+    """Return the file of a header. POSIX.1-1988, "ustar"."""
+    sum_of = sum(header[:148]) + 8 * ord(" ") + sum(header[156:])
+    if header[257:265] != b"ustar\x0000" or _octal(header[148:156]) != sum_of:
+        raise UsageError("the archive holds something that is no tar of plain files")
+    if header[156:157] != b"0":
+        raise UsageError("the archive holds something that is no plain file, a link or a folder")
+    name, prefix = (part.split(b"\0", 1)[0] for part in (header[:100], header[345:500]))
+    try:
+        path = (prefix + b"/" + name if prefix else name).decode("ascii")
+    except UnicodeDecodeError:
+        raise UsageError("the archive holds a file whose name is none of a run's") from None
+    size = _octal(header[124:136])
+    if size is None:
+        raise UsageError(f"the archive is damaged: the size of {path[:80]!r} is no number")
+    return Packed(path, size, source, size)
+
+
+def _octal(field: bytes) -> int | None:
+    digits = field.rstrip(b" \0")
+    return int(digits, 8) if digits and not digits.strip(b"01234567") else None
+
+
+MANIFEST_MAX = 64 << 20  # bytes
+LOG_MAX = 256 << 20
+LOGS_MAX = 4 << 30  # of all logs together, which are unpacked
+FRAME_MAX = 32 << 20
+
+
+def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
+    """Unpack the logs of an archive into a folder: files with a run's names and of bounded sizes only.
+
+    Returns its manifest, a sentence for each file that differs from it, and the number of frames, which are not
+    unpacked. Raises UsageError, OSError.
+    """
+    files = read(file)
+    first = next(files, None)
+    if first is None or first.name != MANIFEST or first.size > MANIFEST_MAX:
+        raise UsageError(f"it is no archive of runs: it does not begin with {MANIFEST}")
+    manifest = decoded(b"".join(first.chunks()))
+    _check_sizes(manifest)
+    _check_names(manifest)
+    differing: list[str] = []
+    left, frames = dict(manifest.files), 0
+    for packed in files:
+        digest = left.pop(packed.name, None)
+        if digest is None or digest.bytes != packed.size:
+            raise UsageError(f"{packed.name[:80]!r} is not as its {MANIFEST} says")
+        if LOG.fullmatch(packed.name):
+            sha256 = _unpacked(packed, place / packed.name)
+        else:
+            sha256, frames = _hashed(packed), frames + 1
+        if sha256 != digest.sha256:
+            differing.append(f"{packed.name} is not the file whose digest {MANIFEST} holds")
+    if left:
+        raise UsageError(f"{next(iter(left))!r} is in its {MANIFEST} and not in the archive")
+    return manifest, differing, frames
+
+
+def _unpacked(packed: Packed, path: Path) -> str:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sha256 = hashlib.sha256()
+    with path.open("xb") as out:
+        for chunk in packed.chunks():
+            sha256.update(chunk)
+            out.write(chunk)
+    return sha256.hexdigest()
+
+
+def _hashed(packed: Packed) -> str:
+    sha256 = hashlib.sha256()
+    for chunk in packed.chunks():
+        sha256.update(chunk)
+    return sha256.hexdigest()
+
+
+def _check_sizes(manifest: Manifest) -> None:
+    logs = 0
+    for name, digest in manifest.files.items():
+        most = FRAME_MAX if FRAME.fullmatch(name) else LOG_MAX
+        logs += 0 if FRAME.fullmatch(name) else digest.bytes
+        if digest.bytes > most or logs > LOGS_MAX:
+            raise UsageError(f"{name!r} is larger than it can be")
+
+
+def _check_names(manifest: Manifest) -> None:
+    """Raise UsageError unless the files are those of the runs that the manifest names: each log, and no other."""
+    wanted = {f"{run.folder}/{layout.RUN}" for run in manifest.runs}
+    homes = {f"{run.folder}/{episode}" for run in manifest.runs for episode in run.episodes}
+    wanted |= {f"{home}/{log}" for home in homes for log in (layout.EPISODE, layout.DECISIONS, layout.TRUTH)}
+    if len({run.folder for run in manifest.runs}) != len(manifest.runs) or not homes:
+        raise UsageError(f"its {MANIFEST} names no run, or one twice")
+    if absent := next(iter(sorted(wanted - manifest.files.keys())), None):
+        raise UsageError(f"it lacks {absent}")
+    for name in (*manifest.files, *manifest.left_out):
+        home = "/".join(name.split("/")[:3])
+        if name not in wanted and home not in homes:
+            raise UsageError(f"{name!r} is of no run that its {MANIFEST} names")

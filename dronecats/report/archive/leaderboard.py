@@ -1,0 +1,172 @@
+"""Makes docs/leaderboard.md from verified entries: models, and apart from them built-in pilots."""
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from dronecats.agent.names import PAPER, agent_name
+from dronecats.report.archive.verification import CellScore, Verification
+from dronecats.report.report_data import pilot_description
+from dronecats.report.table import CellValue, TableCell, numbers, table_of, words
+from dronecats.report.writers import as_markdown, escaped
+from episodes.records.record import CELLS
+from foundation.errors import UsageError
+
+ENTRY_MAX = 1 << 20  # bytes
+SUITE_TITLES = {
+    "all": "All hundred episodes",
+    "one-drone": "One drone, eighty episodes",
+    "commanding": "Commanding four drones, twenty episodes",
+    "quick": "Quick, twelve episodes",
+    "v1": "Version 1 of the episodes",
+}
+HEADS = {"approaching": "Appr.", "searching": "Search.", "tracking": "Track.", "search-and-track": "S-and-T",
+         "commanding": "Command."}  # fmt: skip
+
+
+def entry(path: Path) -> Verification:
+    """Return the entry in a file that `dronecats verify --json` printed. Raises UsageError."""
+    try:
+        data = path.read_bytes()
+        if len(data) > ENTRY_MAX:
+            raise UsageError(f"{path} is longer than an entry can be")
+        made = msgspec.json.decode(data, type=Verification)
+    except OSError as error:
+        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
+    except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:
+        raise UsageError(f"{path} is no entry, which `dronecats verify FILE --json` prints: {wrong}") from None
+    return made
+
+
+def page(entries: Iterable[Verification]) -> str:
+    """Return the page. Raises UsageError for an entry that was not verified, or occurs twice."""
+    ordered = sorted(entries, key=lambda entry: (entry.name, entry.archive_sha256))
+    for entry in ordered:
+        if not entry.verified:
+            difference = entry.differences[0] if entry.differences else "it differs"
+            raise UsageError(f"{entry.name} was not verified: {difference}")
+    archives = [entry.archive_sha256 for entry in ordered]
+    if twice := next((entry.name for entry in ordered if archives.count(entry.archive_sha256) > 1), None):
+        raise UsageError(f"{twice} is there twice")
+    models = [entry for entry in ordered if entry.is_model]
+    ours = [entry for entry in ordered if not entry.is_model]
+    sections = [HEADER, "## Models\n", _tables(models) or "None has been submitted.\n"]
+    sections += [
+        "## Built-in pilots, which are no models\n",
+        ABOUT_PILOTS,
+        _tables(ours) or "None has been submitted.\n",
+    ]
+    sections += ["## The entries\n", *map(_about, ordered)]
+    return "\n".join(sections)
+
+
+HEADER = """# Leaderboard
+
+<!-- made from docs/leaderboard/*.json, as submitting.md tells; change the entries, not this page -->
+
+Percent of the episodes that succeeded, over all flights of an entry; SR is over all of its episodes, with a 95 %
+interval in which [episodes are the unit](report.md#how-sure-it-is). Each number was derived anew from an archive of the
+logs ([how to submit one](submitting.md)). Entries
+of one suite compare with one another, if their settings do: what a reply is charged (`latency`) stands with each.
+"""
+ABOUT_PILOTS = "They say how hard the episodes are: some are told where the target is, and some look at nothing.\n"
+
+
+def _tables(entries: Sequence[Verification]) -> str:
+    """Return a table for each agent and suite, the paper's agent first."""
+    tables = []
+    for agent in sorted({_agent(entry) for entry in entries}, key=lambda agent: (agent != PAPER, agent)):
+        by = "" if agent == PAPER else f", by the agent {escaped(agent)}"
+        tables += _by_one_agent([entry for entry in entries if _agent(entry) == agent], by)
+    return "\n".join(tables)
+
+
+def _agent(entry: Verification) -> str:
+    return agent_name(entry.settings.get("agent"))
+
+
+def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
+    """Return a table for each suite, and last one of partial entries."""
+    complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
+    tables = []
+    for suite, title in SUITE_TITLES.items():
+        if members := [entry for entry in complete if entry.suite == suite]:
+            tables.append(_table(title + by, members))
+    partial = [entry for entry in entries if entry not in complete]
+    if partial:
+        tables.append(_table(f"Partial{by}: no whole suite, or not all scored; not to be compared", partial))
+    return tables
+
+
+def _table(title: str, entries: Sequence[Verification]) -> str:
+    cells = [cell for cell in CELLS if any(cell in entry.cells for entry in entries)]
+    columns = (words("Entry"), *map(numbers, ("Flights", *(HEADS[cell] for cell in cells), "SR", "of", "95 %")))
+    ordered = sorted(entries, key=lambda entry: (-(_rate(entry.cells.values()) or 0.0), entry.name))
+    table = table_of(columns, (_cells(entry, cells) for entry in ordered))
+    return as_markdown(replace(table, title=title), level=3)
+
+
+def _cells(entry: Verification, cells: Sequence[str]) -> list[CellValue | TableCell]:
+    scores = entry.cells.values()
+    scored = sum(score.scored for score in scores)
+    rates = (_percent([entry.cells[cell]]) if cell in entry.cells else None for cell in cells)
+    low, high = entry.interval
+    return [
+        TableCell(value=entry.name, link=f"#{_anchor(entry)}"),
+        str(entry.flights),
+        *rates,
+        TableCell(value=_percent(scores), best=True),
+        str(scored),
+        f"{100.0 * low:.1f} – {100.0 * high:.1f}" if scored else "–",
+    ]
+
+
+def _rate(scores: Collection[CellScore]) -> float | None:
+    """Return the success rate over these cells, 0 … 1; None without scored flights."""
+    scored = sum(score.scored for score in scores)
+    return sum(score.successes for score in scores) / scored if scored else None
+
+
+def _percent(scores: Collection[CellScore]) -> str:
+    rate = _rate(scores)
+    return "–" if rate is None else f"{100.0 * rate:.1f}"
+
+
+def _about(entry: Verification) -> str:
+    pilot = f"`{_code(entry.pilot)}`"
+    kind = (
+        f"The model {pilot}"
+        if entry.is_model
+        else f"The built-in pilot {pilot}, no model: it {pilot_description(entry.pilot) or 'is built in'}"
+    )
+    lines = [f"### {_heading(entry)}\n", f"{kind}. {escaped(entry.note)}".rstrip() + "\n"]
+    if entry.partial:
+        lines.append(f"**Partial**: {escaped(entry.partial)}.\n")
+    settings = ", ".join(f"{name} `{_code(_plain(value))}`" for name, value in entry.settings.items())
+    lines.append(f"- {settings}; dronecats {escaped(entry.dronecats)}")
+    lines.append(f"- archive of {entry.archive_bytes} bytes, SHA-256 `{entry.archive_sha256}`")
+    lines += [f"- not checked: {escaped(sentence)}" for sentence in entry.unchecked]
+    return "\n".join(lines) + "\n"
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(f"{key} {_plain(item)}" for key, item in value.items() if item is not None)
+    return str(value)
+
+
+def _heading(entry: Verification) -> str:
+    return f"{escaped(entry.name)} {entry.archive_sha256[:8]}"
+
+
+def _anchor(entry: Verification) -> str:
+    """Return the anchor that GitHub makes of an entry's heading."""
+    heading = f"{entry.name} {entry.archive_sha256[:8]}".lower()
+    return "".join(letter for letter in heading if letter.isalnum() or letter in " -_").replace(" ", "-")
+
+
+def _code(text: str) -> str:
+    return "".join(letter if letter.isprintable() and letter != "`" else "�" for letter in text)

@@ -1,0 +1,329 @@
+"""Draws the figures of the report: three bar figures, the served rate, and the grid of episodes.
+
+They fit a page's width, and are distinguishable in grey and for colour-blind readers.
+"""
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from dronecats.report import report_data
+from dronecats.report.report_data import BUILT_IN, MODELS, ReportData, titled
+from dronecats.report.table import ReportTable, TableCell, TableRow, rounded
+from dronecats.report.tables.measures import QUANTILES
+from episodes.records.record import CELLS
+from foundation.errors import InfrastructureError
+
+WIDTH_IN = 6.9  # a page's text, in inches
+FORMATS = ("svg", "pdf", "png")
+# Okabe and Ito's colours, in an order in which neighbours differ in lightness too
+BLUE, ORANGE, SKY, VERMILION, GREEN, YELLOW, PURPLE = (
+    "#0072B2", "#E69F00", "#56B4E9", "#D55E00", "#009E73", "#F0E442", "#CC79A7",
+)  # fmt: skip
+INK, GREY, LIGHT = "#222222", "#8C8C8C", "#DDDDDD"
+SETTINGS: dict[str, Any] = {
+    "font.size": 8.0,
+    "axes.titlesize": 8.0,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": GREY,
+    "axes.linewidth": 0.6,
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "hatch.linewidth": 0.6,
+    "legend.frameon": False,
+    "pdf.fonttype": 42,  # text as text, which a publisher wants
+    "svg.fonttype": "path",
+    "svg.hashsalt": "dronecats",  # the same report twice is the same file
+    "savefig.dpi": 200,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class FigureLine:
+    """A line of a figure: a row of its table at a height."""
+
+    row: TableRow
+    y: float  # downwards, in lines
+
+
+@contextmanager
+def styled() -> Iterator[None]:
+    """Draw in this style."""
+    import matplotlib as mpl
+
+    with mpl.rc_context(SETTINGS):
+        yield
+
+
+def lines(table: ReportTable) -> tuple[list[FigureLine], list[tuple[str, float]]]:
+    """Return the rows and the blocks' titles with their heights; a title is above its block."""
+    rows, heads, y = [], [], 0.0
+    for block in table.blocks:
+        if block.title:
+            heads.append((block.title, y))
+            y += 0.8
+        for row in block.rows:
+            rows.append(FigureLine(row, y))
+            y += 1.0
+        y += 0.3
+    return rows, heads
+
+
+def canvas(height_in: float, width_in: float = WIDTH_IN) -> Any:
+    """Return an empty figure of this size, without a window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    drawing = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(drawing)
+    return drawing
+
+
+def figure(height_lines: float, line_in: float = 0.26, below_in: float = 0.75) -> tuple[Any, Any]:
+    """Return a figure for so many lines, and its one axis."""
+    drawing = canvas(height_lines * line_in + below_in)
+    return drawing, drawing.add_subplot()
+
+
+def named(axis: Any, rows: Sequence[FigureLine], heads: Sequence[tuple[str, float]]) -> None:
+    """Write the lines' names and the blocks' titles on the left."""
+    axis.set_yticks([line.y for line in rows], [str(line.row.cells[0].value) for line in rows])
+    axis.tick_params(axis="y", length=0, pad=6)
+    for title, y in heads:
+        axis.annotate(title, (0.0, y), xytext=(-6, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+                      ha="right", va="center", style="italic", color=GREY)  # fmt: skip
+    bottom = max(line.y for line in rows) + 0.6
+    axis.set_ylim(bottom, min([line.y - 0.6 for line in rows] + [y - 0.4 for _, y in heads]))
+
+
+def save(drawing: Any, out: Path, name: str) -> Path:
+    """Write the figure as SVG, PDF and PNG, and return the PNG's path. Raises InfrastructureError."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        for kind in FORMATS:
+            metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None, "ModDate": None}, "png": {}}[kind]
+            drawing.savefig(out / f"{name}.{kind}", metadata=metadata)
+    except OSError as full:
+        raise InfrastructureError(f"the figure {out / name} cannot be written: {full.strerror}") from None
+    return out / f"{name}.png"
+
+
+NESTED = (  # column of the table, title, colour
+    ("approaching_oracle_success_percent", "came within the radius", SKY),
+    ("approaching_declared_percent", "declared arrival", ORANGE),
+    ("approaching_success_percent", "succeeded", BLUE),
+)
+MODE_COLOURS = (BLUE, VERMILION, ORANGE, PURPLE, GREEN, SKY, LIGHT, "#FFFFFF")
+DRONE_COLOURS = (BLUE, VERMILION, ORANGE, LIGHT)
+LABELLED = 7.0  # %, the narrowest segment with its number in it
+
+
+@dataclass(frozen=True, slots=True)
+class BarSegment:
+    """A kind of segment of a stacked bar."""
+
+    column: str
+    title: str
+    colour: str
+
+
+def nested(table: ReportTable) -> Any:
+    """Return the figure of the table `approaching`: each entrant's rates of reaching, declaring and succeeding."""
+    rows, heads = lines(table)
+    drawing, axis = figure(rows[-1].y + 1.0, line_in=0.36)
+    for k, (column, title, colour) in enumerate(NESTED):
+        cells = [cell(table, line.row, column) for line in rows]
+        heights = [line.y + 0.26 * (k - 1) for line in rows]
+        axis.barh(heights, [number(c) for c in cells], height=0.24, color=colour, label=title)
+        for c, y in zip(cells, heights, strict=True):
+            if c.low is not None and c.high is not None:
+                axis.plot([c.low, c.high], [y, y], color=INK, linewidth=0.9, solid_capstyle="butt")
+    named(axis, rows, heads)
+    _percent(axis, "% of the flights of approaching; lines: 95 % intervals")
+    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return drawing
+
+
+def modes(table: ReportTable) -> Any:
+    """Return the figure of the table `failures`: a bar for each entrant, divided by failure modes."""
+    colours = zip(report_data.MODES, MODE_COLOURS, strict=True)
+    ways = [BarSegment(mode.column, mode.title, colour) for mode, colour in colours]
+    drawing, axis = _stacked(table, ways)
+    _percent(axis, "% of the one-drone flights")
+    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return drawing
+
+
+def decomposition(table: ReportTable) -> Any:
+    """Return the figure of the table `drones`: outcomes of drones as bars, the episodes won as diamonds."""
+    colours = zip(report_data.DRONES, DRONE_COLOURS, strict=True)
+    drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
+    rows, _ = lines(table)
+    won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
+    below = [line.y + 0.36 for line in rows]  # on the bar's edge, where no number stands
+    axis.plot(won, below, "D", color="white", markeredgecolor=INK, markersize=4.5, label="Episodes won",
+              linestyle="", clip_on=False, zorder=5)  # fmt: skip
+    _percent(axis, "% of the drones; diamonds: % of the episodes")
+    drawing.legend(*axis.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    return drawing
+
+
+def cell(table: ReportTable, row: TableRow, name: str) -> TableCell:
+    """Return a row's cell by the name of its column."""
+    return row.cells[[column_.name for column_ in table.columns].index(name)]
+
+
+def number(value_cell: TableCell) -> float:
+    """Return a cell's number, 0 where there is none."""
+    return float(value_cell.value) if isinstance(value_cell.value, int | float) else 0.0
+
+
+def _stacked(table: ReportTable, ways: Sequence[BarSegment]) -> tuple[Any, Any]:
+    rows, heads = lines(table)
+    drawing, axis = figure(rows[-1].y + 1.0, below_in=0.95)
+    begins = [0.0] * len(rows)
+    for way in ways:
+        widths = [number(cell(table, line.row, way.column)) for line in rows]
+        if not any(widths):
+            continue
+        axis.barh([line.y for line in rows], widths, left=begins, height=0.72, color=way.colour, label=way.title,
+                  edgecolor=GREY if way.colour == "#FFFFFF" else "white", linewidth=0.6)  # fmt: skip
+        dark = way.colour in (BLUE, VERMILION, GREEN)
+        for line, begin, width in zip(rows, begins, widths, strict=True):
+            if width >= LABELLED:
+                axis.text(begin + width / 2, line.y, rounded(width, 0), ha="center", va="center", fontsize=7,
+                          color="white" if dark else INK)  # fmt: skip
+        begins = [begin + width for begin, width in zip(begins, widths, strict=True)]
+    named(axis, rows, heads)
+    return drawing, axis
+
+
+def _percent(axis: Any, label: str) -> None:
+    axis.set_xlim(0, 100)
+    axis.set_xlabel(label)
+
+
+def rates(table: ReportTable) -> Any:
+    """Return the figure of the table `served`: whiskers from 5 to 95 %, the box from 25 to 75, a line at the median."""
+    rows, heads = lines(table)
+    drawing, axis = figure(rows[-1].y + 1.0, below_in=0.6)
+    for line in rows:
+        values = [cell(table, line.row, f"rate_{q}_hz").value for q in QUANTILES]
+        low, begin, middle, end, high = (float(value) for value in values if isinstance(value, int | float))
+        axis.plot([low, high], [line.y, line.y], color=INK, linewidth=0.8)
+        axis.barh(line.y, end - begin, left=begin, height=0.5, color=SKY, edgecolor=INK, linewidth=0.6, zorder=3)
+        axis.plot([middle, middle], [line.y - 0.25, line.y + 0.25], color=INK, linewidth=1.6, zorder=4)
+    named(axis, rows, heads)
+    axis.set_xlim(left=0.0)
+    axis.set_xlabel("decisions per second of vehicle time: 5, 25, 50, 75 and 95 % of the steps")
+    return drawing
+
+
+SIDE = 0.84  # of a square
+
+
+def episode_grid(data: ReportData) -> Any:
+    """Return the grid: a line for each entrant, a column for each episode, filled by the share of flights solved."""
+    order = {cell: k for k, cell in enumerate(CELLS)}
+    episodes = {
+        flight.episode: (order.get(flight.cell, len(CELLS)), flight.map, flight.episode) for flight in data.episodes
+    }
+    columns = sorted(episodes, key=lambda name: episodes[name])
+    lines, heads, y = [], [], 0.0
+    for title, is_model in ((MODELS, True), (BUILT_IN, False)):
+        members = [entrant for entrant in data.entrants if entrant.is_model is is_model]
+        if members:
+            heads.append((title, y))
+            y += 0.9
+        for entrant in members:
+            lines.append((entrant, y))
+            y += 1.0
+    drawing, axis = figure(y + 0.5, line_in=0.24, below_in=1.15)
+    for entrant, height in lines:
+        for x, name in enumerate(columns):
+            _grid_square(
+                axis, x, height, entrant.by_episode.get(name), any(e.episode == name for e in entrant.episodes)
+            )
+    _grid_groups(axis, [(episodes[name][0], episodes[name][1]) for name in columns], y)
+    axis.set_yticks([height for _, height in lines], [entrant.label for entrant, _ in lines])
+    axis.tick_params(axis="both", length=0)
+    for title, height in heads:
+        axis.annotate(title, (0.0, height), xytext=(-4, 0), xycoords=("axes fraction", "data"), ha="right",
+                      textcoords="offset points", va="center", style="italic", color=GREY)  # fmt: skip
+    axis.set_xlim(-0.7, len(columns) - 0.3)
+    axis.set_ylim(y - 0.3, -0.6)
+    for spine in axis.spines.values():
+        spine.set_visible(False)
+    drawing.legend(handles=_grid_keys(), loc="outside lower center", ncols=4)
+    return drawing
+
+
+def _grid_square(axis: Any, x: int, y: float, scored: Any, tried: bool) -> None:
+    """Draw one entrant's flights of one episode."""
+    from matplotlib.patches import Rectangle
+
+    if scored:
+        share = sum(flight.success for flight in scored) / len(scored)
+        filled = SIDE * share  # from below
+        for top, height, colour in ((-SIDE / 2, SIDE - filled, LIGHT), (SIDE / 2 - filled, filled, BLUE)):
+            if height > 0:
+                axis.add_patch(Rectangle((x - SIDE / 2, y + top), SIDE, height, facecolor=colour, linewidth=0))
+    elif tried:
+        axis.plot(x, y, "x", color=VERMILION, markersize=3, markeredgewidth=0.8)
+
+
+def _grid_groups(axis: Any, groups: list[tuple[int, str]], bottom: float) -> None:
+    """Name the columns by cell and map, with a line between."""
+    ticks, labels = [], []
+    begin = 0
+    for end in range(1, len(groups) + 1):
+        if end == len(groups) or groups[end] != groups[begin]:
+            cell, map_ = groups[begin]
+            ticks.append((begin + end - 1) / 2)
+            labels.append(f"{titled(CELLS[cell]) if cell < len(CELLS) else 'Other'}\n{map_}")
+            if end < len(groups):
+                thick = groups[end][0] != cell
+                axis.axvline(end - 0.5, color=GREY, linewidth=0.9 if thick else 0.3)
+            begin = end
+    axis.set_xticks(ticks, labels, rotation=45, ha="right", rotation_mode="anchor", fontsize=7)
+
+
+def _grid_keys() -> list[Any]:
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    return [
+        Patch(facecolor=BLUE, label="solved (filled by the share of flights)"),
+        Patch(facecolor=LIGHT, label="not solved"),
+        Line2D([], [], marker="x", color=VERMILION, linestyle="", markersize=4, label="not scored"),
+    ]
+
+
+GRID = "episode_by_episode"  # a figure of no table
+OF_TABLES = {  # table → its figure's name and function
+    "approaching": ("reach_declare_succeed", nested),
+    "failures": ("failure_modes", modes),
+    "drones": ("commanding_by_drone", decomposition),
+    "served": ("served_rate", rates),
+}
+
+
+def draw(data: ReportData, tables: Sequence[ReportTable], out: Path) -> dict[str, Path]:
+    """Draw the figures as SVG, PDF and PNG; return the PNG of each table with a figure, and GRID's.
+
+    Raises InfrastructureError.
+    """
+    drawn = {}
+    with styled():
+        for table in tables:
+            if table.name in OF_TABLES and table.rows:
+                name, draw_table = OF_TABLES[table.name]
+                drawn[table.name] = save(draw_table(table), out, name)
+        if data.episodes:
+            drawn[GRID] = save(episode_grid(data), out, GRID)
+    return drawn
