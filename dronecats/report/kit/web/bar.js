@@ -1,37 +1,37 @@
-// The bar on top of a page: the theme, light, dark or as the system has it, and the way past the bar.
-// The browser keeps the choice, for a page on a disk too.
+// The bar on top of a page: the theme (light, dark, or the system's) and the link that skips the bar.
+// The browser stores the choice, for a page on a disk too.
 
 const NEXT = { auto: "dark", dark: "light", light: "auto" };
-const KEPT = "dronecats-theme";
+const STORAGE_KEY = "dronecats-theme";
 
-function kept() {
+function storedTheme() {
   try {
-    return localStorage.getItem(KEPT) || "auto";
+    return localStorage.getItem(STORAGE_KEY) || "auto";
   } catch {
     return "auto";
   }
 }
 
-function wear(theme) {
-  const known = NEXT[theme] ? theme : "auto";
-  if (known === "auto") delete document.documentElement.dataset.theme;
-  else document.documentElement.dataset.theme = known;
+function applyTheme(theme) {
+  const valid = NEXT[theme] ? theme : "auto";
+  if (valid === "auto") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = valid;
   const button = document.getElementById("theme");
-  button.textContent = { auto: "◐", dark: "●", light: "○" }[known];
-  button.title = `Theme: ${known}`;
-  button.setAttribute("aria-label", `Theme: ${known}. Change it`);
+  button.textContent = { auto: "◐", dark: "●", light: "○" }[valid];
+  button.title = `Theme: ${valid}`;
+  button.setAttribute("aria-label", `Theme: ${valid}. Change it`);
   button.hidden = false;
   try {
-    localStorage.setItem(KEPT, known);
+    localStorage.setItem(STORAGE_KEY, valid);
   } catch {
-    // a browser that keeps nothing shows what the system has when it opens
+    // without storage the page opens with the system's theme
   }
 }
 
 export function nextTheme() {
-  wear(NEXT[kept()] || "auto");
+  applyTheme(NEXT[storedTheme()] || "auto");
 }
 
 document.getElementById("theme").addEventListener("click", nextTheme);
 document.getElementById("skip").addEventListener("click", () => document.getElementById("main").focus());
-wear(kept());
+applyTheme(storedTheme());

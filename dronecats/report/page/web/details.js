@@ -1,20 +1,20 @@
-// The words of one decision: what was asked, answered and done; and apart from it what only the judge knows.
+// The facts of one decision: prompt, reply and action, and apart from them the judge's measurements.
 
 import { el } from "./dom.js";
 import { kindOf, measured, number } from "./words.js";
 
 export function details(flight, step) {
   if (!step) return el("section", { class: "facts" }, el("p", { class: "quiet" }, "No decision is in the log."));
-  return el("section", { class: "facts" }, decided(flight, step), judged(flight, step), said(flight, step));
+  return el("section", { class: "facts" }, decisionSection(flight, step), judgeSection(flight, step), replySection(flight, step));
 }
 
-function decided(flight, step) {
-  const who = flight.drones > 1 ? `, drone ${step.drone + 1}` : "";
+function decisionSection(flight, step) {
+  const drone = flight.drones > 1 ? `, drone ${step.drone + 1}` : "";
   const tokens = step.tokens_in === undefined && step.tokens_out === undefined ? null : `${step.tokens_in ?? "?"} in, ${step.tokens_out ?? "?"} out`;
   return el(
     "div",
     { class: "decided" },
-    el("h2", {}, `Step ${step.step}${who}`),
+    el("h2", {}, `Step ${step.step}${drone}`),
     el("p", { class: `action ${kindOf(step)}` }, step.does),
     step.error ? el("p", { class: "fault" }, step.error) : null,
     list([
@@ -32,21 +32,21 @@ function decided(flight, step) {
   );
 }
 
-function judged(flight, step) {
-  const at = step.truth;
-  const seen = at && at.visible !== undefined ? (at.visible ? `yes${at.share === undefined ? "" : `, ${number(100 * at.share, 0)} % of it`}` : "no") : null;
-  const verdict = at && at.qualifies !== undefined ? (at.qualifies ? "counts: near enough, and in view" : "does not count") : null;
+function judgeSection(flight, step) {
+  const truth = step.truth;
+  const seen = truth && truth.visible !== undefined ? (truth.visible ? `yes${truth.share === undefined ? "" : `, ${number(100 * truth.share, 0)} % of it`}` : "no") : null;
+  const verdict = truth && truth.qualifies !== undefined ? (truth.qualifies ? "counts: near enough, and in view" : "does not count") : null;
   return el(
     "div",
     { class: "judge" },
     el("h3", {}, flight.estimated ? "The autopilot’s own estimate" : "The judge’s", el("span", { class: "tag" }, "the model never saw this")),
-    at
+    truth
       ? list([
-          ["Distance", measured(at.distance, "m", 2)],
-          ["… to its box", at.box === undefined ? null : measured(at.box, "m", 2)],
+          ["Distance", measured(truth.distance, "m", 2)],
+          ["… to its box", truth.box === undefined ? null : measured(truth.box, "m", 2)],
           ["In view", seen],
-          ["Bearing", bearing(at.bearing)],
-          ["True depth", at.depth === undefined ? null : measured(at.depth, "m", 2)],
+          ["Bearing", bearing(truth.bearing)],
+          ["True depth", truth.depth === undefined ? null : measured(truth.depth, "m", 2)],
           ["Declaration", verdict],
         ])
       : el("p", { class: "quiet" }, "This picture was not measured."),
@@ -55,11 +55,11 @@ function judged(flight, step) {
 
 function bearing(degrees) {
   if (degrees === undefined) return null;
-  const whole = Math.round(Math.abs(degrees));
-  return whole ? `${whole}° ${degrees < 0 ? "left" : "right"}` : "ahead";
+  const degreesShown = Math.round(Math.abs(degrees));
+  return degreesShown ? `${degreesShown}° ${degrees < 0 ? "left" : "right"}` : "ahead";
 }
 
-function said(flight, step) {
+function replySection(flight, step) {
   const reply = flight.text(step.reply);
   const prompt = flight.prompt(step);
   const missing = step.confirmed_by === undefined
@@ -87,36 +87,36 @@ export function exchangesOf(flight, move) {
     "section",
     { class: "exchanges" },
     el("h2", {}, "The commander"),
-    flight.exchanges.map((each) =>
+    flight.exchanges.map((exchange) =>
       el(
         "details",
         {},
         el(
           "summary",
           {},
-          `${number(each.asked, 1)} s: ${each.causes.join(", ")} → ${summary(each)}`,
+          `${number(exchange.asked, 1)} s: ${exchange.causes.join(", ")} → ${summary(exchange)}`,
         ),
-        el("button", { type: "button", class: "tool", onclick: () => move(each.asked) }, "Go to this time"),
+        el("button", { type: "button", class: "tool", onclick: () => move(exchange.asked) }, "Go to this time"),
         list([
-          ["Model", each.model],
-          ["Answered", measured(each.answered, "s", 2)],
-          ["Latency", measured(each.latency, "s", 2)],
-          ["Orders", each.orders.length ? each.orders.join("; ") : null],
-          ["Confirms", each.confirms.length ? each.confirms.map((drone) => `drone ${drone + 1}`).join(", ") : null],
-          ["Changed nothing", each.error],
+          ["Model", exchange.model],
+          ["Answered", measured(exchange.answered, "s", 2)],
+          ["Latency", measured(exchange.latency, "s", 2)],
+          ["Orders", exchange.orders.length ? exchange.orders.join("; ") : null],
+          ["Confirms", exchange.confirms.length ? exchange.confirms.map((drone) => `drone ${drone + 1}`).join(", ") : null],
+          ["Changed nothing", exchange.error],
         ]),
-        each.reply === undefined ? null : el("pre", { tabindex: "0" }, each.reply),
-        each.prompt === undefined ? null : el("details", { class: "prompt" }, el("summary", {}, "Prompt"), el("pre", { tabindex: "0" }, each.prompt)),
+        exchange.reply === undefined ? null : el("pre", { tabindex: "0" }, exchange.reply),
+        exchange.prompt === undefined ? null : el("details", { class: "prompt" }, el("summary", {}, "Prompt"), el("pre", { tabindex: "0" }, exchange.prompt)),
       ),
     ),
   );
 }
 
-function summary(each) {
+function summary(exchange) {
   const words = [];
-  if (each.orders.length) words.push(`${each.orders.length} ${each.orders.length > 1 ? "orders" : "order"}`);
-  if (each.confirms.length) words.push(`confirms ${each.confirms.map((drone) => `drone ${drone + 1}`).join(", ")}`);
-  return words.join(", ") || (each.reply === undefined ? "no reply in time" : "nothing");
+  if (exchange.orders.length) words.push(`${exchange.orders.length} ${exchange.orders.length > 1 ? "orders" : "order"}`);
+  if (exchange.confirms.length) words.push(`confirms ${exchange.confirms.map((drone) => `drone ${drone + 1}`).join(", ")}`);
+  return words.join(", ") || (exchange.reply === undefined ? "no reply in time" : "nothing");
 }
 
 export function list(pairs) {

@@ -1,11 +1,11 @@
-// Questions to a flight: what was newest, and where everybody was, at a time.
+// The state of a flight at a time: newest decisions, poses, target.
 
 export class Flight {
   constructor(episode, data) {
     this.episode = episode;
     this.rendered = episode.rendered;
     Object.assign(this, data);
-    // a moment is a step with its picture's time; a fleet under one mind decides several things in one
+    // a moment is a step with its picture's time; a joint step of a fleet has several decisions
     const moments = new Map();
     data.steps.forEach((step, place) => {
       if (!moments.has(step.step)) moments.set(step.step, { step: step.step, t: step.t, drone: step.drone, places: [] });
@@ -27,22 +27,22 @@ export class Flight {
   }
 
   momentAt(t) {
-    let found = 0;
-    while (found + 1 < this.moments.length && this.moments[found + 1].t <= t + 1e-9) found += 1;
-    return found;
+    let index = 0;
+    while (index + 1 < this.moments.length && this.moments[index + 1].t <= t + 1e-9) index += 1;
+    return index;
   }
 
-  // of each drone its newest decision up to a moment; before its first, that
+  // the newest decision of each drone up to a moment, or its first
   newest(moment) {
     const shown = new Array(this.drones).fill(null);
     for (const { places } of this.moments.slice(0, moment + 1)) {
       for (const place of places) shown[this.steps[place].drone] = this.steps[place];
     }
-    return shown.map((step, drone) => step || this.steps.find((each) => each.drone === drone) || null);
+    return shown.map((step, drone) => step || this.steps.find((candidate) => candidate.drone === drone) || null);
   }
 
   pose(drone, t) {
-    const trace = this.traces.find((each) => each.drone === drone);
+    const trace = this.traces.find((candidate) => candidate.drone === drone);
     if (!trace || !trace.t.length) return null;
     const [i, j, u] = between(trace.t, t);
     return {
@@ -60,7 +60,7 @@ export class Flight {
     return { north: mix(this.path.north[i], this.path.north[j], u), east: mix(this.path.east[i], this.path.east[j], u) };
   }
 
-  // where a go's point lies at its own depth, from above
+  // the place of a go's point at its depth, from above
   aim(step) {
     const { action, truth } = step;
     if (!action || action.action !== "go" || !truth || truth.yaw === undefined || truth.north === undefined) return null;

@@ -1,4 +1,4 @@
-// The keyboard: one table of what each key does, and the help that is made from it.
+// The keyboard: a table of keys and actions, from which the help is made.
 
 import { el } from "./dom.js";
 import { nextTheme } from "./bar.js";
@@ -19,7 +19,7 @@ const KEYS = [
   ["?", "this help", ["?"], () => help()],
 ];
 
-// current(): the view; up(): one floor higher
+// current(): the view; up(): go one level up
 export function listen(current, up) {
   const acts = new Map(KEYS.flatMap(([, , names, act]) => names.map((name) => [name, act])));
   document.addEventListener("keydown", (event) => {

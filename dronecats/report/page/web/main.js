@@ -1,4 +1,4 @@
-// The page: shows what the address names, and keeps the address true.
+// The page: shows the view of the address, and updates the address.
 
 import { el, link } from "./dom.js";
 import { entrantView } from "./entrant.js";
@@ -10,26 +10,26 @@ import { episodeAt, index } from "./store.js";
 
 const main = document.getElementById("main");
 let view = { keys: {} };
-let shown = null; // address of what is shown
-let asked = 0;
+let shown = null; // address of the view
+let requests = 0;
 
 async function show() {
   const route = parsed(location.hash);
   if (view.stop) view.stop();
   shown = location.hash;
-  asked += 1;
-  const mine = asked;
-  let made;
+  requests += 1;
+  const request = requests;
+  let next;
   try {
-    if (route.view === "report") made = reportView();
-    else if (route.view === "entrant") made = entrantView(route);
-    else made = await flightView(route, place);
+    if (route.view === "report") next = reportView();
+    else if (route.view === "entrant") next = entrantView(route);
+    else next = await flightView(route, place);
   } catch (error) {
-    made = { element: el("p", { class: "fault" }, error.message), title: "Not here", keys: {} };
+    next = { element: el("p", { class: "fault" }, error.message), title: "Not here", keys: {} };
   }
-  if (mine !== asked) return; // somebody has gone on meanwhile
-  const moved = view.title !== undefined && view.title !== made.title;
-  view = made;
+  if (request !== requests) return; // a newer request has begun
+  const moved = view.title !== undefined && view.title !== next.title;
+  view = next;
   document.title = `${view.title} · DroneCATS`;
   trail(route);
   main.replaceChildren(view.element);
@@ -39,10 +39,10 @@ async function show() {
     window.scrollTo(0, 0);
     main.focus({ preventScroll: true });
   }
-  document.documentElement.dataset.ready ??= Math.round(performance.now()); // ms until something could be done
+  document.documentElement.dataset.ready ??= Math.round(performance.now()); // ms until the page was usable
 }
 
-// the step of a flight changes under one's fingers: no entry in the history for each
+// a step of a flight makes no entry in the browser's history
 function place(hash) {
   if (hash === location.hash) return;
   shown = hash;
@@ -59,7 +59,7 @@ function above(route) {
 function trail(route) {
   const stops = [["Report", "#"]];
   const episode = route.view === "flight" ? episodeAt(route.run, route.episode) : null;
-  const entrant = episode ? index.entrants[episode.entrant] : index.entrants.find((each) => each.key === route.entrant);
+  const entrant = episode ? index.entrants[episode.entrant] : index.entrants.find((candidate) => candidate.key === route.entrant);
   const cell = episode ? episode.cell : route.cell;
   if (entrant) stops.push([entrant.title, toEntrant(entrant.key)]);
   if (entrant && cell) stops.push([cell, toEntrant(entrant.key, cell)]);

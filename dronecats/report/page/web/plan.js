@@ -1,4 +1,4 @@
-// The map from above: traces, target, what the cameras see, the radius around the target. North is up; metres.
+// The map from above: traces, target, fields of view, the radius around the target. North is up; metres.
 
 import { drawn, el } from "./dom.js";
 import { number } from "./words.js";
@@ -41,12 +41,12 @@ export class Plan {
     const [west, top, wide, high] = frame;
     this.u = wide / 100; // m: a hundredth of the picture
     this.svg.setAttribute("viewBox", frame.map((x) => x.toFixed(2)).join(" "));
-    this.svg.setAttribute("aria-label", this.told(t));
+    this.svg.setAttribute("aria-label", this.description(t));
     this.svg.replaceChildren(
       ...this.floor(west, top, wide, high),
-      ...this.sides.flatMap((one, place) => this.flown(one, place, t)),
+      ...this.sides.flatMap((side) => this.paths(side, t)),
       ...this.goal(t),
-      ...this.sides.flatMap((one, place) => this.now(one, place, t)),
+      ...this.sides.flatMap((side, place) => this.drones(side, place, t)),
       ...this.scale(west, top, wide, high),
     );
   }
@@ -77,7 +77,7 @@ export class Plan {
     return lines;
   }
 
-  flown({ flight, side }, place, t) {
+  paths({ flight, side }, t) {
     const marks = [];
     for (const trace of flight.traces) {
       const points = trace.east.map((east, i) => `${east},${-trace.north[i]}`);
@@ -94,9 +94,9 @@ export class Plan {
       );
     }
     for (const step of flight.steps) {
-      const at = step.truth;
-      if (!at || at.qualifies === undefined || at.north === undefined || step.decided > t + 0.05) continue;
-      marks.push(this.declared(at.east, -at.north, at.qualifies));
+      const { truth } = step;
+      if (!truth || truth.qualifies === undefined || truth.north === undefined || step.decided > t + 0.05) continue;
+      marks.push(this.declared(truth.east, -truth.north, truth.qualifies));
     }
     return marks;
   }
@@ -129,7 +129,7 @@ export class Plan {
     return marks;
   }
 
-  now({ flight, side }, place, t) {
+  drones({ flight, side }, place, t) {
     const u = this.u;
     const marks = [];
     for (let drone = 0; drone < flight.drones; drone += 1) {
@@ -155,7 +155,7 @@ export class Plan {
 
   scale(west, top, wide, high) {
     const u = this.u;
-    const length = LENGTHS_M.find((each) => each <= wide * 0.3) || 1;
+    const length = LENGTHS_M.find((candidate) => candidate <= wide * 0.3) || 1;
     const x = west + 2 * u;
     const y = top + high - 2.4 * u;
     const north = west + wide - 3.5 * u;
@@ -167,7 +167,7 @@ export class Plan {
     ];
   }
 
-  told(t) {
+  description(t) {
     const words = this.sides.map(({ flight, side }) => {
       const away = flight.traces.map((trace) => flight.pose(trace.drone, t).distance);
       const list = away.map((m, drone) => `drone ${drone + 1} is ${m === null ? "an unknown way" : `${number(m, 1)} m`} from the target`);
@@ -183,12 +183,12 @@ function colourOf(side, drone) {
 
 function legend(sides) {
   const { flight } = sides[0];
-  const who = sides[0].side
+  const entries = sides[0].side
     ? sides.map(({ side, title }) => el("li", {}, el("i", { class: `line side-${side}` }), `${side.toUpperCase()}: ${title}`))
     : flight.traces.map(({ drone }) => el("li", {}, el("i", { class: `line d${drone % 8}` }), flight.drones > 1 ? `drone ${drone + 1}` : "trace"));
   const sign = (mark, words, tone) => el("li", {}, el("i", { class: `sign ${tone}` }, mark), words);
   return el("ul", { class: "legend" }, [
-    ...who,
+    ...entries,
     flight.path ? sign("◆", `target, ${flight.delta} m around it`, "pink") : null,
     flight.candidates.length ? sign("◇", "look-alikes", "pink") : null,
     sign("+", "where its point and depth lie", ""),
@@ -209,9 +209,9 @@ function bounds(sides) {
       norths.push(...flight.path.north);
       easts.push(...flight.path.east);
     }
-    for (const each of flight.candidates) {
-      norths.push(each.north);
-      easts.push(each.east);
+    for (const lookAlike of flight.candidates) {
+      norths.push(lookAlike.north);
+      easts.push(lookAlike.east);
     }
   }
   if (!norths.length) return { west: -20, south: -15, wide: 40, high: 30 };

@@ -1,18 +1,18 @@
-// The report as a whole: who solved what, the tables, and every episode at a glance.
+// The report: success rates, the tables, and every episode at a glance.
 
 import { el, link } from "./dom.js";
 import { toEntrant, toFlight } from "./route.js";
-import { episodes, index, of, outcomeWords, rate } from "./store.js";
+import { episodes, flightsOf, index, outcomeWords, rate } from "./store.js";
 import { percent } from "./words.js";
 
 export function reportView() {
-  const flown = episodes.length;
+  const count = episodes.length;
   const { of: counted } = rate(episodes);
   const element = el(
     "article",
     {},
     el("h1", {}, "Report"),
-    el("p", { class: "quiet" }, `${flown} flights of ${new Set(episodes.map((each) => each.id)).size} episodes in ${index.runs.length} ${index.runs.length > 1 ? "runs" : "run"}; ${counted} are scored. Made by ${index.made}.`),
+    el("p", { class: "quiet" }, `${count} flights of ${new Set(episodes.map((episode) => episode.id)).size} episodes in ${index.runs.length} ${index.runs.length > 1 ? "runs" : "run"}; ${counted} are scored. Made by ${index.made}.`),
     solved(),
     glance(),
     document.getElementById("tables").content.cloneNode(true),
@@ -28,11 +28,11 @@ function solved() {
       {},
       el("th", { scope: "row" }, link(toEntrant(entrant.key), { "data-row": "" }, entrant.title), entrant.model ? null : el("span", { class: "tag" }, "built-in pilot, no model")),
       heads.map((cell) => {
-        const named = cell === "all" ? "" : cell;
-        const { won, of: counted, all } = rate(of(number, named));
+        const name = cell === "all" ? "" : cell;
+        const { won, of: counted, all } = rate(flightsOf(number, name));
         if (!all) return el("td", { class: "number" }, "–");
         const share = counted ? won / counted : 0;
-        return el("td", { class: "number" }, link(toEntrant(entrant.key, named), { class: "rate", "aria-label": `${entrant.title}, ${cell}: ${won} of ${counted} solved` },
+        return el("td", { class: "number" }, link(toEntrant(entrant.key, name), { class: "rate", "aria-label": `${entrant.title}, ${cell}: ${won} of ${counted} solved` },
           el("b", {}, percent(won, counted)), el("small", {}, `${won}/${counted}`), el("i", { class: "gauge", style: { "--share": share } })));
       }),
     ),
@@ -45,7 +45,7 @@ function solved() {
   );
 }
 
-// made when it is unfolded: as many links as there are flights
+// built on first opening: it has a link for each flight
 function glance() {
   const folded = el("details", { class: "glance" }, el("summary", {}, "Every episode at a glance"));
   folded.addEventListener("toggle", () => folded.childElementCount === 1 && folded.append(el("div", { class: "wide" }, marks())), { once: true });
@@ -53,18 +53,18 @@ function glance() {
 }
 
 function marks() {
-  const ids = [...new Map(episodes.map((each) => [each.id, each.cell])).entries()].sort((a, b) => index.cells.indexOf(a[1]) - index.cells.indexOf(b[1]) || a[0].localeCompare(b[0]));
-  const found = new Map();
-  for (const each of episodes) {
-    const key = `${each.id}\n${each.entrant}`;
-    if (!found.has(key)) found.set(key, []);
-    found.get(key).push(each);
+  const ids = [...new Map(episodes.map((episode) => [episode.id, episode.cell])).entries()].sort((a, b) => index.cells.indexOf(a[1]) - index.cells.indexOf(b[1]) || a[0].localeCompare(b[0]));
+  const byKey = new Map();
+  for (const episode of episodes) {
+    const key = `${episode.id}\n${episode.entrant}`;
+    if (!byKey.has(key)) byKey.set(key, []);
+    byKey.get(key).push(episode);
   }
   return el(
     "table",
     {},
     el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Episode"), index.entrants.map((entrant) => el("th", { scope: "col" }, entrant.title)))),
-    el("tbody", {}, ids.map(([id]) => el("tr", {}, el("th", { scope: "row" }, id), index.entrants.map((_, entrant) => el("td", {}, (found.get(`${id}\n${entrant}`) || []).map(mark)))))),
+    el("tbody", {}, ids.map(([id]) => el("tr", {}, el("th", { scope: "row" }, id), index.entrants.map((_, entrant) => el("td", {}, (byKey.get(`${id}\n${entrant}`) || []).map(mark)))))),
   );
 }
 

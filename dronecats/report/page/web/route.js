@@ -1,4 +1,4 @@
-// Where one is, as the address has it: "", #of/ENTRANT[/CELL], #RUN/EPISODE[/STEP[/OTHER RUN]].
+// The address of a view: "", #of/ENTRANT[/CELL], #RUN/EPISODE[/STEP[/OTHER RUN]].
 
 export function parsed(hash) {
   const parts = hash.replace(/^#/, "").split("/").map(decoded).filter((part) => part !== "");

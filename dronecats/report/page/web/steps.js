@@ -5,19 +5,19 @@ import { details, exchangesOf, list } from "./details.js";
 import { Flight } from "./flight.js";
 import { Plan } from "./plan.js";
 import { toFlight } from "./route.js";
-import { episodeAt, flightOf, index, of, outcomeWords, rivals, runTitle } from "./store.js";
+import { episodeAt, flightOf, flightsOf, index, outcomeWords, rivals, runTitle } from "./store.js";
 import { Timeline } from "./timeline.js";
 import { Views } from "./views.js";
 import { kindOf, metricText, number } from "./words.js";
 
-const PLAYED = 4; // times as fast as it was
+const SPEED = 4; // times real time
 const TICK_MS = 100;
 
 export async function flightView(route, place) {
   const episode = episodeAt(route.run, route.episode);
   if (!episode) return missing(`There is no flight ${route.run}/${route.episode} in this report.`);
   if (!episode.shown) return missing(`${episode.id}, ${runTitle(episode)}: ${episode.error || "its logs are damaged."}`);
-  const other = route.other ? rivals(episode).find((each) => each.runKey === route.other) : null;
+  const other = route.other ? rivals(episode).find((rival) => rival.runKey === route.other) : null;
   const wanted = other ? [episode, other] : [episode];
   const flights = (await Promise.all(wanted.map(flightOf))).map((data, i) => new Flight(wanted[i], data));
   return new FlightView(flights, route, place);
@@ -28,7 +28,7 @@ function missing(words) {
 }
 
 class FlightView {
-  // place(hash): the address has to say where one is
+  // place(hash): called to update the address
   constructor(flights, route, place) {
     this.place = place;
     this.sides = flights.map((flight, i) => ({ flight, side: flights.length > 1 ? "ab"[i] : "", title: runTitle(flight.episode) }));
@@ -43,7 +43,7 @@ class FlightView {
     this.facts = this.sides.map(({ side }) => el("div", { class: `words-of ${side}` }));
     this.steps = this.sides.length === 1 ? this.table(first) : null;
     this.play = el("button", { type: "button", class: "tool", "aria-pressed": "false", onclick: () => this.plays() }, "Play");
-    this.element = this.laid(episode);
+    this.element = this.layout(episode);
     this.keys = {
       next: () => this.go(1), previous: () => this.go(-1), far: (by) => this.go(10 * by),
       first: () => this.moment(0), last: () => this.moment(first.moments.length - 1),
@@ -55,9 +55,9 @@ class FlightView {
     else this.at(0);
   }
 
-  laid(episode) {
+  layout(episode) {
     const alone = this.sides.length === 1;
-    const views = this.views.map((each) => each.element);
+    const views = this.views.map((view) => view.element);
     const facts = this.facts;
     return el(
       "article",
@@ -74,21 +74,21 @@ class FlightView {
   }
 
   head(episode) {
-    const outcome = (one, side) => {
-      const [mark, words] = outcomeWords(one.outcome);
+    const outcome = (flown, side) => {
+      const [mark, words] = outcomeWords(flown.outcome);
       const ne = index.metrics.findIndex((metric) => metric.name === "ne_m");
-      const away = ne < 0 || typeof one.values[ne] !== "number" ? "" : `, ${number(one.values[ne], 1)} m from the target`;
+      const away = ne < 0 || typeof flown.values[ne] !== "number" ? "" : `, ${number(flown.values[ne], 1)} m from the target`;
       return el("p", { class: "outcome-line" }, side ? el("b", { class: `side ${side}` }, side.toUpperCase()) : null,
-        el("span", { class: `outcome ${one.outcome}` }, `${mark} ${words}${one.mode && one.mode !== words ? `: ${one.mode}` : ""}${one.counted ? "" : ", not counted"}`), `${runTitle(one)}${away}${one.error ? `: ${one.error}` : ""}`);
+        el("span", { class: `outcome ${flown.outcome}` }, `${mark} ${words}${flown.mode && flown.mode !== words ? `: ${flown.mode}` : ""}${flown.counted ? "" : ", not counted"}`), `${runTitle(flown)}${away}${flown.error ? `: ${flown.error}` : ""}`);
     };
     const others = rivals(episode);
     this.rival = el(
       "select",
       { id: "rival", onchange: () => { location.hash = toFlight(episode.runKey, episode.key, this.step, this.rival.value); } },
       el("option", { value: "" }, others.length ? "nobody" : "no other run has it"),
-      others.map((each) => {
-        const option = el("option", { value: each.runKey }, `${runTitle(each)}: ${outcomeWords(each.outcome)[1]}`);
-        option.selected = this.sides.length > 1 && each.runKey === this.sides[1].flight.episode.runKey;
+      others.map((other) => {
+        const option = el("option", { value: other.runKey }, `${runTitle(other)}: ${outcomeWords(other.outcome)[1]}`);
+        option.selected = this.sides.length > 1 && other.runKey === this.sides[1].flight.episode.runKey;
         return option;
       }),
     );
@@ -97,7 +97,7 @@ class FlightView {
       "header",
       { class: "head" },
       el("div", {}, el("h1", {}, episode.id), el("p", { class: "told" }, flight.instruction ? `“${flight.instruction}”` : "", el("span", { class: "quiet" }, ` ${[episode.cell, episode.map].filter(Boolean).join(" · ")}`))),
-      el("div", {}, this.sides.map(({ flight: { episode: one }, side }) => outcome(one, side)), el("p", { class: "beside" }, el("label", { for: "rival" }, "Beside it: "), this.rival)),
+      el("div", {}, this.sides.map(({ flight: own, side }) => outcome(own.episode, side)), el("p", { class: "beside" }, el("label", { for: "rival" }, "Beside it: "), this.rival)),
     );
   }
 
@@ -171,10 +171,10 @@ class FlightView {
     this.moment(Math.min(this.moments.length - 1, Math.max(0, this.now + by)));
   }
 
-  moment(place, told = true) {
+  moment(place, addressed = true) {
     if (!this.moments.length) return;
     this.now = place;
-    this.show(this.moments[place].t, told);
+    this.show(this.moments[place].t, addressed);
   }
 
   at(t) {
@@ -188,12 +188,12 @@ class FlightView {
     this.show(this.t, true);
   }
 
-  show(t, told) {
+  show(t, addressed) {
     this.t = t;
     const newest = this.sides.map(({ flight }, i) => flight.newest(i ? flight.momentAt(t) : this.now));
     this.sides.forEach(({ flight }, i) => {
       const moment = flight.moments[i ? flight.momentAt(t) : this.now];
-      // of drones that decide alone, the one whose step it is, unless somebody looks at another
+      // of drones that decide alone, choose that of the step, unless the reader chose another
       const alone = moment && moment.places.length === 1 && flight.drones > 1;
       if (!i && alone && this.stepped !== moment.step) this.chosen = moment.drone;
       const drone = Math.min(this.chosen, flight.drones - 1);
@@ -207,7 +207,7 @@ class FlightView {
     this.step = step;
     this.timeline.show(t, step);
     this.mark(step);
-    if (told) {
+    if (addressed) {
       const { episode } = this.sides[0].flight;
       this.place(toFlight(episode.runKey, episode.key, step, this.sides.length > 1 ? this.sides[1].flight.episode.runKey : ""));
     }
@@ -243,7 +243,7 @@ class FlightView {
     this.play.textContent = "Stop";
     this.play.setAttribute("aria-pressed", "true");
     this.playing = setInterval(() => {
-      const t = this.t + (PLAYED * TICK_MS) / 1000;
+      const t = this.t + (SPEED * TICK_MS) / 1000;
       this.at(Math.min(t, this.timeline.end));
       if (t >= this.timeline.end) this.stop();
     }, TICK_MS);
@@ -258,8 +258,8 @@ class FlightView {
 
   follow(by) {
     const { episode } = this.sides[0].flight;
-    const list = of(episode.entrant, "").filter((each) => each.shown);
-    const next = list[list.findIndex((each) => each.number === episode.number) + by];
+    const list = flightsOf(episode.entrant, "").filter((flight) => flight.shown);
+    const next = list[list.findIndex((flight) => flight.number === episode.number) + by];
     if (next) location.hash = toFlight(next.runKey, next.key);
   }
 }

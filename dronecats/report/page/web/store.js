@@ -1,4 +1,4 @@
-// What the page holds: the index at once, a flight when somebody looks at it.
+// The data of the page: the index at once, a flight on demand.
 
 export const index = JSON.parse(document.getElementById("index").textContent);
 
@@ -8,13 +8,13 @@ export const episodes = index.episodes.map((episode, number) => {
 });
 const byAddress = new Map(episodes.map((episode) => [episode.address, episode]));
 const flights = new Map(); // address → promise of the flight
-const waiting = new Map(); // address → what takes it in
+const waiting = new Map(); // address → function that receives the flight
 
 // called by the files in data/
 window.dronecatsFlight = (address, flight) => {
-  const take = waiting.get(address);
+  const receive = waiting.get(address);
   waiting.delete(address);
-  if (take) take(flight);
+  if (receive) receive(flight);
 };
 
 export function outcomeWords(outcome) {
@@ -25,17 +25,17 @@ export function episodeAt(run, key) {
   return byAddress.get(`${run}/${key}`) || null;
 }
 
-export function of(entrant, cell) {
-  return episodes.filter((each) => each.entrant === entrant && (!cell || each.cell === cell));
+export function flightsOf(entrant, cell) {
+  return episodes.filter((episode) => episode.entrant === entrant && (!cell || episode.cell === cell));
 }
 
-export function rate(some) {
-  const counted = some.filter((each) => each.counted);
-  return { won: counted.filter((each) => each.outcome === "success").length, of: counted.length, all: some.length };
+export function rate(flights) {
+  const counted = flights.filter((flight) => flight.counted);
+  return { won: counted.filter((flight) => flight.outcome === "success").length, of: counted.length, all: flights.length };
 }
 
 export function rivals(episode) {
-  return episodes.filter((each) => each.id === episode.id && each.number !== episode.number && each.shown);
+  return episodes.filter((other) => other.id === episode.id && other.number !== episode.number && other.shown);
 }
 
 export function runTitle(episode) {

@@ -1,4 +1,4 @@
-// Time: a slider under the distance to the target, with a mark for every step.
+// The timeline: a slider below the distance to the target, with a mark for every step.
 
 import { drawn, el } from "./dom.js";
 import { kindOf, measured, number } from "./words.js";
@@ -8,7 +8,7 @@ const HIGH = 100;
 const KINDS = ["none", "think", "rotate", "go", "finished", "bad", "good"];
 
 export class Timeline {
-  // move(t): somebody has chosen a time
+  // move(t): called with a chosen time
   constructor(sides, move) {
     this.sides = sides;
     this.end = Math.max(1, ...sides.map(({ flight }) => flight.end));
@@ -56,13 +56,13 @@ export class Timeline {
 
   marks(flight, side, move) {
     const ticks = drawn("svg", { class: "ticks", viewBox: `0 0 ${WIDE} 10`, preserveAspectRatio: "none", "aria-hidden": "true" });
-    const told = flight.steps.map((step) => {
+    const ticked = flight.steps.map((step) => {
       const good = step.truth ? step.truth.qualifies : undefined;
       return [step, good === undefined ? kindOf(step) : good ? "good" : "bad"];
     });
-    // of what a fleet does at once, the more telling lies on top
-    told.sort((a, b) => KINDS.indexOf(a[1]) - KINDS.indexOf(b[1]));
-    for (const [step, kind] of told) {
+    // of simultaneous decisions of a fleet, the more important is on top
+    ticked.sort((a, b) => KINDS.indexOf(a[1]) - KINDS.indexOf(b[1]));
+    for (const [step, kind] of ticked) {
       const tick = drawn("line", { class: `tick ${kind}`, x1: (WIDE * step.t) / this.end, x2: (WIDE * step.t) / this.end, y1: 0, y2: 10 });
       tick.append(drawn("title", {}, `Step ${step.step}: ${step.does}`));
       tick.addEventListener("click", () => move(step.t));

@@ -1,4 +1,4 @@
-// What the drones saw, each with a ring around the point that was chosen in it.
+// The drones' pictures, each with a ring around the chosen point.
 
 import { el } from "./dom.js";
 import { number } from "./words.js";
@@ -7,7 +7,7 @@ export class Views {
   constructor(flight, side, choose) {
     this.flight = flight;
     const many = flight.drones > 1;
-    this.why = flight.rendered ? "No picture of this step is kept." : "Flown without pictures: the frames were grey.";
+    this.placeholder = flight.rendered ? "No picture of this step is kept." : "Flown without pictures: the frames were grey.";
     this.views = Array.from({ length: flight.drones }, (_, drone) => this.view(drone, side, many, choose));
     this.element = el("div", { class: many ? "views fleet" : "views" }, this.views.map((view) => view.figure));
   }
@@ -34,7 +34,7 @@ export class Views {
     nothing.textContent = "The picture is not where this page looks for it.";
   }
 
-  // newest: of each drone its decision; now: the step that is looked at; chosen: the drone whose words are shown
+  // newest: the decision of each drone; now: the shown step; chosen: the drone whose facts are shown
   show(newest, now, chosen) {
     this.views.forEach((view, drone) => {
       const step = newest[drone];
@@ -52,7 +52,7 @@ export class Views {
     if (!picture) image.removeAttribute("src");
     image.hidden = !picture;
     nothing.hidden = Boolean(picture);
-    nothing.textContent = step ? this.why : "No decision of this drone.";
+    nothing.textContent = step ? this.placeholder : "No decision of this drone.";
     image.alt = step ? `What drone ${step.drone + 1} saw at ${number(step.t, 1)} s` : "";
     const point = step && step.action && step.action.action === "go" ? step.action.point : null;
     ring.hidden = !point;

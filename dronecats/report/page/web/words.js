@@ -1,4 +1,4 @@
-// Numbers and outcomes as people read them.
+// Formats numbers and metrics.
 
 const NOTHING = "–";
 const MINUS = "\u2212";
@@ -21,8 +21,8 @@ export function metricText(metric, value) {
   return metric.unit && metric.unit !== "ratio" ? `${number(value, digits)} ${metric.unit}` : number(value, digits);
 }
 
-export function percent(part, whole) {
-  return whole ? `${Math.round((100 * part) / whole)} %` : NOTHING;
+export function percent(count, total) {
+  return total ? `${Math.round((100 * count) / total)} %` : NOTHING;
 }
 
 export function kindOf(step) {
