@@ -266,18 +266,43 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     if len(estimates.time_us) < 2:
         raise UsageError(f"{record.source} tells no positions of the time of the episode; is it of this flight?")
     path = smooth(estimates, t0_us + np.array([*poses_s, *frames.values()], float) * 1e6)
-    writer = _Rows(record, path, t0_us, target, target_ned)
     head = EstimateHead(
         source=record.source,
         origin=record.origin,
         target=target.as_json() if target else None,
         target_ned=_rounded_place(target_ned),
     )
-    poses = [writer.pose(float(t)) for t in poses_s]
-    seen = [writer.frame(frame_id, drone, t) for (drone, frame_id), t in frames.items()]
+
+    def fields(t: float) -> dict[str, Any] | None:
+        """Return the common fields of poses and frames at an instant (s); None without an estimate."""
+        at_us = t0_us + t * 1e6
+        index = int(np.searchsorted(path.time_us, at_us))
+        if index >= len(path.time_us) or path.time_us[index] != at_us:
+            return None
+        position, std = _vector(path.position_ned[index]), _vector(path.std_m[index])
+        distance: tuple[float | None, float | None] = (None, None)
+        if target is not None and target_ned is not None:
+            distance = target.distance(target_ned, position, std)
+        return {
+            "t": round(t, 6),
+            "position_ned": _rounded_place(position),
+            "position_std_m": _rounded_place(std),
+            "yaw_deg": _rounded_number(record.yaw_deg(at_us)),
+            "target_ned": _rounded_place(target_ned),
+            "distance_m": _rounded_number(distance[0]),
+            "distance_std_m": _rounded_number(distance[1]),
+            "visible": None,  # not measured
+        }
+
+    poses = [EstimatedPose(drone=0, **common) for t in poses_s if (common := fields(float(t)))]
+    seen = [
+        EstimatedFrame(frame_id=frame_id, drone=drone, **common)
+        for (drone, frame_id), t in frames.items()
+        if (common := fields(t))
+    ]
     file = folder / layout.ESTIMATE
     try:
-        write_lines(file, [head, *filter(None, poses), *filter(None, seen)])
+        write_lines(file, [head, *poses, *seen])
     except OSError as error:
         raise UsageError(f"{file} cannot be written: {error.strerror}") from None
     return file
@@ -392,51 +417,6 @@ class _TruePath:
     def at(self, t: float) -> list[float]:
         """Return the position at a time (s): (3,) m, NED in the map's frame."""
         return [float(np.interp(t, self._path[:, 0], self._path[:, axis])) for axis in (1, 2, 3)]
-
-
-class _Rows:
-    """Makes the rows of poses and frames."""
-
-    def __init__(
-        self,
-        record: EstimatorLog,
-        path: SmoothedPath,
-        t0_us: float,
-        target: SurveyedTarget | None,
-        target_ned: Vec3 | None,
-    ) -> None:
-        self._record, self._path, self._t0_us = record, path, t0_us
-        self._target, self._target_ned = target, target_ned
-
-    def pose(self, t: float) -> EstimatedPose | None:
-        """Return the row of an instant (s); None without an estimate."""
-        fields = self._fields(t)
-        return EstimatedPose(t=round(t, 6), drone=0, **fields) if fields else None
-
-    def frame(self, frame_id: int, drone: int, t: float) -> EstimatedFrame | None:
-        """Return the row of a frame taken at an instant (s); None without an estimate."""
-        fields = self._fields(t)
-        return EstimatedFrame(frame_id=frame_id, t=round(t, 6), drone=drone, **fields) if fields else None
-
-    def _fields(self, t: float) -> dict[str, Any] | None:
-        """Return the common fields of poses and frames."""
-        at_us = self._t0_us + t * 1e6
-        index = int(np.searchsorted(self._path.time_us, at_us))
-        if index >= len(self._path.time_us) or self._path.time_us[index] != at_us:
-            return None
-        position, std = _vector(self._path.position_ned[index]), _vector(self._path.std_m[index])
-        distance: tuple[float | None, float | None] = (None, None)
-        if self._target is not None and self._target_ned is not None:
-            distance = self._target.distance(self._target_ned, position, std)
-        return {
-            "position_ned": _rounded_place(position),
-            "position_std_m": _rounded_place(std),
-            "yaw_deg": _rounded_number(self._record.yaw_deg(at_us)),
-            "target_ned": _rounded_place(self._target_ned),
-            "distance_m": _rounded_number(distance[0]),
-            "distance_std_m": _rounded_number(distance[1]),
-            "visible": None,  # nobody measured it
-        }
 
 
 def _surveyed_target(flight: RecordedFlight) -> SurveyedTarget | None:

@@ -6,13 +6,18 @@ FLU (forward, left, up), cameras right-down-forward, quaternions in the order x,
 """
 
 import math
+from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from dronecats.report.recorded.flight import RecordedFlight
+from dronecats.report.recorded.tracks import DroneTracks
+from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_multiply
+from foundation.run_folder.rows import Decision
 
 Array = NDArray[np.float64]
 
@@ -62,6 +67,25 @@ def lon_lat_alt(origin: Vec3, ned: Vec3) -> Vec3:
 def drone_name(number: int) -> str:
     """Return the name of a drone."""
     return f"drone_{number}"
+
+
+def camera_body(drone: DroneTracks) -> str:
+    """Return the body that carries a drone's camera: the estimated one, or without an estimate the true one."""
+    name = drone_name(drone.number)
+    return name if drone.estimate is not None else f"{JUDGE}/{name}"
+
+
+def reply_text(decision: Decision) -> str:
+    """Return the reply of a decision, or without one its action."""
+    return decision.reply if isinstance(decision.reply, str) else str(decision.action)
+
+
+def read_picture(jpeg: Path) -> NDArray[np.uint8]:
+    """Return a picture (h, w, 3), RGB. Raises UsageError when it is damaged."""
+    picture = cv2.imread(str(jpeg), cv2.IMREAD_COLOR_RGB)
+    if picture is None:
+        raise UsageError(f"{jpeg} is damaged: it is no picture")
+    return np.asarray(picture, np.uint8)
 
 
 def about(flight: RecordedFlight) -> dict[str, str]:

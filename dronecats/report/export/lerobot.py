@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -24,7 +23,7 @@ from numpy.typing import NDArray
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.controller import plan
-from dronecats.report.export.conventions import about
+from dronecats.report.export.conventions import about, read_picture
 from dronecats.report.recorded.flight import RecordedFlight, action_of
 from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.camera import CameraModel
@@ -94,17 +93,10 @@ def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
         return f"{folder} is nobody's score: {flight.verdict.error or flight.verdict.outcome}"
     if any(not _steps(flight, drone) for drone in flight.drone_tracks):
         return f"{folder} has a drone that nothing was decided for"
-    sizes = {_picture(frame.jpeg).shape for frame in flight.frames}
+    sizes = {read_picture(frame.jpeg).shape for frame in flight.frames}
     if len(sizes | ({dataset.shape} if dataset.shape else set())) > 1:
         return f"{folder} has pictures of another size than those before it"
     return None
-
-
-def _picture(path: Path) -> Any:
-    picture = cv2.imread(str(path), cv2.IMREAD_COLOR_RGB)
-    if picture is None:
-        raise UsageError(f"{path} is damaged: it is no picture")
-    return picture
 
 
 def _steps(flight: RecordedFlight, drone: DroneTracks) -> list[Any]:
@@ -147,7 +139,7 @@ class _Dataset:
         }
         pictures = [jpegs[d.frame_id] for d in decisions]
         self._write(columns, [path.read_bytes() for path in pictures])
-        shown = [_picture(path) for path in pictures]
+        shown = [read_picture(path) for path in pictures]
         self.shape = shown[0].shape
         statistics = {IMAGE: image_moments(shown), **{name: moments(values) for name, values in columns.items()}}
         self._moments.append(statistics)

@@ -8,7 +8,6 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cv2
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
@@ -34,18 +33,20 @@ from dronecats.report.export.conventions import (
     OPTICAL_IN_FLU,
     Array,
     about,
+    camera_body,
     drone_name,
     enu,
     flu,
     judged,
     lon_lat_alt,
     nanoseconds,
+    read_picture,
+    reply_text,
     xyzw_flu_to_enu,
 )
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
 from foundation.camera import CameraModel
-from foundation.errors import UsageError
 from foundation.frames import Quat
 from foundation.protocol import POINT_SPAN
 from foundation.truth import Origin
@@ -89,7 +90,7 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
             yield from _track(f"{JUDGE}/{name}", drone.truth, flight.origin)
         mounted = FrameTransform(
             timestamp=_stamp(0.0),
-            parent_frame_id=name if drone.estimate is not None else f"{JUDGE}/{name}",
+            parent_frame_id=camera_body(drone),
             child_frame_id=f"{name}/camera",
             translation=_vector(flu(flight.camera.offset_frd)),
             rotation=_quaternion(OPTICAL_IN_FLU),
@@ -136,7 +137,8 @@ def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessa
     camera, sizes = f"{drone_name(drone.number)}/camera", {}
     for frame in (frame for frame in flight.frames if frame.drone == drone.number):
         jpeg = frame.jpeg.read_bytes()
-        width, height = sizes[frame.frame_id] = _size(frame.jpeg)
+        height, width = read_picture(frame.jpeg).shape[:2]
+        sizes[frame.frame_id] = (width, height)
         image = CompressedImage(timestamp=_stamp(frame.t_s), frame_id=camera, data=jpeg, format="jpeg")
         yield TimedMessage(frame.t_s, f"/{camera}/image", image)
         calibration = _calibration(frame.t_s, camera, flight.camera, width, height)
@@ -150,14 +152,6 @@ def _pictures(flight: RecordedFlight, drone: DroneTracks) -> Iterator[TimedMessa
         yield TimedMessage(t_s, f"/{camera}/chosen", _ring(t_s, point, words))
 
 
-def _size(jpeg: Path) -> tuple[int, int]:
-    """Return width and height in pixels. Raises UsageError."""
-    picture = cv2.imread(str(jpeg), cv2.IMREAD_UNCHANGED)
-    if picture is None:
-        raise UsageError(f"{jpeg} is damaged: it is no picture")
-    return int(picture.shape[1]), int(picture.shape[0])
-
-
 def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
     """Yield the instruction, every reply, and the judge's lines, as logs."""
 
@@ -166,8 +160,7 @@ def _logs(flight: RecordedFlight) -> Iterator[TimedMessage]:
 
     yield log(0.0, "/log", "instruction", flight.instruction)
     for decision in (step.decision for step in flight.steps):
-        reply = decision.reply if isinstance(decision.reply, str) else str(decision.action)
-        text = f"step {decision.step}: {reply}" + (f" ({decision.error})" if decision.error else "")
+        text = f"step {decision.step}: {reply_text(decision)}" + (f" ({decision.error})" if decision.error else "")
         level = Log.WARNING if decision.action is None else Log.INFO
         yield log(decision.t_decided, "/log", drone_name(decision.drone), text, level)
     for declaration in flight.all_declarations:

@@ -7,7 +7,6 @@ autopilot estimated it, `world/judge/drone_0` the true one, `…/camera` right-d
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -16,17 +15,19 @@ from dronecats.report.export.conventions import (
     JUDGE,
     OPTICAL_IN_FLU,
     about,
+    camera_body,
     drone_name,
     enu,
     flu,
     judged,
     lon_lat_alt,
     microseconds,
+    read_picture,
+    reply_text,
     xyzw_flu_to_enu,
 )
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import DroneTracks, FlightTrack
-from foundation.errors import UsageError
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import drone_label
 
@@ -64,7 +65,7 @@ def write(flight: RecordedFlight, path: Path) -> int:
 def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
     """Return the blueprint: the scene without and with the judge's entities, pictures, map and log."""
     pictures = [
-        rrb.Spatial2DView(origin=f"world/{_body(drone)}/camera/image", name=drone_name(drone.number))
+        rrb.Spatial2DView(origin=f"world/{camera_body(drone)}/camera/image", name=drone_name(drone.number))
         for drone in flight.drone_tracks
     ]
     return rrb.Blueprint(
@@ -78,12 +79,6 @@ def blueprint(flight: RecordedFlight) -> rrb.Blueprint:
         ),
         collapse_panels=True,
     )
-
-
-def _body(drone: DroneTracks) -> str:
-    """Return the entity that carries a drone's camera: the estimated body, or without an estimate the true one."""
-    name = drone_name(drone.number)
-    return name if drone.estimate is not None else f"{JUDGE}/{name}"
 
 
 def _track(
@@ -111,16 +106,13 @@ def _durations(track: FlightTrack) -> Any:
 
 def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: DroneTracks) -> int:
     """Log a drone's pictures as the pilot received them, with the chosen points."""
-    camera = f"world/{_body(drone)}/camera"
+    camera = f"world/{camera_body(drone)}/camera"
     frames = [frame for frame in flight.frames if frame.drone == drone.number]
     mounted = rr.Transform3D(translation=flu(flight.camera.offset_frd), quaternion=OPTICAL_IN_FLU)
     recording.log(camera, mounted, static=True)
     width, height = flight.camera.width, flight.camera.height
     for frame in frames:
-        picture = cv2.imread(str(frame.jpeg), cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            raise UsageError(f"{frame.jpeg} is damaged: it is no picture")
-        height, width = picture.shape[:2]
+        height, width = read_picture(frame.jpeg).shape[:2]
         _at(recording, frame.t_s)
         jpeg = frame.jpeg.read_bytes()
         recording.log(f"{camera}/image", rr.EncodedImage(contents=jpeg, media_type="image/jpeg"))
@@ -143,9 +135,8 @@ def _words(recording: rr.RecordingStream, flight: RecordedFlight) -> int:
     recording.log("log", rr.TextLog(f"instruction: {flight.instruction}", level="INFO"))
     for step in flight.steps:
         decision = step.decision
-        reply = decision.reply if isinstance(decision.reply, str) else str(decision.action)
         _at(recording, decision.t_decided)
-        words = f"{drone_label(decision.drone)}, step {decision.step}: {reply}"
+        words = f"{drone_label(decision.drone)}, step {decision.step}: {reply_text(decision)}"
         recording.log("log", rr.TextLog(words, level="WARN" if decision.error else "INFO"))
     for declaration in flight.all_declarations:
         _at(recording, declaration.t)

@@ -14,7 +14,7 @@ import numpy as np
 from autopilot.logging import ulog
 from dronecats import __version__
 from dronecats.judge.judged_flight import FlightStep
-from dronecats.report.export.conventions import JUDGE, Array, about, judged, microseconds
+from dronecats.report.export.conventions import JUDGE, Array, about, judged, microseconds, reply_text
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import FlightTrack
 from foundation.frames import quat_yaw
@@ -106,12 +106,14 @@ def _decision(flight: RecordedFlight, step: FlightStep) -> Iterator[Stamped]:
     frame_us = flight.t0_us + microseconds(decision.t_frame)
     values = (decision.step, decision.frame_id, frame_us, *point, turn, latency_s, ACTIONS.get(decision.kind, 0))
     yield Stamped(decision.t_decided, decision.drone, "agent_decision", values)
-    reply = decision.reply if isinstance(decision.reply, str) else str(decision.action)
     yield Stamped(
         decision.t_decided,
         decision.drone,
         "",
-        (WARNING if decision.error else INFO, f"{drone_label(decision.drone)}, step {decision.step}: {reply}"),
+        (
+            WARNING if decision.error else INFO,
+            f"{drone_label(decision.drone)}, step {decision.step}: {reply_text(decision)}",
+        ),
     )
 
 
