@@ -21,7 +21,7 @@ COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and
 
 
 class Core(Protocol):
-    """What the commander needs of the inner loop (`autopilot.control.flight_core.FlightCore`)."""
+    """The interface of the inner loop to the commander (`autopilot.control.flight_core.FlightCore`)."""
 
     estimate: Any  # ESTIMATE record, read
     state: Any  # its field `landed` is written: 1 while the vehicle stands
@@ -129,7 +129,7 @@ class Autopilot:
 
     @property
     def reboot_requested(self) -> bool:
-        """Whether a client has asked for a restart, which the owner of this object may grant by making a new one."""
+        """True if a client has requested a restart. The owner of this object may grant it by making a new one."""
         return self.node.reboot_requested
 
     def adopt(self, former: "Autopilot") -> None:

@@ -89,7 +89,7 @@ FREE: Vec3 = (NAN, NAN, NAN)  # not controlled
 
 
 class CascadeSetpoint(NamedTuple):
-    """What the cascade shall do; fields, units and frames as in `autopilot.records.SETPOINT`."""
+    """The setpoint of the cascade; fields, units and frames as in `autopilot.records.SETPOINT`."""
 
     kind: int = KIND_TRAJECTORY
     position_ned: Vec3 = FREE

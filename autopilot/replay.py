@@ -41,7 +41,7 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedFlight:
-    """What the inner loop made of a recording, every `every` rows."""
+    """The inner loop's outputs for a recording, every `every` rows."""
 
     time_us: NDArray[np.int64]  # (m,)
     position_ned: NDArray[np.float64]  # (m, 3) m
@@ -99,7 +99,7 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
 
 
 def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight:
-    """Return what a fresh inner loop makes of a recording; the state of `core` is used up by it."""
+    """Return the outputs of a fresh inner loop for a recording. The state of `core` changes."""
     sample, actuators = np.zeros(1, SENSORS), np.zeros(1, ACTUATORS)[0]
     arguments = core.kernel_args(sample[0], actuators)  # an element of a structured array is a view of it
     kept: dict[str, list[Any]] = {name: [] for name in ReplayedFlight.__slots__}

@@ -192,7 +192,7 @@ def _held(process: psutil.Process) -> tuple[int, int] | None:
 
 
 def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
-    """Return what `jobs` episodes at once cost beside their model, each `seconds` of vehicle time long."""
+    """Return the cost of `jobs` episodes at once beside their model, each `seconds` of vehicle time long."""
     episodes = catalogue.suite_ids("one-drone")[:: max(1, 80 // jobs)][:jobs]
     memory = Memory()
     with stand_in(MODEL_S, ACTION) as address, tempfile.TemporaryDirectory() as folder:

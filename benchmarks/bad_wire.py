@@ -226,7 +226,7 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
 
 
 def _seen_from(start: TruthSample, heading: float, sample: TruthSample) -> tuple[float, float, float]:
-    """Return where a sample is ahead (of a heading, rad), right and down of the start, m."""
+    """Return a sample's place ahead (of a heading, rad), right and down of the start, m."""
     north, east, down = (p - s for p, s in zip(sample.position_ned, start.position_ned, strict=True))
     c, s = math.cos(heading), math.sin(heading)
     return c * north + s * east, c * east - s * north, down

@@ -1,4 +1,4 @@
-"""How fast our flight stack flies, and how well it holds real time.
+"""Measures how fast our flight stack flies, and how well it holds real time.
 
     python -m benchmarks.flight [--json] [--repeat N] [--seconds S] [--quick] [--short] [--peers --peers-dir DIR]
 
@@ -54,7 +54,7 @@ class Stretch:
 
 
 def stretch(clock_us: Callable[[], int], fly_on: Callable[[float], None], seconds: float) -> Stretch:
-    """Return how long `fly_on(seconds)` took."""
+    """Return the duration of `fly_on(seconds)`."""
     began_us, wall, cpu = clock_us(), time.perf_counter(), time.process_time()
     fly_on(seconds)
     return Stretch((clock_us() - began_us) / 1e6, time.perf_counter() - wall, time.process_time() - cpu)
@@ -175,7 +175,7 @@ def figures(name: str, runs: list[Stretch]) -> dict[str, float]:
 
 
 def pace(seconds: float, period_s: float, work: Callable[[], None]) -> dict[str, float]:
-    """Return how well a loop that does `work` every `period_s` is held to real time. Waits that long."""
+    """Return the lateness of a loop that does `work` every `period_s` in real time. Waits that long."""
     for _ in range(100):
         work()
     keeper = RateKeeper(period_s)
@@ -209,7 +209,7 @@ print(json.dumps({"load_s": loaded - began, "first_step_s": compiled - loaded,
 
 
 def child(cache: str | None) -> dict[str, float]:
-    """Return what a fresh simulator process needs: seconds to its first step, megabytes. `cache`: of compiled code."""
+    """Return seconds to the first step and megabytes of a fresh simulator process. `cache`: of compiled code."""
     environment = dict(os.environ) | ({"NUMBA_CACHE_DIR": cache} if cache else {})
     done = subprocess.run(
         [sys.executable, "-c", CHILD],

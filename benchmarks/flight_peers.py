@@ -24,7 +24,7 @@ Place = tuple[float, float, float]  # m, up positive
 
 
 def target(t: float) -> Place:
-    """Return where to be: hover, a step of 1 m, back, every 2 s."""
+    """Return the wanted place: hover, a step of 1 m, back, every 2 s."""
     return (1.0 if int(t / STEP_S) % 2 else 0.0, 0.0, HEIGHT_M)
 
 

@@ -131,7 +131,7 @@ def opened(page: Path) -> dict[str, Any]:
 
 
 def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, Any]:
-    """Return what a report of made-up flights in `folder` weighs, and how fast it is written and opened."""
+    """Return the size of a report of made-up flights in `folder`, and the times to write and open it."""
     machine = Machine()
     made_up(folder / "runs", flights, steps)
     began = time.perf_counter()

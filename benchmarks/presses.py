@@ -1,4 +1,4 @@
-"""What pressing against things does to a flight: walls, posts, cars, trees, slopes and the ground, on every map.
+"""Flights that press against obstacles: walls, posts, cars, trees, slopes and the ground, on every map.
 
 Each press takes off before a thing, flies into it at 1.2 m/s as an agent's go does, goes on pushing, and then backs
 off. From the first contact on the truth is compared with what the autopilot believes. Prints one line a press, with the
@@ -55,7 +55,7 @@ COMPARED = ("attitude_deg", "velocity_error", "position_error_m", "speed", "tilt
 
 @dataclass(frozen=True, slots=True)
 class Press:
-    """What is flown into, and how."""
+    """An obstacle, and the course into it."""
 
     episode: str  # whose map it is
     thing: str  # name of an instance, or 'ground'
@@ -221,7 +221,7 @@ def between_axes_deg(first: NDArray[np.float64], second: NDArray[np.float64]) ->
 
 
 class Left(NamedTuple):
-    """Where a vehicle was when it was ordered back, its count of hits and the number of what it hit last."""
+    """A vehicle when it was ordered back: its place, its count of hits and the number of its last obstacle."""
 
     position_ned: NDArray[np.float64]  # m
     hits: int

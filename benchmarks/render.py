@@ -1,4 +1,4 @@
-"""How long a frame of the forward camera takes.
+"""Measures the time of a frame of the forward camera.
 
     python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--short] [--peers --peers-dir DIR]
 

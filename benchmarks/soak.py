@@ -229,7 +229,7 @@ class Watch:
         self.files.append(files)
 
     def figures(self) -> dict[str, Any]:
-        """Return what has grown after the first rounds."""
+        """Return the growth after the first rounds."""
         grown = {}
         for pid, values in self.memory.items():
             first, last = map(statistics.median, _thirds(values))
@@ -253,7 +253,7 @@ def _thirds(values: Sequence[float]) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def _name(process: psutil.Process) -> str:
-    """Return what a process of a flight is: the last word of its module."""
+    """Return the name of a process of a flight: the last word of its module."""
     words = process.cmdline()
     return words[-1].rsplit(".", 1)[-1] if "dronecats.flight.processes.child" in words else "client"
 

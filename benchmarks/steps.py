@@ -1,4 +1,4 @@
-"""How every airframe answers a step, and how still it hovers: through sensors, estimator, commander and cascade.
+"""Measures the step responses and the hover drift of every airframe: through sensors, estimator, commander and cascade.
 
     python -m benchmarks.steps [--json] [--plots DIR] [--table FILE] [--airframe NAME …] [--short]
 

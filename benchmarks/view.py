@@ -1,4 +1,4 @@
-"""How late the live page is, how often it is brought up to date, and what it costs: `python -m benchmarks.view --json`.
+"""Measures the delay, the update rate and the cost of the live page: `python -m benchmarks.view --json`.
 
 An episode is flown in real time by `dronecats fly --view`, with a browser's end of the page connected that notes when
 each attitude of the truth bus arrives. The simulator's clock is laid over the wall's by the earliest moment at which
@@ -110,7 +110,7 @@ def free_port() -> int:
 
 
 def flush_ratio(scratch: Path, flights: int, seconds: float) -> float:
-    """Return how much longer a flight in lockstep computes since the logger hands on every delivery."""
+    """Return the ratio of a lockstep flight's computing time with and without the logger's flush of every delivery."""
     spec = FlightSpec(
         pilot="oracle", episode=EPISODE, simulated=Simulated(speed=None, rendered=False), seconds=seconds, full=True
     )

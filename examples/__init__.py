@@ -1,1 +1,1 @@
-"""What may be built with the project, each folder one example; none of it is in the wheel."""
+"""Examples of what can be built with the project, one in each folder. The wheel has none of them."""

@@ -134,7 +134,7 @@ def meet(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Ball:
-    """Where a vehicle's ball is at the beginning of a tick, as plain numbers: a fleet looks at every pair of them."""
+    """A vehicle's ball at the beginning of a tick, as plain numbers, since a fleet looks at every pair."""
 
     position: list[float]  # (3,) m, NED
     velocity: list[float]  # (3,) m/s

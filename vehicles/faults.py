@@ -1,4 +1,4 @@
-"""What breaks when: a script of faults that the kernel looks up as the vehicle's time passes.
+"""A script of faults, which the kernel looks up as the vehicle's time passes.
 
 A part is a sensor or a rotor. What a fault of each kind does:
     fail     the sensor falls silent; the rotor stops

@@ -84,7 +84,7 @@ def candidates(params: Record, state: Record, down: Grid, attitude: Quat) -> int
 def _touch(
     params: Record, down: Grid, k: int, position: Vec3, attitude: Quat, velocity: Vec3, rates: Vec3
 ) -> tuple[float, float, Vec3, Vec3, Vec3, Vec3]:
-    """Return what contact point k does: (depth, closing speed, arm NED, normal NED, velocity NED, point NED)."""
+    """Return the state of contact point k: (depth, closing speed, arm NED, normal NED, velocity NED, point NED)."""
     px, py, pz = params.contact_position[k, 0], params.contact_position[k, 1], params.contact_position[k, 2]
     arm = rotate(attitude, (px, py, pz))
     point = (position[0] + arm[0], position[1] + arm[1], position[2] + arm[2])

@@ -40,7 +40,7 @@ BOOT_ERRORS = ("accel_bias", "accel_scale", "gyro_bias", "gyro_scale", "mag_bias
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """What the sensors of a vehicle are like. 1σ where not said otherwise; `density` is per √Hz of white noise."""
+    """The sensors of a vehicle. Values are 1σ unless stated otherwise; `density` is per √Hz of white noise."""
 
     imu_period_us: int = 1000
     accel_noise_density: float = 1.72e-3  # m/s²/√Hz: BMI088 data sheet, 175 µg/√Hz

@@ -68,7 +68,7 @@ NEAR = np.dtype(
 
 
 class SolidTriangles(NamedTuple):
-    """What stands, and the grid to find it in: the arrays of `foundation.terrain.Obstacles`."""
+    """The solid triangles, and the grid to find them in: the arrays of `foundation.terrain.Obstacles`."""
 
     corners: Grid32  # (T, 9) m, NED
     bounds: Grid32  # (T, 4) m, NED, middle and radius

@@ -82,7 +82,7 @@ class Commander:
 
     @property
     def failsafe(self) -> Failsafe:
-        """What the vehicle does by itself now."""
+        """The active reaction of the vehicle itself."""
         return self.supervision.failsafe
 
     @property

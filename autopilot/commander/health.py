@@ -273,7 +273,7 @@ class SensorCalibration:
         self._send_text(severity, f"[cal] {text}")
 
     def _fault(self, sensor: str) -> str:
-        """Return what speaks against the sensor now, empty when nothing does."""
+        """Return the fault of the sensor, empty when there is none."""
         s = self._state
         if s.age_us("mag" if sensor == "mag" else "imu") > DURATION_US // 4:
             return "no data"

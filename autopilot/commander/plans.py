@@ -32,7 +32,7 @@ MOVED_VERTICAL_M = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Home:
-    """Where the vehicle returns to."""
+    """The place to which the vehicle returns."""
 
     position_ned: Vec3  # m, local frame
     yaw: float  # rad

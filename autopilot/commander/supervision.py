@@ -32,7 +32,7 @@ class Reaction(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What the supervision looks at, gathered by the commander."""
+    """The inputs of the supervision, gathered by the commander."""
 
     mode: str  # the mode that was asked for
     offboard_signal: bool
@@ -256,7 +256,7 @@ class Supervision:
 
     @property
     def waiting(self) -> bool:
-        """Whether the vehicle holds before it does what the failsafe demands."""
+        """True while the vehicle holds before the action of the failsafe."""
         return self.failsafe.action != self._due.action
 
     def begin(self, flight: FlightContext) -> None:
@@ -350,6 +350,6 @@ class Supervision:
 
 
 def battery(flight: FlightContext) -> float:
-    """Return what is left in the battery (0 … 1), nan when unknown."""
+    """Return the remaining charge of the battery (0 … 1), nan when unknown."""
     sensors = flight.state.sensors
     return float(sensors["battery_remaining"]) if int(sensors["battery_time_us"]) else math.nan

@@ -97,7 +97,7 @@ CONTROL_STATE = np.dtype(
 
 @dataclass(frozen=True, slots=True)
 class GainField:
-    """Where a PX4 parameter lives in the CONTROL_PARAMS record."""
+    """The place of a PX4 parameter in the CONTROL_PARAMS record."""
 
     field: str
     axes: tuple[int, ...] = ()  # elements of a vector field; empty for a scalar

@@ -42,7 +42,7 @@ ROTOR_FLOOR = 0.01  # least thrust fraction the mixer asks of a rotor that has n
 
 @dataclass(frozen=True, slots=True)
 class Margin:
-    """How far a loop is from instability."""
+    """The stability margins of a loop."""
 
     phase_deg: float
     gain_db: float  # inf where the phase never reaches -180°
@@ -51,7 +51,7 @@ class Margin:
 
 @dataclass(frozen=True, slots=True)
 class Gains:
-    """What the cascade needs to know about an airframe; roll, pitch, yaw or north, east, down order."""
+    """The cascade's constants of an airframe; roll, pitch, yaw or north, east, down order."""
 
     rate_p: Vec3  # rad/s² per rad/s
     rate_i: Vec3  # rad/s² per rad

@@ -78,7 +78,7 @@ def track_hover(params: Record, state: Record, estimate: Record, dt: float) -> N
 
 @dataclass(frozen=True, slots=True)
 class Allocation:
-    """How an airframe's rotors share a demand."""
+    """The share of an airframe's rotors in a demand."""
 
     effectiveness: NDArray[np.float64]  # (4, n) roll, pitch, yaw torque (N·m), collective (N) per N of a rotor
     mix: NDArray[np.float64]  # (MAX_ROTORS, 4) rotor thrust fraction per normalised torque and per collective fraction

@@ -267,7 +267,7 @@ def integrate(
 
 @njit(cache=True)
 def obstacle_axes(state: Record, vertical: bool) -> int:
-    """Return how many axes, from north on, an obstacle may block: not the vertical in a plain descent, a landing."""
+    """Return the number of axes, from north on, that an obstacle may block: not the vertical in a plain descent."""
     north, east, down = state.velocity_expected
     aside = north * north + east * east > ASIDE * ASIDE
     return 3 if vertical and (down < DESCENDS or aside) else 2

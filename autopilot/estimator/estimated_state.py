@@ -122,7 +122,7 @@ class EstimatedState:
 
     @property
     def global_valid(self) -> bool:
-        """Whether latitude, longitude and altitude may be believed."""
+        """True if latitude, longitude and altitude are valid."""
         n, e, d = self.position_ned
         believable = n * n + e * e + d * d < FARTHEST_M**2  # false for nan too
         return bool(self.origin_set and self.position_valid and self.altitude_valid and believable)

@@ -1,4 +1,4 @@
-"""What each sensor tells the filter: magnetic heading, pressure altitude, delayed GNSS fixes, standing still.
+"""Fusion of each sensor into the filter: magnetic heading, pressure altitude, delayed GNSS fixes, standing still.
 
 Every function fuses scalars one after the other and returns nothing; it leaves its innovations with their variances and
 test ratios, and the time of the last accepted sample, in the state.
@@ -131,7 +131,7 @@ def fuse_stillness(state: Record, P: Grid, noise: float) -> None:
 
 @njit(cache=True)
 def since_fix(state: Record, history: Grid, fix_us: int) -> tuple[float, Vec3, Vec3]:
-    """Return what the prediction did between fix_us and now: (age s, Δvelocity (3), Δposition (3)), NED.
+    """Return the change by prediction between fix_us and now: (age s, Δvelocity (3), Δposition (3)), NED.
 
     A fix older than the delay buffer counts as old as its oldest entry; one newer than now as now.
     """

@@ -1,4 +1,4 @@
-"""What the estimator remembers and what it is told about its sensors."""
+"""The records of the estimator: its state and the parameters of its sensors."""
 
 import math
 

@@ -55,7 +55,7 @@ NAV_STATES = {
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What the topics are made from."""
+    """The sources of the topics."""
 
     vehicle: TelemetrySource
     sensors: Readings

@@ -70,7 +70,7 @@ def parsed(payload: bytes) -> FileRequest:
 
 @dataclass(slots=True)
 class Server:
-    """What the answers are made from: the files, and one client's place among the sessions."""
+    """The source of the answers: the files, and one client's place among the sessions."""
 
     tree: FileTree
     sessions: FileSessions

@@ -97,7 +97,7 @@ class FileTree:
         self._card = card
 
     def entries(self, name: bytes) -> list[Entry]:
-        """Return what a folder holds, sorted by name."""
+        """Return the entries of a folder, sorted by name."""
         segments = _segments(name)
         if not segments:
             return [Entry(PARAMETERS[0], None), Entry(LOGS[0], None)]

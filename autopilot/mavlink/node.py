@@ -84,7 +84,7 @@ Inject = Callable[[int, int, int], bool]  # FAILURE_UNIT, FAILURE_TYPE, instance
 
 
 class Node:
-    """What every service may use."""
+    """The component, as every service uses it."""
 
     def __init__(
         self,

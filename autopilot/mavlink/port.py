@@ -101,7 +101,7 @@ QUEUE_LIMIT = 20_000  # messages: a port that nobody empties forgets the oldest
 
 
 class Component(Protocol):
-    """What a port needs of the component whose port it is."""
+    """The interface that a port needs of its component."""
 
     @property
     def system_id(self) -> int: ...

@@ -21,7 +21,7 @@ Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes ca
 
 @dataclass(frozen=True, slots=True)
 class TelemetrySource:
-    """What the makers read."""
+    """The inputs of the makers."""
 
     airframe: Airframe
     state: EstimatedState

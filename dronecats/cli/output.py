@@ -60,7 +60,7 @@ class Lossy(io.FileIO):
         self.fault: OSError | None = None
 
     def write(self, data: Any, /) -> int:
-        """Return how many bytes were written: all of them after the reader has gone."""
+        """Return the number of bytes written: all of them after the reader has gone."""
         try:
             return super().write(data)
         except OSError as error:

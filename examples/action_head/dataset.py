@@ -1,4 +1,4 @@
-"""What is learnt from: a LeRobot dataset that `dronecats export --to lerobot` has written, as arrays.
+"""The training data: a LeRobot dataset of `dronecats export --to lerobot`, as arrays.
 
 Read by pyarrow, which is enough for it; LeRobot's own class finds the same (tests/report/export/test_lerobot.py).
 """

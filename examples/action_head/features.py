@@ -1,4 +1,4 @@
-"""What the head is given, as arrays: the picture, the instruction's words and what the drone did last.
+"""The inputs of the head as arrays: the picture, the instruction's words and what the drone did last.
 
 All of it is in the prompt and the picture, so that a served head sees what any model sees and no more. The words are
 hashed, not listed, so that an instruction nobody has seen is a vector like any other.

@@ -42,7 +42,7 @@ class Batch:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """How a network does on decisions that it has not learnt from."""
+    """The results of a network on held-out decisions."""
 
     decisions: int
     right_kind: float  # share whose action is the right one
@@ -159,7 +159,7 @@ def _cells(points: Tensor) -> Tensor:
 
 
 def judged(head: ActionHead, data: Decisions) -> Judgement | None:
-    """Return how a network does on what is held out; None when nothing is, or nothing arrives there."""
+    """Return a network's results on held-out decisions; None without any, or without an arrival among them."""
     kept = np.flatnonzero(data.held_out)
     finished = data.kinds[kept] == KINDS.index(FINISHED)
     if not finished.any():

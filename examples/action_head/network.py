@@ -67,7 +67,7 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
         return self.kinds(thought), heat, self.depth(thought)[:, 0], self.turns(thought)
 
     def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
-        """Return what it makes of one picture."""
+        """Return the outputs for one picture."""
         self.eval()
         with torch.inference_mode():
             inputs = (torch.from_numpy(array)[None] for array in (picture, words, past))
@@ -81,7 +81,7 @@ class ActionHead(nn.Module):  # type: ignore[misc]  # PyTorch is a library witho
 
 
 def _places(count: int, rows: int = HEIGHT, columns: int = WIDTH) -> Tensor:
-    """Return where each cell is, (count, 2, rows, columns), x and y -1 … 1: what is far is high in the picture."""
+    """Return the place of each cell, (count, 2, rows, columns), x and y -1 … 1: what is far is high in the picture."""
     y, x = torch.meshgrid(torch.linspace(-1, 1, rows), torch.linspace(-1, 1, columns), indexing="ij")
     return torch.stack([x, y]).expand(count, 2, rows, columns)
 

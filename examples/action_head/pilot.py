@@ -28,7 +28,7 @@ _AROUND = 1  # cells about the best one whose middle is the point
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
-    """What the network makes of one picture."""
+    """The network's outputs for one picture."""
 
     kinds: NDArray[np.float32]  # (4,), the probability of each of KINDS
     heat: NDArray[np.float32]  # (ROWS, COLUMNS), the probability that the point is in each cell
@@ -64,10 +64,10 @@ def decide(seen: Outlook, past: Sequence[PastAction], declares_at: float) -> str
 
 
 class Beholder(Protocol):
-    """Whatever makes an outlook of a picture: the network, or a test's own."""
+    """The interface of a network; tests have their own."""
 
     def outlook(self, picture: NDArray[np.uint8], words: NDArray[np.float32], past: NDArray[np.float32]) -> Outlook:
-        """Return what it makes of one picture, an instruction's words and the last actions."""
+        """Return the outputs for one picture, an instruction's words and the last actions."""
         ...
 
 

@@ -26,7 +26,7 @@ _APART_M = 0.5  # a start and a target nearer than this to a shipped record's ar
 
 
 def requests(share: float = 1.0) -> list[RecordRequest]:
-    """Return what is asked for, in an order in which any beginning is mixed; `share` (0 … 1] is how much of it."""
+    """Return the requests, in an order in which any beginning is mixed; `share` (0 … 1] is the part of them."""
     turns = math.ceil(max(REQUESTS.values()) * share)
     return [
         RecordRequest(name, cell, FIRST_ID + BATCH * turn, BATCH, 1000 + turn, FIRST_MAP_SEED + turn)

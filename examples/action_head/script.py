@@ -1,4 +1,4 @@
-"""What the example's scripts share."""
+"""Helpers of the example's scripts."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How large the head is and how it is trained: all that decides, beside the flights and the seed, what comes of it."""
+"""The sizes of the head and the settings of its training. With flights and seed they decide the result."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class Shape:
 
 @dataclass(frozen=True, slots=True)
 class Training:
-    """How a network is fitted."""
+    """The settings of a fit."""
 
     epochs: int = 20
     batch: int = 16

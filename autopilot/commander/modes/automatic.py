@@ -185,7 +185,7 @@ def return_height(flight: FlightContext, distance: float, height: float) -> floa
 
 
 def safe_places(flight: FlightContext) -> list[Vec3]:
-    """Return where the vehicle may land: home first, then the rally points that say where they are (m, NED)."""
+    """Return the landing places (m, NED): home first, then the rally points with a place."""
     home: Home | None = flight.home
     places = [home.position_ned if home is not None else flight.state.position_ned]
     for item in flight.plans.rally:

@@ -1,4 +1,4 @@
-"""What a flight mode may know and the interface it offers to the commander."""
+"""The context of a flight mode, and its interface to the commander."""
 
 import math
 from dataclasses import dataclass, field
