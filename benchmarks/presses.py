@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.machine import benchmark_parser
+from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.run.ascent import StartOffset, ascend
 from dronecats.flight.sitl.lockstep import one_vehicle
@@ -35,7 +36,6 @@ from foundation.setpoints import Velocity
 from foundation.terrain import Obstacles
 from hil.link.link import Link
 from vehicles.solids import in_triangle
-from vehicles.wind import Wind
 
 SPEED = 1.2  # m/s, as fast as the agent's controller flies
 BEFORE_M = 3.0  # of free way before the thing
@@ -356,9 +356,9 @@ def fly(press: Press, seed: int, px4: str | None = None) -> Outcome:
     record = catalogue.load(press.episode)
     start = StartPose((*pose.position_ned[:2], pose.position_ned[2] - height), math.degrees(pose.yaw))
     world = world_of(replace(record, starts=(start,)), count=1)
-    wind = Wind((press.wind_n, 0.0, 0.0))
+    wind = VehicleFaults(wind_ned=(press.wind_n, 0.0, 0.0))
     with ExitStack() as ends:
-        clock = ends.enter_context(one_vehicle(world, seed=seed, wind=wind, px4=px4))
+        clock = ends.enter_context(one_vehicle(world, seed=seed, disturbances=wind, px4=px4))
         link = Link(clock.transport(0), simulated=True)
         ends.callback(link.close)
         ascend([link], [StartOffset((0.0, 0.0, -height), pose.yaw)], lambda line: None)

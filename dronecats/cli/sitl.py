@@ -2,16 +2,16 @@
 
 import argparse
 import contextlib
-import math
 import tempfile
 from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
-from dronecats.cli.options import add_sign, add_view, key_of, view_of
+from dronecats.cli.options import DISTURBANCES, add, add_sign, add_view, key_of, view_of
 from dronecats.cli.output import print_line
+from dronecats.flight.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 
-WIND_MAX = 40.0  # m/s, a hurricane
+AIR = ("wind", "gusts")  # disturbances that blow from boot on
 LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
 PX4_INSTANCES = 10  # further ones all send to port 14549
 
@@ -39,16 +39,7 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder of parameters, plans, logs and clients' files (default runs/sitl-I)",
     )
-    parser.add_argument(
-        "--wind", default="0,0", metavar="N,E", help="motion of the air north and east in m/s, for example --wind=-4,3"
-    )
-    parser.add_argument(
-        "--gusts",
-        type=float,
-        default=0.0,
-        metavar="W20",
-        help="Dryden gusts for this wind at 20 ft in m/s; 7.7 is light",
-    )
+    add(parser, (option for option in DISTURBANCES if option.name in AIR))
     parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
     parser.add_argument("--faults", type=Path, metavar="FILE", help="script of faults: docs/faults.md")
     parser.add_argument(
@@ -80,9 +71,7 @@ def run(args: argparse.Namespace) -> int:
     catalogue.load(episode)
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")
-    wind = _wind(args.wind)
-    if not 0.0 <= args.gusts <= WIND_MAX:
-        raise UsageError(f"--gusts wants a wind of 0 to {WIND_MAX:g} m/s, got {args.gusts:g}")
+    air = UNDISTURBED.with_options({name: value for name in AIR if (value := getattr(args, name)) is not None})
     if args.faults is not None and not args.faults.is_file():
         raise UsageError(f"--faults {args.faults} does not exist; give the path of a TOML file")
     if args.optics is not None and args.camera is None:
@@ -127,8 +116,8 @@ def run(args: argparse.Namespace) -> int:
         speed=factor,
         instance=args.instance,
         count=args.count or 1,
-        wind_ned=(*wind, 0.0),
-        gusts_w20=args.gusts,
+        disturbances=air.vehicle,
+        from_boot=True,
         faults=str(args.faults) if args.faults else None,
         state_dir=str(args.state or Path("runs") / f"sitl-{args.instance}"),
         autopilot=args.autopilot,
@@ -197,17 +186,6 @@ def _check_hitl(args: argparse.Namespace, factor: float) -> None:
     if args.px4 or args.faults:
         raise UsageError(f"--{'px4' if args.px4 else 'faults'} does not go with --hitl; leave one of them out")
     sensor_period_us(args.hitl)
-
-
-def _wind(text: str) -> tuple[float, float]:
-    """Return --wind as (north, east) in m/s. Raises UsageError."""
-    try:
-        north, east = (float(part) for part in text.split(","))
-    except ValueError:
-        north = east = math.nan
-    if not math.hypot(north, east) <= WIND_MAX:
-        raise UsageError(f"--wind wants N,E in m/s, together at most {WIND_MAX:g}, for example 4,-3; got '{text}'")
-    return north, east
 
 
 def _announce(args: argparse.Namespace, camera: str | None) -> None:

@@ -86,6 +86,8 @@ def _disturbance(
 def _pair(name: str, text: str, wanted: str) -> tuple[float, float]:
     try:
         first, second = (float(part) for part in text.split(","))
+        if not math.isfinite(first + second):
+            raise ValueError
     except ValueError:
         raise UsageError(f"--{name} wants {wanted}; got '{text}'") from None
     return first, second

@@ -32,7 +32,6 @@ from hil.simulator import (
     sent_now,
 )
 from vehicles.sensors import Suite
-from vehicles.wind import Wind
 
 SILENCE_S = 0.5  # wall seconds after which a motor controller that hears nothing stops
 
@@ -109,7 +108,8 @@ class BoardSimulator:
             airframe=config.airframe,
             seed=config.seed,
             count=1,
-            wind=Wind(config.wind_ned, config.gusts_w20),
+            disturbances=config.disturbances,
+            from_boot=config.from_boot,
         )
         self._vehicle = self.simulation.vehicles[0]
         self._vehicle.plant.advance(0)  # compiles, on the first run of an installation

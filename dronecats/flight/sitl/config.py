@@ -6,7 +6,6 @@ from typing import Any, Literal
 import numpy as np
 
 from dronecats.flight.disturbances import VehicleFaults
-from foundation.frames import Vec3
 from foundation.truth import KEPT
 
 AIRFRAME = "x500"  # if none is named
@@ -23,9 +22,8 @@ class SimulatorConfig:
     instance: int | None = None  # added to every port; None: ports that the system chose
     count: int | None = None  # vehicles; None: as many as the record has starts
     least_charge: float | None = None  # 0 … 1, below which no battery is drained; None: as real ones
-    wind_ned: Vec3 = (0.0, 0.0, 0.0)  # m/s, from boot, the direction that the air moves to
-    gusts_w20: float = 0.0  # m/s, from boot, the wind at 20 ft that the gusts belong to
-    disturbances: VehicleFaults | None = None  # a payload from boot, the others from the episode's beginning on
+    disturbances: VehicleFaults | None = None  # a payload from boot, the others from the episode's begin on
+    from_boot: bool = False  # the others from boot, too
     faults: str | None = None  # file of a fault script
     state_dir: str | None = None  # where parameters, plans and logs stay; None: nowhere
     autopilot: Literal["ours", "px4"] = "ours"

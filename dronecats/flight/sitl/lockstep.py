@@ -10,6 +10,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Generic
 
+from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig
 from dronecats.flight.sitl.px4 import Px4Simulator, Px4Vehicle
 from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, build
@@ -17,7 +18,6 @@ from dronecats.flight.sitl.sockets import AGENT_PORT
 from episodes.world.world import World
 from hil.impairment import SteppedWire
 from hil.link.transport import MemoryTransport, Transport, connect
-from vehicles.wind import CALM, Wind
 
 
 class TurnOrder(ABC, Generic[V]):
@@ -141,7 +141,7 @@ def one_vehicle(
     *,
     airframe: str = AIRFRAME,
     seed: int = 0,
-    wind: Wind = CALM,
+    disturbances: VehicleFaults | None = None,
     px4: str | None = None,
     log_dir: Path | None = None,
 ) -> Iterator[Lockstep | Px4Lockstep]:
@@ -151,11 +151,11 @@ def one_vehicle(
     Raises UsageError for an airframe or command that cannot fly, InfrastructureError where PX4 ends.
     """
     if px4 is None:
-        yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, wind=wind))
+        yield Lockstep(build(world, airframe=airframe, seed=seed, count=1, disturbances=disturbances, from_boot=True))
         return
     config = SimulatorConfig(
-        episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1, wind_ned=wind.mean_ned,
-        gusts_w20=wind.w20, px4=px4, log_dir=str(log_dir) if log_dir else None,
+        episode=world.record.id, airframe=airframe, seed=seed, speed=None, count=1,
+        disturbances=disturbances, from_boot=True, px4=px4, log_dir=str(log_dir) if log_dir else None,
     )  # fmt: skip
     with closing(Px4Simulator(config, notify=lambda line: None, world=world)) as simulator:
         yield Px4Lockstep(simulator)

@@ -47,7 +47,6 @@ from hil.simulator import PORT, Sent, SimulatorServer, gps_message, is_armed, ro
 from vehicles import airframe as airframes
 from vehicles import fault_script
 from vehicles.sensors import Suite
-from vehicles.wind import Wind
 
 EXCHANGE_US = 4_000  # PX4's SITL start script expects 250 Hz (IMU_INTEG_RATE)
 TRUTH_US = 8_000  # what PX4 writes into its own log beside its estimate; it asks for 5 ms
@@ -308,7 +307,7 @@ class Px4Simulator:
                 airframe=config.airframe,
                 seed=config.seed,
                 count=config.count,
-                wind=Wind(config.wind_ned, config.gusts_w20),
+                from_boot=config.from_boot,
                 disturbances=config.disturbances,
                 faults=fault_script.load(Path(script), rotors) if script else (),
             )

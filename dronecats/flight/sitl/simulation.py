@@ -35,7 +35,7 @@ from vehicles.airframe import laden
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite
-from vehicles.wind import CALM, Wind
+from vehicles.wind import Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
@@ -57,7 +57,6 @@ class Physics(TypedDict, total=False):
     terrain: HeightField
     obstacles: Obstacles
     payload_kg: float
-    wind: Wind
     faults: Sequence[Fault]
     suite: Suite
 
@@ -80,7 +79,6 @@ class Vehicle:
             camera_frd=CameraModel().offset_frd,
             position_ned=pose.position_ned,
             yaw=pose.yaw,
-            wind=physics.get("wind", CALM),
             suite=self._suite,
             faults=physics.get("faults", ()),
         )
@@ -250,20 +248,30 @@ class Simulation(Generic[V]):
     """A fleet on one clock, what moves in its world, and the bus its truth goes out on."""
 
     def __init__(
-        self, vehicles: Sequence[V], traffic: Traffic | None = None, disturbances: VehicleFaults | None = None
+        self,
+        vehicles: Sequence[V],
+        traffic: Traffic | None = None,
+        disturbances: VehicleFaults | None = None,
+        *,
+        from_boot: bool = False,
     ) -> None:
-        """`disturbances`: of every vehicle from the episode's beginning on; None: nothing changes then."""
+        """`disturbances`: of every vehicle, from the episode's begin on, or `from_boot`; None: there are none."""
         self.vehicles = tuple(vehicles)
         self._disturbances = disturbances
         self.bus = TruthBus()
         self.traffic = traffic
         self._plants = tuple(vehicle.plant for vehicle in vehicles)
         self._encounters = Encounters(self._plants)
+        if from_boot:
+            self._disturb()
 
     def begin(self, t0_us: int) -> None:
         """From this vehicle time on the target moves, and what is to be disturbed is."""
         if self.traffic:
             self.traffic.begin(t0_us)
+        self._disturb()
+
+    def _disturb(self) -> None:
         if self._disturbances:
             for vehicle in self.vehicles:
                 vehicle.meet(self._disturbances)
@@ -306,8 +314,8 @@ def build(
     seed: int = 0,
     count: int | None = None,
     state_dir: Path | None = None,
-    wind: Wind = CALM,
     disturbances: VehicleFaults | None = None,
+    from_boot: bool = False,
     faults: Sequence[Fault] = (),
 ) -> Simulation[SimulatedVehicle]:
     """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
@@ -322,8 +330,8 @@ def build(
         airframe=airframe,
         seed=seed,
         count=count,
-        wind=wind,
         disturbances=disturbances,
+        from_boot=from_boot,
         faults=faults,
     )
 
@@ -335,14 +343,14 @@ def built_of(
     airframe: str = AIRFRAME,
     seed: int = 0,
     count: int | None = None,
-    wind: Wind = CALM,
     disturbances: VehicleFaults | None = None,
+    from_boot: bool = False,
     faults: Sequence[Fault] = (),
 ) -> Simulation[V]:
     """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
 
-    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All boot in the same
-    wind, have the same disturbances once the episode has begun (a payload from boot) and the same faults. Raises
+    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All have the
+    same faults and disturbances: a payload from boot, the others from the episode's begin on, or `from_boot`. Raises
     UsageError for an unknown airframe, a payload that it cannot carry or an impossible fault.
     """
     solid = obstacles(world.scene)
@@ -362,7 +370,6 @@ def built_of(
                 origin=origin(world),
                 terrain=world.scene.terrain,
                 obstacles=solid,
-                wind=wind,
                 payload_kg=disturbances.payload_kg if disturbances else 0.0,
                 faults=faults,
             )
@@ -370,6 +377,7 @@ def built_of(
         ],
         Traffic(world.target_upright) if solid.moving else None,
         disturbances,
+        from_boot=from_boot,
     )
 
 

@@ -12,7 +12,6 @@ from dronecats.flight.sitl.sockets import Ports
 from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script
-from vehicles.wind import Wind
 
 WORK_SHARE = 0.1  # of a tick, twice in each, for what clients send
 
@@ -30,7 +29,7 @@ class Simulator:
             seed=config.seed,
             count=config.count,
             state_dir=Path(config.state_dir) if config.state_dir else None,
-            wind=Wind(config.wind_ned, config.gusts_w20),
+            from_boot=config.from_boot,
             disturbances=config.disturbances,
             faults=fault_script.load(Path(script), rotors) if script else (),
         )

@@ -88,7 +88,7 @@ def test_a_client_that_leaves_before_its_picture_is_not_an_error(server, camera,
     with socket.create_connection(server.server_address, timeout=10.0) as leaving:
         leaving.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closes with a reset
         leaving.sendall(HALF + b".0.0.1\r\n\r\n")
-        while not server._known:
+        while not server._active:
             time.sleep(0.001)
     camera.is_ready.set()
     while threading.active_count() > threads:

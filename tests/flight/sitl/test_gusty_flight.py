@@ -68,9 +68,9 @@ def fly(seed: int, folder: Path) -> Flight:
         BootPose((0.0, 0.0, 0.0), 0.7),
         seed=seed,
         origin=ORIGIN,
-        wind=WIND,
         state_dir=folder,
     )
+    vehicle.plant.meet(WIND)
     lockstep = Lockstep(Simulation([vehicle]))
     home = vehicle.plant.truth["position_ned"].copy()
     flight = Flight()
