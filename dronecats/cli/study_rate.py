@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import signal
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -58,7 +59,7 @@ def run(args: argparse.Namespace) -> int:
     interrupt_on_signals()
 
     from dronecats.flight.run.fly import fly
-    from dronecats.flight.run.setup import undisturbed
+    from dronecats.flight.run.landing import signals_handled
     from dronecats.study.rate.chain import check_fresh, summarize, write_replay
     from dronecats.study.rate.instruments import RateInstruments
 
@@ -66,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
         check_fresh(args.out)
     instruments = RateInstruments(wanted)
     result = fly(spec, args.out, print_note, instruments)
-    with undisturbed():
+    with signals_handled(signal.SIG_IGN):
         instruments.close()
         times, folder = instruments.times, instruments.run
         summary = summarize(times, spec.pilot_name, camera_stamps=instruments.camera_stamps) if times else None

@@ -67,8 +67,8 @@ def test_wrong_usage_is_one_sentence_and_status_2(capsys, tmp_path, monkeypatch)
         (["sitl", "--wind", "3"], "--wind .*3"),
         (["sitl", "--wind", "nan,0"], "--wind .*nan,0"),
         (["sitl", "--wind", "31,0"], "wind .*0 to 30 m/s, got 31"),
-        (["sitl", "--gusts", "-1"], "--gusts .*-1"),
-        (["sitl", "--gusts", "nan"], "--gusts .*nan"),
+        (["sitl", "--gusts", "-1"], "gusts .*-1"),
+        (["sitl", "--gusts", "nan"], "gusts .*nan"),
         (["sitl", "--faults", "nowhere.toml"], "nowhere.toml"),
     ):
         monkeypatch.chdir(tmp_path)

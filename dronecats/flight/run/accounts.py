@@ -5,8 +5,7 @@ names the actor after ON_CLUSTER.
 """
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +30,7 @@ class LedgerKeeper:
         self._ledger = Ledger(Path(path))
 
     def ready(self) -> bool:
-        """Return that it stands."""
+        """Return True once the actor runs."""
         return True
 
     def spend(self, model: str, spent: Spent) -> None:
@@ -63,11 +62,11 @@ class RemoteLedger:
             raise InfrastructureError(f"the cluster has no ledger {name}; its benchmark is gone") from None
 
     def spend(self, model: str, spent: Spent) -> None:
-        """Add what a question has cost. Raises InfrastructureError."""
+        """Add the cost of a question. Raises InfrastructureError."""
         self._call("spend", model, spent)
 
     def spent(self) -> Spent:
-        """Return what all models have cost. Raises InfrastructureError."""
+        """Return the cost of all models. Raises InfrastructureError."""
         spent = self._call("spent")
         assert isinstance(spent, Spent)
         return spent
@@ -77,7 +76,7 @@ class RemoteLedger:
         return RemoteLimiter(self._call, address, model)
 
     def close(self) -> None:
-        """Leave it to the others."""
+        """Do nothing: the actor outlives its users."""
 
     def _call(self, method: str, *arguments: object) -> Any:
         import ray
@@ -99,49 +98,39 @@ class RemoteLimiter:
         return float(self._call("claim", self._address, self._model, tokens))
 
     def update(self, allowances: tuple[Allowance, ...]) -> None:
-        """Take in what an answer allows. Raises InfrastructureError."""
+        """Record the allowances of an answer. Raises InfrastructureError."""
         self._call("update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
-        """Let nobody ask there for so long. Raises InfrastructureError."""
+        """Hold all requests to the address back for so long. Raises InfrastructureError."""
         self._call("hold", self._address, self._model, seconds)
 
 
-@dataclass(frozen=True, slots=True)
-class AccountedModel:
-    """A model that can be asked, and what the run has spent so far, in a few words."""
-
-    model: Model
-    spent: Callable[[], str]
-
-
 @contextmanager
-def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[AccountedModel]:
-    """Open a model for a flight of the run in a folder. Raises UsageError, BudgetError, InfrastructureError."""
+def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[tuple[Model, Callable[[], str]]]:
+    """Open a model for a flight of the run in a folder; yield it with a function that returns the run's cost in words.
+
+    Raises UsageError, BudgetError, InfrastructureError.
+    """
     with ExitStack() as opened:
-        ledger = _books(accounts, run)
-        opened.callback(ledger.close)
+        ledger = opened.enter_context(closing(_books(accounts, run)))
         budget = _budget(accounts)
         budget.check(ledger.spent())
         served = open_model(spec, limiters=ledger.limiter)
         opened.callback(served.close)
         model: Model = BudgetedModel(served, spec, budget, ledger)
         if accounts.cache is not None:
-            cache = ReplyCache(Path(accounts.cache))
-            opened.callback(cache.close)
+            cache = opened.enter_context(closing(ReplyCache(Path(accounts.cache))))
             model = CachedModel(model, served.fingerprint, cache)
-        yield AccountedModel(model, lambda: spent_text(ledger.spent()))
+        yield model, lambda: spent_text(ledger.spent())
 
 
 def check_budget(accounts: Accounts, run: Path) -> None:
     """Raise BudgetError when a run has nothing left to fly on with: before anything is started."""
     if accounts.cost_limit_usd is None and accounts.token_limit is None:
         return
-    ledger = _books(accounts, run)
-    try:
+    with closing(_books(accounts, run)) as ledger:
         _budget(accounts).check(ledger.spent())
-    finally:
-        ledger.close()
 
 
 def is_spent(accounts: Accounts, run: Path | None) -> bool:
@@ -158,11 +147,8 @@ def is_spent(accounts: Accounts, run: Path | None) -> bool:
 
 def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
     """Add what a model (PROVIDER/NAME) has cost to the ledger of the run in a folder. Raises InfrastructureError."""
-    ledger = _books(accounts, run)
-    try:
+    with closing(_books(accounts, run)) as ledger:
         ledger.spend(model, spent)
-    finally:
-        ledger.close()
 
 
 def _books(accounts: Accounts, run: Path) -> Books:
@@ -176,7 +162,7 @@ def _budget(accounts: Accounts) -> Budget:
 
 
 class Spending:
-    """What all runs of a benchmark have spent together, as their ledger says; nothing where nobody is paid."""
+    """The cost of all runs of a benchmark, from their ledger; None where no model is paid."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LEDGER
@@ -189,7 +175,7 @@ class Spending:
         return self._ledger.spent() if self._ledger else None
 
     def close(self) -> None:
-        """Let go of the file."""
+        """Close the file."""
         if self._ledger is not None:
             self._ledger.close()
 
@@ -199,22 +185,16 @@ Notify = Callable[[str], None]
 TEXT = 'The picture does not matter. Answer with this JSON object and nothing else: {"action": "think"}'
 
 
-@dataclass(frozen=True, slots=True)
-class _Answered:
-    """What a first question has cost, and on which accounts."""
-
-    model: str  # PROVIDER/NAME
-    spent: Spent
-    accounts: Accounts
-
-
 class FirstQuestions:
-    """The first questions of some flights, one for each model. They are no decisions, and their cost is booked."""
+    """One small question to each model before take-off, so that a wrong key or address is found on the ground.
+
+    The questions are no decisions. Their cost is booked.
+    """
 
     def __init__(self, flights: Iterable[FlightSpec], run: Path | None, notify: Notify) -> None:
         """`run` is the folder with the ledger; None: a new one, with nothing spent."""
         self._flights, self._run, self._notify = list(flights), run, notify
-        self._answered: list[_Answered] = []
+        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, its cost, and where it is booked
 
     def ask(self) -> None:
         """Ask each model once. Raises UsageError where it rejects every question, ModelError where none answers.
@@ -226,14 +206,14 @@ class FirstQuestions:
             for model in () if flight.replay else filter(None, (flight.model, flight.commander)):
                 if model not in models and not is_spent(flight.accounts, self._run) and not _is_cached(flight.accounts):
                     models.append(model)
-                    self._answered.append(self._question(model, flight))
+                    self._costs.append(self._question(model, flight))
 
     def book(self, run: Path) -> None:
-        """Book what they have cost with the run in a folder. Raises InfrastructureError."""
-        for answered in self._answered:
-            book(answered.model, answered.spent, answered.accounts, run)
+        """Book their cost with the run in a folder. Raises InfrastructureError."""
+        for costs in self._costs:
+            book(*costs, run)
 
-    def _question(self, spec: ModelSpec, flight: FlightSpec) -> _Answered:
+    def _question(self, spec: ModelSpec, flight: FlightSpec) -> tuple[str, Spent, Accounts]:
         self._notify(f"{spec.title}: one small question before take-off …")
         patience_s = GIVE_UP_S if flight.patience_s is None else min(flight.patience_s, GIVE_UP_S)
         model, request = open_model(spec, RetryPolicy(give_up_s=patience_s)), Request(TEXT, (marked_picture(),), False)
@@ -246,7 +226,7 @@ class FirstQuestions:
             model.close()
         why = ending_reason(reply.finish, reply.tokens_out)
         self._notify(f"{spec.title}: answered in {reply.latency_s:.2f} s{f', {why}' if why else ''}")
-        return _Answered(spec.title, spent_on(spec, request, reply), flight.accounts)
+        return spec.title, spent_on(spec, request, reply), flight.accounts
 
 
 @contextmanager
@@ -267,8 +247,5 @@ def _is_cached(accounts: Accounts) -> bool:
     """Return whether a cache holds replies: it may answer the whole flight, with no endpoint there."""
     if accounts.cache is None:
         return False
-    cache = ReplyCache(Path(accounts.cache))
-    try:
+    with closing(ReplyCache(Path(accounts.cache))) as cache:
         return not cache.is_empty
-    finally:
-        cache.close()

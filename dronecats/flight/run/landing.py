@@ -7,6 +7,7 @@ import traceback
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from types import FrameType
 
 from dronecats.flight.stages.stage import Stage
 from foundation.errors import DronecatsError, InfrastructureError
@@ -55,24 +56,30 @@ def notify_safely(notify: Callable[[str], None], line: str) -> None:
 @contextlib.contextmanager
 def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
     """Keep a Ctrl-C that comes while a landing is being ordered (seconds) in the list; a second one leaves at once."""
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     hurried: list[int] = []
 
-    def note(number: int, frame: object) -> None:
+    def note(number: int, frame: FrameType | None) -> None:
         if hurried:
             raise KeyboardInterrupt
         hurried.append(number)
         notify("ordering the landing first; once more leaves the vehicle as it is")
 
-    if threading.current_thread() is not threading.main_thread():  # no other hears signals
+    with signals_handled(note):
         yield hurried
+
+
+@contextlib.contextmanager
+def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
+    """Handle Ctrl-C and its like until the context ends. They reach the main thread alone."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
         return
-    before = [signal.signal(number, note) for number in numbers]
+    before = [(number, signal.signal(number, handler)) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)]
     try:
-        yield hurried
+        yield
     finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
+        for number, former in before:
+            signal.signal(number, former)
 
 
 def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None] = lambda line: None) -> list[Link]:

@@ -31,7 +31,7 @@ PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
 
 
 def questions_of(flight: Flight, model: Model) -> Questions:
-    """Return how a flight's pilot is asked."""
+    """Return the questions of a flight's pilot: prompt, parser, latency and patience."""
     spec = flight.spec
     served = spec.model is not None and spec.replay is None
     waits = spec.simulated is not None and spec.simulated.speed is None
@@ -40,33 +40,33 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         flight.prompt,
         flight.instruction,
         spec.latency,
-        axis_order=accounted_model.axis_order if (accounted_model := spec.model or spec.outside) else "xy",
+        axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
         beside=served and waits and spec.command == "flat",  # several at a time would be asked in no certain order
-        last_reply=flight.scored,  # where nothing is scored, nothing is worth staying up for
+        last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return what makes the paper's agent: one decider for all drones, which asks the model; or one for each."""
+    """Return the maker of the paper's agent: one decider for all drones, or one for each."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
 def steady_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return what makes the agent that bears a slow model: docs/steady.md."""
+    """Return the maker of the agent that tolerates a slow model: docs/steady.md."""
     return partial(SteadyAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
 def groups_of(flight: Flight) -> list[list[int]] | None:
-    """Return the drones that are decided for together, None where all are."""
+    """Return the groups of drones that are decided for together, None for one group of all."""
     if flight.record is None or flight.spec.command != "solo":
         return None
     return [[drone] for drone in range(len(flight.record.starts))]
 
 
 def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFactory:
-    """Return what makes a hierarchy: a pilot of the model for each drone, and a commander over them."""
+    """Return the maker of a hierarchy: a pilot of the model for each drone, and a commander over them."""
     questions = questions_of(flight, model)
     return partial(
         Hierarchy,
@@ -113,7 +113,7 @@ class OpenPilot:
     commander: Model | None = None
 
     def agent(self, flight: Flight) -> AgentFactory:
-        """Return what makes the flight's agent of it; of the paper's, where there is a commander, that hierarchy's."""
+        """Return the maker of the flight's agent; with a commander, the paper's is a hierarchy."""
         maker = agent_maker(flight.spec.agent)
         if self.commander is not None and maker is papers_agent:
             make = commanded_agent(flight, self.model, self.commander)
@@ -142,8 +142,8 @@ def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
     elif flight.outside is not None:
         yield OpenPilot(flight.outside)
     elif spec.model:
-        with accounted(spec.model, spec.accounts, folder.parent) as accounted_model:
-            yield OpenPilot(accounted_model.model, spent=accounted_model.spent)
+        with accounted(spec.model, spec.accounts, folder.parent) as (model, spent):
+            yield OpenPilot(model, spent=spent)
     else:
         assert spec.pilot is not None  # a flight has one of the two
         with _served(spec.pilot, stage, folder) as pilot:
@@ -178,8 +178,8 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
 def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
     """Open the model that commands, on the ledger of the one that is commanded: what it has spent is of both."""
     assert flight.spec.commander is not None
-    with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as accounted_model:
-        yield OpenPilot(accounted_model.model, spent=accounted_model.spent)
+    with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as (model, spent):
+        yield OpenPilot(model, spent=spent)
 
 
 @contextmanager

@@ -2,10 +2,9 @@
 
 import signal
 import statistics
-import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -16,7 +15,7 @@ from dronecats.agent.pictures import PicturePath
 from dronecats.flight.run.ascent import StartOffset
 from dronecats.flight.run.episode import EVERYTHING, EpisodeEnd, StartCheck, fly
 from dronecats.flight.run.identity import write_identity
-from dronecats.flight.run.landing import unexpected
+from dronecats.flight.run.landing import signals_handled, unexpected
 from dronecats.flight.run.pilot import OpenPilot
 from dronecats.flight.run.progress import StepLines
 from dronecats.flight.spec.flight import Flight
@@ -62,7 +61,7 @@ def fly_and_judge(
         ending = EpisodeEnd("error", UsageError(sentence) if sentence else unexpected(missing, folder), 0.0, 0.0, 0)
     except Exception as bug:
         ending = EpisodeEnd("error", unexpected(bug, folder), 0.0, 0.0, 0)
-    with undisturbed():
+    with signals_handled(signal.SIG_IGN):
         _, unidentified = _kept(lambda: write_identity(folder, pace()), folder)  # a verdict says that all else is there
         verdict, unkept = _kept(lambda: write_verdict(folder), folder)
         _, unwritten = _kept(lambda: afterwards(ending), folder)
@@ -107,21 +106,6 @@ def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, D
         return None, fault
     except OSError as fault:
         return None, unexpected(fault, folder)
-
-
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """Ignore Ctrl-C and its like for the moment of writing the verdict; they reach the main thread alone."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
 
 
 def served_rate_hz(folder: Path) -> float | None:
