@@ -6,13 +6,11 @@ from typing import Any, Unpack
 
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.pace import PaceReport, RateKeeper
+from dronecats.flight.sitl.px4 import HilVehicle
 from dronecats.flight.sitl.simulation import (
-    STEP_US,
-    TICK_US,
     BootPose,
     Physics,
     Simulation,
-    Vehicle,
     built_of,
     load_world,
 )
@@ -23,20 +21,15 @@ from foundation.truth import TRUTH_COMPONENT
 from hil.link.transport import connect
 from hil.simulator import (
     BoardLine,
-    Sent,
     gps_message,
-    is_armed,
-    rotor_commands,
-    sensor_message,
     sensor_period_us,
-    sent_now,
 )
 from vehicles.sensors import Suite
 
 SILENCE_S = 0.5  # wall seconds after which a motor controller that hears nothing stops
 
 
-class BoardVehicle(Vehicle):
+class BoardVehicle(HilVehicle):
     """One vehicle and the board that flies it."""
 
     def __init__(
@@ -51,12 +44,7 @@ class BoardVehicle(Vehicle):
     ) -> None:
         """`period_us`: between two sensor messages, whatever the suite of `physics`."""
         physics["suite"] = Suite(imu_period_us=period_us)
-        super().__init__(index, airframe, pose, **physics)
-        curve = self.plant.airframe.curve
-        self._idle = curve.speed_idle / curve.speed_max
-        self._rotors = len(self.plant.airframe.rotors)
-        self._period_us = period_us
-        self._sent = Sent()
+        super().__init__(index, airframe, pose, period_us=period_us, **physics)
         self.line = line
         self.keeper = RateKeeper(period_us / 1e6)
 
@@ -65,33 +53,20 @@ class BoardVehicle(Vehicle):
         """Whether the board takes the sensors and drives the rotors."""
         return self.line.in_hil and time.monotonic() - self.line.actuators_s < SILENCE_S
 
-    def advance(self) -> None:
-        """Advance by one tick of real time."""
-        end_us = self.time_us + TICK_US
-        while (now_us := self.time_us) < end_us:
-            exchange_us = now_us - now_us % self._period_us + self._period_us
-            self.plant.advance((min(exchange_us, end_us) - now_us) // STEP_US)
-            if self.time_us == exchange_us:
-                self.keeper.wait()
-                self._exchange()
-
     def close(self) -> None:
         self.line.close()
 
     def _exchange(self) -> None:
+        """Send the sensors and take the motor outputs, in real time."""
+        self.keeper.wait()
         self.line.exchange()
         if self.line.in_hil:
-            sensors = self.plant.sensors
-            if int(sensors["gps_time_us"]) > self._sent.gps_us:
-                self.line.send(gps_message(sensors))
-            self.line.send(sensor_message(sensors, self.time_us, self._sent))
-            self._sent = sent_now(sensors)
-        actuators, command = self.plant.actuators, self.line.actuators
-        actuators["armed"] = 0
-        if command is not None and self.is_flying:
-            actuators["armed"] = int(is_armed(command))
-            actuators["command"] = rotor_commands(command.controls, self._rotors, self._idle)
-            actuators["time_us"] = self.time_us
+            if self._has_fix():
+                self.line.send(gps_message(self.plant.sensors))
+            self.line.send(self._sensor_message())
+        self.plant.actuators["armed"] = 0
+        if self.line.actuators is not None and self.is_flying:
+            self._obey(self.line.actuators, self.time_us)
 
 
 class BoardSimulator:

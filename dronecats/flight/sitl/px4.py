@@ -63,7 +63,52 @@ ACTUATORS = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS
 SETTLED_US = 500_000
 
 
-class Px4Vehicle(Vehicle):
+class HilVehicle(Vehicle):
+    """A vehicle whose autopilot is not ours: it gets HIL messages every `period_us` and answers with motor outputs."""
+
+    def __init__(
+        self, index: int, airframe: Airframe, pose: BootPose, *, period_us: int, **physics: Unpack[Physics]
+    ) -> None:
+        """`period_us`: between two sensor messages, µs of vehicle time."""
+        super().__init__(index, airframe, pose, **physics)
+        curve = self.plant.airframe.curve
+        self._idle = curve.speed_idle / curve.speed_max
+        self._rotors = len(self.plant.airframe.rotors)
+        self._period_us = period_us
+        self._sent = Sent()
+
+    def advance(self) -> None:
+        """Advance by one tick, for as long as the exchanges in it take."""
+        end_us = self.time_us + TICK_US
+        while (now_us := self.time_us) < end_us:
+            exchange_us = now_us - now_us % self._period_us + self._period_us
+            self.plant.advance((min(exchange_us, end_us) - now_us) // STEP_US)
+            if self.time_us == exchange_us:
+                self._exchange()
+
+    def _exchange(self) -> None:
+        """Send the sensors and take the motor outputs."""
+        raise NotImplementedError
+
+    def _has_fix(self) -> bool:
+        """Return whether there is a fix that has not been sent."""
+        return int(self.plant.sensors["gps_time_us"]) > self._sent.gps_us
+
+    def _sensor_message(self) -> dialect.MAVLink_message:
+        """Return HIL_SENSOR with what is new; everything counts as sent then, the fix too."""
+        message = sensor_message(self.plant.sensors, self.time_us, self._sent)
+        self._sent = sent_now(self.plant.sensors)
+        return message
+
+    def _obey(self, message: dialect.MAVLink_message, time_us: int) -> None:
+        """Drive the rotors as a HIL_ACTUATOR_CONTROLS says, from `time_us` on."""
+        actuators = self.plant.actuators
+        actuators["armed"] = int(is_armed(message))
+        actuators["command"] = rotor_commands(message.controls, self._rotors, self._idle)
+        actuators["time_us"] = time_us
+
+
+class Px4Vehicle(HilVehicle):
     """One vehicle and the PX4 that flies it."""
 
     def __init__(
@@ -71,25 +116,12 @@ class Px4Vehicle(Vehicle):
     ) -> None:
         """`server` is where PX4 connects; it is closed with the vehicle."""
         physics.setdefault("suite", SUITE)
-        super().__init__(index, airframe, pose, **physics)
-        curve = self.plant.airframe.curve
-        self._idle = curve.speed_idle / curve.speed_max
-        self._rotors = len(self.plant.airframe.rotors)
+        super().__init__(index, airframe, pose, period_us=EXCHANGE_US, **physics)
         self.server = server
         self.released = False  # set by another thread to end a wait for good
         self.in_step = False  # whether PX4 answers each sensor message, and is waited for
         self.answers = 0
-        self._sent = Sent()
         self._to_px4 = Packer(self.index + 1, TRUTH_COMPONENT)
-
-    def advance(self) -> None:
-        """Advance by one tick, for as long as PX4 takes to answer."""
-        end_us = self.time_us + TICK_US
-        while (now_us := self.time_us) < end_us:
-            exchange_us = now_us - now_us % EXCHANGE_US + EXCHANGE_US
-            self.plant.advance((min(exchange_us, end_us) - now_us) // STEP_US)
-            if self.time_us == exchange_us:
-                self._exchange()
 
     def close(self) -> None:
         self.server.close()
@@ -120,28 +152,19 @@ class Px4Vehicle(Vehicle):
 
     def _sensors(self) -> bytes:
         """Return what is new for PX4 as bytes. HIL_SENSOR last: it starts PX4's next cycle."""
-        sensors, time_us = self.plant.sensors, self.time_us
-        data = b""
-        if int(sensors["gps_time_us"]) > self._sent.gps_us:
-            data = self._to_px4.pack(gps_message(sensors))
-        if time_us % TRUTH_US == 0:
+        data = self._to_px4.pack(gps_message(self.plant.sensors)) if self._has_fix() else b""
+        if self.time_us % TRUTH_US == 0:
             data += self.truth()
-        data += self._to_px4.pack(sensor_message(sensors, time_us, self._sent))
-        self._sent = sent_now(sensors)
-        return data
+        return data + self._to_px4.pack(self._sensor_message())
 
     def _take(self, message: dialect.MAVLink_message) -> None:
-        if message.get_msgId() != ACTUATORS:
-            return
-        actuators = self.plant.actuators
-        actuators["armed"] = int(is_armed(message))
-        actuators["command"] = rotor_commands(message.controls, self._rotors, self._idle)
-        actuators["time_us"] = message.time_usec
-        self.in_step = True
-        self.answers += 1
+        if message.get_msgId() == ACTUATORS:
+            self._obey(message, message.time_usec)
+            self.in_step = True
+            self.answers += 1
 
     def _stop(self) -> None:
-        """Go on without PX4: the motor controllers hear nothing, and stop."""
+        """Go on without PX4: the motor controllers get nothing, and stop."""
         self.in_step = False
         self.plant.actuators["armed"] = 0
 
