@@ -264,7 +264,7 @@ class MjpegSource:
     def open(self) -> None:
         self._ready.clear()
         self._response = self._caller.get(SILENCE_S)
-        self._parts = Multipart(self._response.headers.get("content-type", ""))
+        self._multipart = Multipart(self._response.headers.get("content-type", ""))
         self._chunks: Iterator[bytes] = self._response.iter_raw()
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes | Picture]:
@@ -275,7 +275,7 @@ class MjpegSource:
                 raise CameraError(f"its stream broke: {type(error).__name__}") from None
             if chunk is None:
                 raise CameraError("it ended its stream")
-            self._ready.extend(self._parts.feed(chunk, time.monotonic()))
+            self._ready.extend(self._multipart.feed(chunk, time.monotonic()))
         return self._ready.popleft()
 
     def close(self) -> None:

@@ -34,7 +34,7 @@ class VehicleAddress:
         self._parser = Parser()  # of the held address
         self._stranger: str | None = None  # the last address that spoke and is not held
         self._stranger_parser = Parser()
-        self._heard_from_s = 0.0  # when the held address last spoke
+        self._confirmed_s = 0.0  # when the held address last spoke
         self._noticed_s = -math.inf
 
     def messages(self, data: bytes) -> list[dialect.MAVLink_message]:
@@ -48,7 +48,7 @@ class VehicleAddress:
 
     def hold(self) -> None:
         """Take the address of the last `receive` for the vehicle's."""
-        self._held, self._heard_from_s = self._transport.peer, self._transport.time_s()
+        self._held, self._confirmed_s = self._transport.peer, self._transport.time_s()
         self._parser, self._stranger, self._stranger_parser = self._stranger_parser, None, Parser()
         self._transport.follow(self._held)
 
@@ -56,7 +56,7 @@ class VehicleAddress:
         """Return whether a message with the vehicle's ids that was just received may be the vehicle's."""
         peer, now_s = self._transport.peer, self._transport.time_s()
         if peer != self._held:
-            silent_s = now_s - self._heard_from_s
+            silent_s = now_s - self._confirmed_s
             if silent_s < REPLACED_S:
                 if now_s >= self._noticed_s + NOTICE_S:
                     self._noticed_s = now_s
@@ -64,7 +64,7 @@ class VehicleAddress:
                 return False
             self._notice(f"the vehicle now speaks from {peer}; {self._held} has been silent for {silent_s:.1f} s")
             self.hold()
-        self._heard_from_s = now_s
+        self._confirmed_s = now_s
         return True
 
 
