@@ -25,8 +25,8 @@ from benchmarks.machine import Machine, benchmark_parser, print_figures, process
 from dronecats.cli.exit_status import exit_status
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.view.live.folder import FrameTail, flown_world
-from dronecats.view.live.wire_state import HeardFlight
+from dronecats.view.live.folder import FrameTail, load_world
+from dronecats.view.live.wire_state import WireState
 from dronecats.view.scene import display
 from foundation import extras
 from foundation.run_folder import layout
@@ -71,17 +71,17 @@ class Written(threading.Thread):
         while not (self._folder / layout.TLOG).exists():
             if self.done.wait(0.05):
                 return
-        world = flown_world(self._folder)
+        world = load_world(self._folder)
         assert world is not None
         scene, tail = world.scene, FrameTail(self._folder / layout.TLOG)
-        flight = HeardFlight((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
+        flight = WireState((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
         while not self.done.wait(0.002):
             for frame in tail.read():
                 before = flight.time_us
                 flight.feed([frame])
                 pose = flight.pose(0)
                 if pose is not None and pose.true and flight.time_us > before:
-                    turned = _key(display.turned(pose.attitude))
+                    turned = _key(display.wxyz_of(pose.attitude))
                     self.samples.append((turned, pose.time_us / 1e6, time.monotonic()))
 
 

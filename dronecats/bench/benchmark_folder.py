@@ -35,12 +35,12 @@ class Bench:
         limit: int | None = None,
         shard: tuple[int, int] | None = None,
         first: Callable[[], None] = lambda: None,
-        say: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = lambda line: None,
     ) -> None:
         """`limit` and `shard` select the episodes that this process flies. Raises UsageError, InfrastructureError.
 
         Existing run folders are opened and checked first. Then each model with flights left gets one small test
-        question; `say` takes the lines about it. Then `first` is called and bench.json is written, and only then are
+        question; `report` takes the lines about it. Then `first` is called and bench.json is written, and only then are
         new run folders created, so that after a kill bench.json names every run folder.
         """
         self.out = out
@@ -54,7 +54,7 @@ class Bench:
             manifest = self._with_other_runs(as_json(benchmark(suite, entries, retry=retry)))
             batches = {e.name: self._batch(e, c) for e, c in configurations if (out / e.name).exists()}
             flights = [e.flight for e in entries if self._has_left(batches.get(e.name), e, part, retry)]
-            questions = FirstQuestions(flights, out, say)
+            questions = FirstQuestions(flights, out, report)
             questions.ask()
             self._write(manifest, first)
             questions.book(out)
@@ -146,6 +146,6 @@ def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[t
     for entry in entries:
         spec = entry.flight  # looked up without its ledger, which is made with the folder
         flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
-        configuration = {**settings(flight, flight.camera), "flight": as_kept(spec), "suite": as_json(suite.flown)}
+        configuration = {**settings(flight, flight.camera), "flight": as_kept(spec), "suite": as_json(suite.identity)}
         configurations.append((entry, configuration))
     return configurations

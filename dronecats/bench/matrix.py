@@ -36,7 +36,7 @@ class ChosenSuite:
 
     name: str | None  # None: episodes by name
     records: Mapping[str, EpisodeRecord]  # by id or file, in their order; each of another id
-    flown: FlownSuite
+    identity: FlownSuite
 
 
 def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
@@ -61,7 +61,7 @@ def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
     return ChosenSuite(
         name=title,
         records=records,
-        flown=FlownSuite(name=title, version=max(versions, default=VERSION), sha256=digest),
+        identity=FlownSuite(name=title, version=max(versions, default=VERSION), sha256=digest),
     )
 
 
@@ -120,7 +120,7 @@ def entries(
 def benchmark(suite: ChosenSuite, runs: Sequence[BenchEntry], *, retry: bool) -> Benchmark:
     """Return the contents of bench.json."""
     return Benchmark(
-        suite=suite.flown,
+        suite=suite.identity,
         retry=retry,
         runs=tuple(
             BenchmarkRun(

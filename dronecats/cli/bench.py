@@ -48,7 +48,7 @@ def _run(args: argparse.Namespace) -> int:
     shard = bench_spec.shard(args)
     entries = bench_spec.runs(args, suite, out)
     retry = not args.no_retry
-    bench = Bench(out, suite, entries, retry=retry, limit=args.limit, shard=shard, say=print_note)
+    bench = Bench(out, suite, entries, retry=retry, limit=args.limit, shard=shard, report=print_note)
     with ExitStack() as pages:
         result = campaign.fly(bench, args, retry=retry, pages=pages)
         campaign.print_result(result, bench_rows(result.scores, drop_stalled=args.drop_stalled), as_json=args.json)

@@ -83,7 +83,7 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
 
 def _film(args: argparse.Namespace) -> int:
     """Make the film."""
-    from dronecats.view.film.film import make, said
+    from dronecats.view.film.film import describe_codec, make
     from dronecats.view.film.plan import filmable, plan
 
     suffix = args.out.suffix.lower()
@@ -125,7 +125,7 @@ def _film(args: argparse.Namespace) -> int:
         print(json.dumps(summary))
     else:
         print(f"film: {args.out}, {film.seconds:.1f} s of {film.width}×{film.height} at {film.fps} a second, "
-              f"{size / 1e6:.1f} MB; {said(codec)}")  # fmt: skip
+              f"{size / 1e6:.1f} MB; {describe_codec(codec)}")  # fmt: skip
     return 0
 
 

@@ -116,7 +116,7 @@ def _fly(request: study_spec.StudyRequest) -> int:
     bench = Bench(
         out, request.suite, request.plan.entries, retry=False, limit=args.limit,
         shard=bench_spec.shard(args), first=lambda: folder.write(out, study),
-        say=print_note,
+        report=print_note,
     )  # fmt: skip
     with ExitStack() as pages:
         result = campaign.fly(bench, args, retry=False, pages=pages)

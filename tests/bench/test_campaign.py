@@ -214,9 +214,9 @@ def test_a_matrix_is_every_pilot_under_every_latency_and_command():
 def test_a_suite_is_told_by_its_records_and_not_by_what_is_flown_of_it():
     quick = suite_of([], ["quick"])
     assert list(quick.records) == catalogue.suite_ids("quick")
-    assert quick.flown.name == "quick"
-    assert suite_of(catalogue.suite_ids("quick")[:3], []).flown.sha256 != quick.flown.sha256
-    assert suite_of([], ["quick", "one-drone"]).flown.name == "quick+one-drone"
+    assert quick.identity.name == "quick"
+    assert suite_of(catalogue.suite_ids("quick")[:3], []).identity.sha256 != quick.identity.sha256
+    assert suite_of([], ["quick", "one-drone"]).identity.name == "quick+one-drone"
     with pytest.raises(UsageError, match="--suite"):
         suite_of([], [])
 
@@ -243,7 +243,7 @@ def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_pa
 def test_a_run_says_of_which_suite_it_is(tmp_path):
     opened = bench(tmp_path / "b")
     told = json.loads((opened.runs[0].batch.run / "run.json").read_text())
-    assert told["suite"]["sha256"] == suite_of(FOUR, []).flown.sha256
+    assert told["suite"]["sha256"] == suite_of(FOUR, []).identity.sha256
     assert told["suite"]["name"] is None
     assert len(told["code_sha256"]) == 64
     with pytest.raises(UsageError, match=str(opened.runs[0].batch.run)):

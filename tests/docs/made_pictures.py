@@ -22,7 +22,7 @@ from dronecats.view.live.scene import CHOSEN
 from dronecats.view.live.viewer_process import LiveFlight
 from dronecats.view.replay.moments import FlightMoments, flight_moments
 from dronecats.view.replay.page import RUN_COLORS, ReplayPage
-from dronecats.view.replay.views import AgainView
+from dronecats.view.replay.views import RedrawnView
 from dronecats.view.scene.page import LoopbackServer
 from foundation.run_folder import layout
 from tests.docs.pages import ROOT
@@ -125,7 +125,7 @@ def replay_picture(folders: list[Path]) -> NDArray[np.uint8]:
     page = ReplayPage([flight_moments(each) for each in folders], free_port(socket.SOCK_STREAM), at_s=REPLAY_S)
     try:
         with shown(page.url, REPLAY_PICTURE.size) as driver:
-            while page.state.view is not AgainView.CHASE:
+            while page.state.view is not RedrawnView.CHASE:
                 page.next_view()
             page.idle(PATIENCE_S)
             return standing(driver)

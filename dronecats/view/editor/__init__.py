@@ -1,1 +1,1 @@
-"""The episode editor: `draft` is what is being edited, `assessment` what is true of it, the rest shows both."""
+"""The episode editor: `draft` holds what is edited, `assessment` checks it, the other modules show both."""

@@ -1,7 +1,7 @@
-"""What is true of a draft: the checks that accept an episode, and what a drone's camera sees at its start."""
+"""Assesses a draft: the checks that accept an episode, and the picture of a drone's camera at its start."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from episodes.authoring.check.finding import RuleFinding
 from episodes.camera.renderer import Renderer
 from episodes.camera.renderer.layout import camera_pose
 from episodes.maps.scene import Instance, Scene
-from episodes.records.record import EpisodeRecord, TargetRecord, parse
+from episodes.records.record import EpisodeRecord, parse
 from episodes.world.fleet import Fleet, hovering
 from episodes.world.target import Wheels, motion, on_ground
 from episodes.world.world import World
@@ -24,81 +24,66 @@ PREVIEW = CameraModel(width=640, height=360)
 
 
 def findings(record: EpisodeRecord) -> list[RuleFinding]:
-    """Return what `dronecats episodes check` would find; a record that cannot even be read is one red finding."""
+    """Return the findings of `dronecats episodes check`; an unreadable record is one failed finding."""
     try:
         return rules.check(World(parse(record.to_json(), record.id or "the draft")))
     except UsageError as error:
-        return [RuleFinding("the record", False, str(error).split(": ", 1)[-1].rstrip("."), "one that can be read")]
-
-
-@dataclass(frozen=True, slots=True)
-class Appearance:
-    """All of a record that a renderer must be built for; what only moves is not of it."""
-
-    map: str
-    seed: int
-    target: tuple[str, str | None, str | None, str | None]  # asset, paint, inscription, native
-    others: tuple[tuple[str, str | None, str | None, str | None], ...]
-    drones: int
+        return [RuleFinding("the record", False, str(error).split(": ", 1)[-1].rstrip("."), "a readable one")]
 
 
 class Previews:
-    """Pictures of what drones see. Dragging a thing moves it in the scene; only another look builds another one."""
+    """Draws what drones see. A moved object keeps the renderer; a changed appearance builds a new one."""
 
     def __init__(self, threads: int = 2) -> None:
-        """Take the number of threads that draw."""
+        """`threads`: that draw."""
         self._threads = threads
-        self._look: Appearance | None = None
+        self._look: object = None  # the fields of the record that the renderer was built for
         self._renderer: Renderer | None = None
         self._ids: tuple[int, ...] = ()
         self._fleet: Fleet | None = None
         self._ground = FLAT
-        self._wheels: tuple[Wheels | None, ...] = ()  # of each of these
+        self._wheels: tuple[Wheels | None, ...] = ()  # of each id
 
     def picture(self, record: EpisodeRecord, drone: int, t_s: float = 0.0) -> NDArray[np.uint8]:
         """Return the (360, 640, 3) sRGB picture of one drone at its start. Raises UsageError."""
         renderer = self._ready(record)
         start = record.starts[drone]
         attitude = quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg))
-        placed = [one for one in (record.target, *record.candidates) if one.native is None]
+        placed = [target for target in (record.target, *record.candidates) if target.native is None]
         moved: dict[int, tuple[Vec3, float | Quat] | None] = {
-            number: on_ground(wheels, self._ground, motion(one).pose(t_s))
-            for number, wheels, one in zip(self._ids, self._wheels, placed, strict=True)
+            number: on_ground(wheels, self._ground, motion(target).pose(t_s))
+            for number, wheels, target in zip(self._ids, self._wheels, placed, strict=True)
         }
         if self._fleet:
-            others = {k: hovering(one) for k, one in enumerate(record.starts) if k != drone}
-            moved |= self._fleet.moved(others)
+            hovering_drones = {k: hovering(start) for k, start in enumerate(record.starts) if k != drone}
+            moved |= self._fleet.moved(hovering_drones)
         return renderer.render(camera_pose(start.position_ned, attitude, PREVIEW), moved).rgb
 
     def _ready(self, record: EpisodeRecord) -> Renderer:
-        others = tuple(_look(one) for one in record.candidates)
-        look = Appearance(record.map, record.map_seed, _look(record.target), others, len(record.starts))
+        looks = [(t.asset, t.paint, t.inscription, t.native) for t in (record.target, *record.candidates)]
+        look = (record.map, record.map_seed, looks, len(record.starts))
         if self._renderer is None or look != self._look:
             if self._renderer is not None:
                 self._renderer.close()
             world = World(record)
             scene, free = _movable(world)
-            self._ids = tuple(one.id for one in free)
-            self._wheels = tuple(Wheels.if_any(one.kind, one.mesh) for one in free)
+            self._ids = tuple(instance.id for instance in free)
+            self._wheels = tuple(Wheels.if_any(instance.kind, instance.mesh) for instance in free)
             self._fleet, self._ground = world.fleet, world.scene.terrain
             self._renderer, self._look = Renderer(scene, PREVIEW, self._threads, shadow_cells=2048), look
         return self._renderer
 
     def close(self) -> None:
-        """Let the renderer's threads go."""
+        """Release the renderer's threads."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
 
 
-def _look(one: TargetRecord) -> tuple[str, str | None, str | None, str | None]:
-    return (one.asset, one.paint, one.inscription, one.native)
-
-
 def _movable(world: World) -> tuple[Scene, tuple[Instance, ...]]:
-    """Return what cameras see, free to move what the record placed, and these things, target first."""
+    """Return the scene with the objects of the record movable, and these objects, target first."""
     placed = len(world.record.candidates) + (world.record.target.native is None)
     plan = world.scene.instances[: len(world.scene.instances) - placed]
-    free = tuple(replace(one, movable=True) for one in world.scene.instances[len(plan) :])
-    still = tuple(replace(one, movable=False) for one in plan)
+    free = tuple(replace(instance, movable=True) for instance in world.scene.instances[len(plan) :])
+    still = tuple(replace(instance, movable=False) for instance in plan)
     return replace(world.scene, instances=(*still, *free, *world.fleet.instances)), free

@@ -1,7 +1,7 @@
-"""An episode being edited: a record that every operation keeps on the ground and consistent. No browser, no threads.
+"""Drafts of an episode, and the operations that keep them consistent and on the ground. No browser, no threads.
 
-Places are given as north and east; the ground under them is the map's. A draft is immutable and an operation returns
-the next one, so that undoing is going back to an older draft.
+Positions are given as north and east; their height is the map's ground. A draft is immutable, and an operation returns
+the next one, so that undo returns to an older draft.
 """
 
 import math
@@ -11,7 +11,7 @@ from dronecats.view.editor import suggest
 from dronecats.view.editor.suggest import Knots
 from episodes.authoring.check.finding import GRID_SIDE_M, OF_OTHER_MAPS, RULES
 from episodes.maps import assets
-from episodes.maps.scene import Instance, Mesh, Scene, turn
+from episodes.maps.scene import Mesh, Scene, turn
 from episodes.records.record import (
     HIDDEN,
     MAX_CANDIDATES,
@@ -40,20 +40,20 @@ SHORTEST_LEG_M = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """One state of the work."""
+    """One state of an edited episode."""
 
     record: EpisodeRecord
-    knots: Knots = ()  # the path as it was clicked; the record's follows it
-    own_words: bool = False  # the instruction was written by a person, so it is left alone
+    knots: Knots = ()  # the path as it was clicked, from which the record's is made
+    own_words: bool = False  # a person wrote the instruction: it stays
 
 
 class Drafting:
     """The operations on drafts of one map."""
 
     def __init__(self, scene: Scene) -> None:
-        """Take the map, without any target in it."""
+        """`scene`: the map, without any target in it."""
         self.scene = scene
-        self._things = {one.name: one for one in scene.instances if one.kind != "ground"}
+        self._instances = {instance.name: instance for instance in scene.instances if instance.kind != "ground"}
 
     def new(self, map_name: str, map_seed: int = 1) -> Draft:
         """Return a first draft: a cyan SUV sixteen metres north of the map's free place, one drone that faces it."""
@@ -75,20 +75,20 @@ class Drafting:
         return self.settled(Draft(record))
 
     def opened(self, record: EpisodeRecord) -> Draft:
-        """Return the draft of a record that exists, as it is."""
+        """Return the draft of an existing record."""
         path = record.target.path
         knots = suggest.corners([(n, e) for n, e, _ in path.waypoints_ned]) if path else ()
         return Draft(record, knots, record.instruction != suggest.instruction(record))
 
     def on_ground(self, north: float, east: float, above: float = 0.0) -> Vec3:
-        """Return a place (m, NED) `above` metres over the ground, to the millimetre."""
+        """Return a position (m, NED) `above` metres over the ground, to the millimetre."""
         north, east = round(north, 3) + 0.0, round(east, 3) + 0.0  # + 0: no negative zeros
         return (north, east, round(self.scene.terrain.at(north, east) - above, 3) + 0.0)
 
     # ---- the target
 
     def choose(self, draft: Draft, asset: str, paint: str) -> Draft:
-        """Return the draft with another thing as target (and as look-alikes), where the old one stood."""
+        """Return the draft with another asset as target and look-alikes, in the same place."""
         target = draft.record.target
         if draft.record.cell in MOVING and asset in STATIONARY:
             raise UsageError(f"the target of a {draft.record.cell} episode moves, which a {asset} cannot.")
@@ -96,23 +96,23 @@ class Drafting:
         if target.native is not None:
             target = replace(target, native=None)
         record = replace(draft.record, target=replace(target, asset=asset, paint=paint))
-        alike = tuple(replace(one, asset=asset, paint=paint) for one in record.candidates)
-        return self.settled(replace(draft, record=replace(record, candidates=alike)))
+        candidates = tuple(replace(candidate, asset=asset, paint=paint) for candidate in record.candidates)
+        return self.settled(replace(draft, record=replace(record, candidates=candidates)))
 
     def adopt(self, draft: Draft, name: str) -> Draft:
-        """Return the draft whose target is a thing of the map. Raises UsageError for a cell that cannot have one."""
-        one = self._things.get(name)
-        if one is None:
-            raise UsageError(f"the map has nothing called '{name}' that could be a target.")
+        """Return the draft with an object of the map as target. Raises UsageError for a cell that cannot have one."""
+        instance = self._instances.get(name)
+        if instance is None:
+            raise UsageError(f"the map has no object '{name}' that could be a target.")
         if draft.record.cell in MOVING or draft.record.cell == "commanding":
-            raise UsageError(f"the target of a {draft.record.cell} episode cannot be a thing of the map.")
-        n, e, d = (round(float(v), 4) for v in one.position_ned)
-        target = TargetRecord(one.kind, None, None, (n, e, d), round(math.degrees(one.yaw), 3), native=name)
+            raise UsageError(f"the target of a {draft.record.cell} episode cannot be an object of the map.")
+        n, e, d = (round(float(v), 4) for v in instance.position_ned)
+        target = TargetRecord(instance.kind, None, None, (n, e, d), round(math.degrees(instance.yaw), 3), native=name)
         draft = replace(draft, record=replace(draft.record, target=target), knots=())
         return self.face(draft, 0, TURNED_AWAY_DEG if draft.record.cell in HIDDEN else 0.0)
 
     def move_target(self, draft: Draft, north: float, east: float, yaw_deg: float | None = None) -> Draft:
-        """Return the draft with the target elsewhere. A path moves along with it; a thing of the map stays."""
+        """Return the draft with the target elsewhere, and its path with it. Raises UsageError for a native one."""
         target = draft.record.target
         if target.native is not None:
             raise UsageError(f"'{target.native}' belongs to the map and stays where it is: choose an asset to place.")
@@ -137,9 +137,9 @@ class Drafting:
     # ---- its path
 
     def add_waypoint(self, draft: Draft, north: float, east: float) -> Draft:
-        """Return the draft with the path led on to a place."""
+        """Return the draft with the path extended to a point."""
         if draft.record.target.path is None:
-            raise UsageError(f"the target of a {draft.record.cell} episode stands still: choose a cell that moves.")
+            raise UsageError(f"the target of a {draft.record.cell} episode does not move: choose a tracking cell.")
         if math.dist(draft.knots[-1], (north, east)) < SHORTEST_LEG_M:
             return draft
         return self._walked(draft, (*draft.knots, (north, east)))
@@ -166,7 +166,7 @@ class Drafting:
     # ---- the drones
 
     def move_start(self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None) -> Draft:
-        """Return the draft with one drone elsewhere, as high above the ground as before."""
+        """Return the draft with one drone elsewhere, at the same height above the ground."""
         start = draft.record.starts[which]
         yaw = start.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         place = self.on_ground(north, east, self.height(start))
@@ -184,21 +184,21 @@ class Drafting:
         return self.scene.terrain.at(north, east) - down
 
     def face(self, draft: Draft, which: int, off_deg: float = 0.0) -> Draft:
-        """Return the draft with one drone turned `off_deg` clockwise from the target."""
+        """Return the draft with one drone facing `off_deg` clockwise from the target."""
         here, goal = draft.record.starts[which].position_ned, self.centre(draft.record)
         ahead = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0]))
         return self.move_start(draft, which, here[0], here[1], ahead + off_deg)
 
     def stand_off(self, draft: Draft, distance_m: float) -> Draft:
-        """Return the draft with the first drone at a distance (m, in space) from the target, in its old direction."""
+        """Return the draft with the first drone at a distance (m, 3-D) from the target, in the same direction."""
         here, goal = draft.record.starts[0].position_ned, self.centre(draft.record)
         span = max(math.dist(here[:2], goal[:2]), 1e-6)
-        wanted, draft_now = distance_m, draft
-        for _ in range(4):  # the ground rises and falls on the way
-            level = math.sqrt(max(wanted**2 - (draft_now.record.starts[0].position_ned[2] - goal[2]) ** 2, 0.01))
+        moved = draft
+        for _ in range(4):  # iterate, since the height of the ground changes with the position
+            level = math.sqrt(max(distance_m**2 - (moved.record.starts[0].position_ned[2] - goal[2]) ** 2, 0.01))
             north, east = (goal[k] + (here[k] - goal[k]) / span * level for k in (0, 1))
-            draft_now = self.move_start(draft_now, 0, north, east)
-        return draft_now
+            moved = self.move_start(moved, 0, north, east)
+        return moved
 
     def add_start(self, draft: Draft) -> Draft:
         """Return the draft with one more drone, two metres to the right of the last one."""
@@ -216,7 +216,7 @@ class Drafting:
         return self.settled(replace(draft, record=replace(draft.record, starts=starts[: max(len(starts) - 1, 1)])))
 
     def grid(self, draft: Draft) -> Draft:
-        """Return the draft with four drones in a square of two metres, the first where it was, all facing its way."""
+        """Return the draft with four drones in a square of two metres: the first stays, all have its yaw."""
         (north, east, _), yaw = draft.record.starts[0].position_ned, draft.record.starts[0].yaw_deg
         height, turned = self.height(draft.record.starts[0]), turn(math.radians(yaw))
         corners = ((0.0, 0.0), (0.0, GRID_SIDE_M), (-GRID_SIDE_M, 0.0), (-GRID_SIDE_M, GRID_SIDE_M))
@@ -228,37 +228,36 @@ class Drafting:
     # ---- look-alikes
 
     def add_candidate(self, draft: Draft, north: float, east: float) -> Draft:
-        """Return the draft with one more look-alike of the target, its inscription another one."""
+        """Return the draft with one more look-alike of the target, which has another inscription."""
         record = draft.record
         if record.cell != "commanding":
             raise UsageError("only a commanding episode has look-alikes: choose that cell first.")
         if len(record.candidates) >= MAX_CANDIDATES:
             raise UsageError(f"an episode has at most {MAX_CANDIDATES} look-alikes.")
         yaw = record.target.yaw_deg
-        text = suggest.inscription({one.inscription for one in (record.target, *record.candidates)})
-        one = replace(record.target, inscription=text, position_ned=self.on_ground(north, east), yaw_deg=yaw)
-        return self.settled(replace(draft, record=replace(record, candidates=(*record.candidates, one))))
+        text = suggest.inscription({candidate.inscription for candidate in (record.target, *record.candidates)})
+        added = replace(record.target, inscription=text, position_ned=self.on_ground(north, east), yaw_deg=yaw)
+        return self.settled(replace(draft, record=replace(record, candidates=(*record.candidates, added))))
 
     def move_candidate(
         self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None
     ) -> Draft:
         """Return the draft with a look-alike elsewhere."""
-        one = draft.record.candidates[which]
-        yaw = one.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
-        there = self.on_ground(north, east)
-        one = replace(draft.record.candidates[which], position_ned=there, yaw_deg=yaw)
-        moved = _with(draft.record.candidates, which, one)
-        return self.settled(replace(draft, record=replace(draft.record, candidates=moved)))
+        candidate = draft.record.candidates[which]
+        yaw = candidate.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
+        moved = replace(candidate, position_ned=self.on_ground(north, east), yaw_deg=yaw)
+        candidates = _with(draft.record.candidates, which, moved)
+        return self.settled(replace(draft, record=replace(draft.record, candidates=candidates)))
 
     def drop_candidate(self, draft: Draft) -> Draft:
-        """Return the draft without its last look-alike; a commanding episode keeps one."""
+        """Return the draft without its last look-alike; one stays."""
         kept = draft.record.candidates[: max(len(draft.record.candidates) - 1, 1)]
         return self.settled(replace(draft, record=replace(draft.record, candidates=kept)))
 
     # ---- the episode
 
     def cell(self, draft: Draft, cell: str) -> Draft:
-        """Return the draft as an episode of another cell, with what that cell demands and without what it forbids."""
+        """Return the draft with another cell, changed as that cell requires."""
         old = draft.record
         fresh = old.id == _first_id(old.map, old.cell)
         record = replace(old, cell=cell, id=_first_id(old.map, cell) if fresh else old.id)
@@ -288,7 +287,7 @@ class Drafting:
         return self.settled(draft)
 
     def instruct(self, draft: Draft, text: str) -> Draft:
-        """Return the draft with another instruction; an empty one brings the suggested one back."""
+        """Return the draft with another instruction; an empty one restores the suggested one."""
         words = " ".join(text.split())[:500]
         if not words:
             return self.settled(replace(draft, own_words=False))
@@ -299,10 +298,10 @@ class Drafting:
         return replace(draft, record=replace(draft.record, id=name.strip()))
 
     def reseed(self, draft: Draft, seed: int) -> Draft:
-        """Return the draft with another seed of everything random in the flight."""
+        """Return the draft with another seed of the flight."""
         return replace(draft, record=replace(draft.record, seed=seed))
 
-    # ---- what follows from the rest
+    # ---- derived values
 
     def centre(self, record: EpisodeRecord) -> Vec3:
         """Return the centre (m, NED) of the target's box at the beginning."""
@@ -313,17 +312,13 @@ class Drafting:
         return (place[0] + float(middle[0]), place[1] + float(middle[1]), place[2] + float(middle[2]))
 
     def mesh(self, target: TargetRecord) -> Mesh:
-        """Return how a target looks, in its own axes."""
+        """Return the mesh of a target, in its own axes."""
         if target.native is not None:
-            return self._things[target.native].mesh
+            return self._instances[target.native].mesh
         return assets.build(target.asset, str(target.paint), target.inscription)
 
-    def thing(self, name: str) -> Instance | None:
-        """Return a thing of the map by name."""
-        return self._things.get(name)
-
     def settled(self, draft: Draft) -> Draft:
-        """Return the draft with the fields that follow from others: distance, bearing, visibility, suggested words."""
+        """Return the draft with its derived fields: distance, bearing, visibility, suggested instruction."""
         record = draft.record
         here, goal = record.starts[0].position_ned, self.centre(record)
         bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
@@ -345,7 +340,7 @@ class Drafting:
         """Return the draft with a path through `knots` that follows the ground."""
         path = draft.record.target.path
         if path is None:
-            raise ValueError("the target stands still")
+            raise ValueError("the target does not move")
         waypoints = suggest.draped(knots, self.on_ground)
         if len(waypoints) > MAX_WAYPOINTS:
             raise UsageError(f"the path needs {len(waypoints)} waypoints to follow the ground; {MAX_WAYPOINTS} fit.")
@@ -353,7 +348,7 @@ class Drafting:
         return self.settled(replace(draft, record=replace(draft.record, target=target), knots=knots))
 
     def _commanded(self, draft: Draft) -> Draft:
-        """Return the draft with an inscribed target, three look-alikes and four drones."""
+        """Return the draft of a commanding episode: an inscribed target, three look-alikes and four drones."""
         record = draft.record
         if record.target.native is not None:
             record = replace(record, target=replace(record.target, native=None, asset="suv", paint="cyan"))

@@ -1,4 +1,4 @@
-"""The panels beside the map: what can be chosen and typed, what the camera sees, and the checks."""
+"""The panels beside the map: the fields of the draft, the camera's picture, and the checks."""
 
 from collections.abc import Callable, Sequence
 from html import escape
@@ -18,7 +18,7 @@ GREEN, RED, GREY = (LIGHT[name] for name in ("good", "bad", "mute"))
 
 
 def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
-    """Return the list of checks, red ones first; a stale one, of the draft before the last change, is dimmed."""
+    """Return the list of checks, failed ones first; dimmed unless `fresh`, that is of the current draft."""
     failed = [f for f in findings if not f.passed]
     title = f"{len(findings) - len(failed)} of {len(findings)} checks passed" if findings else "Checking …"
     color = GREY if not findings else RED if failed else GREEN
@@ -30,30 +30,22 @@ def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
     )
 
 
-def _row(found: RuleFinding) -> str:
-    color, mark = (GREEN, "✓") if found.passed else (RED, "✗")
-    wanted = f'<div style="opacity:0.65">wanted {escape(found.wanted)}</div>' if not found.passed else ""
-    measured = f"<b>{escape(found.measured)}</b>{wanted}"
+def _row(finding: RuleFinding) -> str:
+    rule = finding.rule.removeprefix("the ")
+    color, mark = (GREEN, "✓") if finding.passed else (RED, "✗")
+    wanted = f'<div style="opacity:0.65">wanted {escape(finding.wanted)}</div>' if not finding.passed else ""
+    measured = f"<b>{escape(finding.measured)}</b>{wanted}"
     return (
-        f'<div title="wanted: {escape(found.wanted)}" '
+        f'<div title="wanted: {escape(finding.wanted)}" '
         'style="display:flex;gap:7px;padding:2px 0;border-top:1px solid rgba(128,128,128,0.18)">'
         f'<span style="color:{color};font-weight:700">{mark}</span>'
-        f'<span style="flex:1">{escape(_capital(_short(found.rule)))}</span>'
+        f'<span style="flex:1">{escape(rule[:1].upper() + rule[1:])}</span>'
         f'<span style="text-align:right;max-width:50%;color:{color}">{measured}</span></div>'
     )
 
 
-def _short(rule: str) -> str:
-    """Return a rule without its article: in a list nobody misses it."""
-    return rule.removeprefix("the ")
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def facts_html(rows: Sequence[tuple[str, str]]) -> str:
-    """Return pairs of a name and a value as one line each."""
+    """Return pairs of a name and a value, one line per pair."""
     lines = "".join(
         f'<div style="display:flex;justify-content:space-between"><span style="opacity:0.65">{escape(name)}</span>'
         f"<b>{escape(value)}</b></div>"
@@ -68,36 +60,31 @@ CLICKS = {
     "Lead the path on": "waypoint",
     "Place the drone": "drone",
     "Add a look-alike": "candidate",
-    "Take a thing of the map": "native",
+    "Use an object of the map": "native",
 }
-NATIVE = "(a thing of the map)"
+NATIVE = "(an object of the map)"
 
 
-class Orders(Protocol):
-    """What the panels call."""
+class PanelOrders(Protocol):
+    """The calls of the panels, implemented by `Editor`."""
 
     drafting: Drafting
 
-    def do(self, operation: Callable[[Draft], Draft], client: Any) -> None:
-        """Change the draft, or tell the client why not."""
+    def do(self, operation: Callable[[Draft], Draft], client: Any) -> None: ...
 
-    def save(self, replace: bool, client: Any) -> None:
-        """Write the record."""
+    def save(self, replace: bool, client: Any) -> None: ...
 
-    def undo(self) -> None:
-        """Go back."""
+    def undo(self) -> None: ...
 
-    def redo(self) -> None:
-        """Go forward."""
+    def redo(self) -> None: ...
 
-    def select(self, drone: int) -> None:
-        """Look through another drone's camera."""
+    def select(self, drone: int) -> None: ...
 
 
 class Panels:
-    """Shows a draft's fields, and passes on what a person does with them."""
+    """Shows the fields of a draft, and calls the orders of the person who edits them."""
 
-    def __init__(self, server: viser.ViserServer, orders: Orders, title: str) -> None:
+    def __init__(self, server: viser.ViserServer, orders: PanelOrders, title: str) -> None:
         """Lay the panels out."""
         self._gui = server.gui
         self._orders = orders
@@ -130,16 +117,16 @@ class Panels:
 
     @property
     def click(self) -> str:
-        """Return what a click on the map means: '', 'target', 'waypoint', 'drone', 'candidate' or 'native'."""
+        """The meaning of a click on the map: '', 'target', 'waypoint', 'drone', 'candidate' or 'native'."""
         return CLICKS[self._clicks.value]
 
     @property
     def drone(self) -> int:
-        """Return which drone's fields are shown."""
+        """The drone whose fields are shown."""
         return self._drone
 
     def show(self, draft: Draft) -> None:
-        """Bring the fields up to a draft."""
+        """Show a draft."""
         record, target = draft.record, draft.record.target
         options = (*assets.names(), NATIVE) if target.native else tuple(assets.names())
         if self._asset.options != options:
@@ -154,8 +141,7 @@ class Panels:
             self._inscribed = min(self._inscribed, len(bearers) - 1)
             self._bearer.value = bearers[self._inscribed]
         self._bearer.visible = self._fewer.visible = len(bearers) > 1
-        one = (target, *record.candidates)[self._inscribed]
-        self._text.value = one.inscription or ""
+        self._text.value = (target, *record.candidates)[self._inscribed].inscription or ""
         self._path_group.visible = target.path is not None
         if target.path is not None:
             self._speed.value = target.path.speed_mps
@@ -180,22 +166,22 @@ class Panels:
         self._facts.content = facts_html(rows)
 
     def show_picture(self, picture: Any) -> None:
-        """Show what the camera sees."""
+        """Show the camera's picture."""
         self._picture.image = picture
 
     def show_checks(self, findings: Sequence[RuleFinding], fresh: bool) -> None:
         """Show the findings."""
         self._checks.content = checks_html(findings, fresh)
 
-    def tell(self, text: str, replaceable: bool = False) -> None:
-        """Show a sentence under the button that writes."""
+    def show_note(self, text: str, replaceable: bool = False) -> None:
+        """Show a sentence under the save button."""
         self._note.content = text.replace("_", "\\_").replace("*", "\\*")
         self._replace.visible = replaceable
 
     # ---- tabs
 
     def _do(self, event: Any, operation: Callable[[Draft], Draft]) -> None:
-        """Pass on what a person did; what the program itself wrote into a field is no order."""
+        """Apply the operation of a person's edit; updates by the program itself have no client."""
         if event.client is not None:
             self._orders.do(operation, event.client)
 

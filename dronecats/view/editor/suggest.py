@@ -1,4 +1,4 @@
-"""What an editor proposes: paths over the ground, an inscription, an instruction."""
+"""Suggestions of the editor: paths over the ground, an inscription, an instruction."""
 
 import itertools
 import math
@@ -12,14 +12,14 @@ from foundation.errors import UsageError
 from foundation.frames import Vec3
 
 OFF_M = 0.005  # how far a path may leave the ground between two of its waypoints
-STEP_M = 0.25  # between the places at which the ground is looked at
+STEP_M = 0.25  # between samples of the ground
 
 Knot = tuple[float, float]  # m north, m east
 Knots = tuple[Knot, ...]  # a path as it was clicked
 
 
 def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
-    """Return waypoints (m, NED) through knots, with more where the ground between two leaves the straight line."""
+    """Return waypoints (m, NED) through knots, with more where the ground leaves the straight line between two."""
     points = [on_ground(*knots[0])]
     for a, b in itertools.pairwise(knots):
         count = max(1, math.ceil(math.dist(a, b) / STEP_M))
@@ -34,9 +34,9 @@ def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> 
 
 
 def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
-    """Return the points of a line seen from above that are needed to keep within `off_m` of all of them.
+    """Return the points that keep a line, seen from above, within `off_m` of all its points.
 
-    Two millimetres, since places are rounded to one, keep the shape. Source: Douglas and Peucker, 1973.
+    Two millimetres keep the shape, since positions are rounded to one. Source: Douglas and Peucker, 1973.
     """
 
     def off(a: int, b: int, k: int) -> float:
@@ -50,7 +50,7 @@ def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
 
 
 def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> list[int]:
-    """Return which of `count` points must stay for none to lie `off(a, b, k)` by more than `most` between a and b."""
+    """Return the indices of the points to keep, so that no point k between two of them is `off(a, b, k)` > `most`."""
     kept = {0, count - 1}
     waiting = [(0, count - 1)]
     while waiting:
@@ -62,17 +62,17 @@ def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> l
     return sorted(kept)
 
 
-LANE_OFF_M = 0.25  # a proposed path may cut a lane's corners by so much, and has few points to drag for it
+LANE_OFF_M = 0.25  # distance of a suggested path from its lane, which leaves few points to drag
 
 
 def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: float) -> Knots:
-    """Return a first path: the long enough lane that begins nearest, or straight ahead to the end of the ground."""
+    """Return a first path: the nearest lane that is long enough, or straight ahead to the end of the ground."""
     try:
-        lanes = [one for one in maps.places(record.map, record.map_seed).lanes if one.length_m >= length_m]
+        lanes = [lane for lane in maps.places(record.map, record.map_seed).lanes if lane.length_m >= length_m]
     except UsageError:  # a user's map lists none
         lanes = []
     if lanes:
-        nearest = min(lanes, key=lambda one: math.dist(one.waypoints_ned[0][:2], here))
+        nearest = min(lanes, key=lambda lane: math.dist(lane.waypoints_ned[0][:2], here))
         return corners([(n, e) for n, e, _ in nearest.waypoints_ned], LANE_OFF_M)
     field = scene.terrain
     low = (field.origin_north, field.origin_east)
@@ -84,7 +84,7 @@ def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: f
 
 
 def inscription(taken: set[str | None]) -> str:
-    """Return the first inscription that nothing bears yet."""
+    """Return the first inscription that is not taken."""
     return next(text for k in itertools.count() if (text := f"DC {1000 + 111 * k}") not in taken)
 
 

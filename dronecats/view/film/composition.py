@@ -1,4 +1,4 @@
-"""One picture of a film: chase views on the left, what the pilots saw over the map on the right, words below."""
+"""The picture of a film: chase views on the left, the pilots' frames and the map on the right, a caption below."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dronecats.flight.picture import describe
 from dronecats.judge.verdict import qualifies
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.view.film.chase import FilmStage, chase, chase_lens, standing
+from dronecats.view.film.chase import FilmStage, chase, chase_lens, obstacles_of
 from dronecats.view.film.lettering import (
     BACKGROUND,
     GREEN,
@@ -36,15 +36,15 @@ from foundation.frames import Vec3, quat_from_euler, quat_yaw
 from foundation.protocol import POINT_SPAN, RADIUS_M
 from foundation.run_folder.rows import Decision, drone_label
 
-REFERENCE_PX = 720  # height at which words are as large as they are written down
-GAP = 4  # px there, between the panes
+REFERENCE_PX = 720  # height at which text has its nominal size
+GAP = 4  # px at that height, between the panes
 COLOR_OF = {"success": GREEN, "failure": RED}
 NONE_YET, NOT_KEPT, NOT_DRAWN = "no picture yet", "no picture was kept", "flown without drawing pictures"
 
 
 @dataclass(frozen=True, slots=True)
 class Pane:
-    """A part of the picture, px."""
+    """A rectangle of the picture, px."""
 
     left: int
     top: int
@@ -54,17 +54,17 @@ class Pane:
 
 @dataclass(frozen=True, slots=True)
 class Panes:
-    """Where everything stands in a picture of a certain size."""
+    """The layout of a picture."""
 
-    chase: tuple[Pane, ...]  # one a drone
-    onboard: tuple[Pane, ...]  # likewise
+    chase: tuple[Pane, ...]  # one per drone
+    onboard: tuple[Pane, ...]  # one per drone
     map: Pane
     bar: Pane
-    unit: float  # px of this picture to one of the reference's
+    unit: float  # px of this picture per px of the reference
 
 
 def panes(width: int, height: int, drones: int) -> Panes:
-    """Return the panes of a picture (px) of so many drones."""
+    """Return the layout of a picture (px) for so many drones."""
     unit = height / REFERENCE_PX
     gap = max(1, round(GAP * unit))
     column, low = round(0.3125 * width), round(0.165 * height)
@@ -82,7 +82,7 @@ def panes(width: int, height: int, drones: int) -> Panes:
 
 
 def _grid(area: Pane, count: int, gap: int) -> tuple[Pane, ...]:
-    """Return an area shared out: rows of as many columns as make the parts as like the whole as can be."""
+    """Return an area divided into a grid of `count` panes, as square in counts as possible."""
     columns = math.ceil(math.sqrt(count))
     rows = math.ceil(count / columns)
     width, height = (area.width - gap * (columns - 1)) // columns, (area.height - gap * (rows - 1)) // rows
@@ -93,35 +93,34 @@ def _grid(area: Pane, count: int, gap: int) -> tuple[Pane, ...]:
 
 
 class Composition:
-    """Draws the pictures of a film of one flight, at any time of it."""
+    """Draws the pictures of a film of one flight."""
 
     def __init__(self, flight: RecordedFlight, width: int, height: int, drone: int | None = None) -> None:
-        """`drone`: the only one that is followed; None: each of the fleet in a pane of its own."""
+        """`drone`: the only one that is followed; None: each drone in a pane of its own."""
         self._flight, self._size = flight, (width, height)
         self._followed = flight.drones if drone is None else (drone,)
         self.panes = panes(width, height, len(self._followed))
         first = self.panes.chase[0]
         self._stage = FilmStage(flight, chase_lens(first.width, first.height))
-        stands = standing(flight)
-        self._ways = {each: chase(flight.tracks[each], flight.end_s, stands) for each in self._followed}
-        where = self.panes.map
-        self._map = MapPane(flight, where.width, where.height, self.panes.unit)
+        obstacles = obstacles_of(flight)
+        self._paths = {k: chase(flight.tracks[k], flight.end_s, obstacles) for k in self._followed}
+        self._map = MapPane(flight, self.panes.map.width, self.panes.map.height, self.panes.unit)
         self._kept: tuple[float, Picture] | None = None  # the newest picture, without its bar
 
     def at(self, t: float, speed: float = 1.0, over: bool = False) -> Picture:
-        """Return the picture at a time, (height, width, 3) RGB. `over`: the flight is, and its verdict is said."""
+        """Return the picture at a time, (height, width, 3) RGB. `over`: the flight has ended; show its verdict."""
         if self._kept is None or self._kept[0] != t:
             self._kept = t, self._views(t)
         picture = self._kept[1].copy()
-        where, unit = self.panes.bar, self.panes.unit
-        _put(picture, where, caption_bar(self._flight, t, speed, over, where.width, where.height, unit))
+        bar, unit = self.panes.bar, self.panes.unit
+        _put(picture, bar, caption_bar(self._flight, t, speed, over, bar.width, bar.height, unit))
         return picture
 
     def _views(self, t: float) -> Picture:
         width, height = self._size
         picture = np.full((height, width, 3), BACKGROUND, np.uint8)
         for drone, view, seen in zip(self._followed, self.panes.chase, self.panes.onboard, strict=True):
-            drawn = self._stage.picture(self._ways[drone].at(t), t)
+            drawn = self._stage.picture(self._paths[drone].at(t), t)
             if len(self._flight.drones) > 1:
                 self._name(drawn, drone, t)
             _put(picture, view, drawn)
@@ -130,7 +129,7 @@ class Composition:
         return picture
 
     def _name(self, view: Picture, drone: int, t: float) -> None:
-        """Say on a chase view whose it is and what that one is about."""
+        """Write the drone's name and action on its chase view."""
         small = max(9, round(15 * self.panes.unit))
         plate(view, 0, 0, view.shape[1], round(1.6 * small))
         text, color = action_words(self._flight, drone, t)
@@ -139,18 +138,18 @@ class Composition:
         write(view, text, (left, top), small, color)
 
     def close(self) -> None:
-        """Let the renderer go."""
+        """Release the renderer."""
         self._stage.close()
 
 
-def _put(picture: Picture, pane: Pane, part: Picture) -> None:
-    picture[pane.top : pane.top + pane.height, pane.left : pane.left + pane.width] = part
+def _put(picture: Picture, pane: Pane, content: Picture) -> None:
+    picture[pane.top : pane.top + pane.height, pane.left : pane.left + pane.width] = content
 
 
 def caption_bar(
     flight: RecordedFlight, t: float, speed: float, over: bool, width: int, height: int, unit: float
 ) -> Picture:
-    """Return the bar below the pictures, (height, width, 3) RGB. `over`: the flight is, and its verdict is said."""
+    """Return the bar below the pictures, (height, width, 3) RGB. `over`: the verdict is shown."""
     picture = np.full((height, width, 3), BACKGROUND, np.uint8)
     large, middle, small = (max(9, round(px * unit)) for px in (23, 21, 14))
     left, right, y = round(14 * unit), width - round(14 * unit), round(9 * unit)
@@ -165,48 +164,48 @@ def caption_bar(
         text, color = action_words(flight, flight.drones[0], t)
         write(picture, text, (left, y + round(2 * unit)), middle, color)
     low = height - round(1.55 * small)
-    who = f"{flight.id}   flown by {flight.run.pilot_title}"
-    write(picture, who, (left, low), small, GREY)
+    title = f"{flight.id}   flown by {flight.run.pilot_title}"
+    write(picture, title, (left, low), small, GREY)
     if any(track.level for track in flight.tracks.values()):
         write(picture, "drawn level: no attitudes were kept", (round(0.55 * width), low), small, GREY)
     if over or is_decided(flight, t):
-        said, color = verdict_words(flight)
-        beside = left + width_px(who, small) < right - width_px(said, middle, True) - middle
+        words, color = verdict_words(flight)
+        beside = left + width_px(title, small) < right - width_px(words, middle, True) - middle
         above = height - round(2.1 * middle) if beside else low - round(1.4 * middle)
-        write(picture, said, (right, above), middle, color, True, right=True)
+        write(picture, words, (right, above), middle, color, True, right=True)
     return picture
 
 
 def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink]:
-    """Return what a drone is about at a time, in a few words, and their colour."""
-    asked, flown = flight.latest_decision(drone, t, "t_frame"), flight.latest_decision(drone, t, "t_decided")
-    if asked is None:
+    """Return a short text on a drone's action at a time, and its colour."""
+    decision, flying = (flight.latest_decision(drone, t, time) for time in ("t_frame", "t_decided"))
+    if decision is None:
         return "", PALE
-    if asked is not flown and t < asked.t_decided:
-        return f"step {asked.step}   the pilot is asked, {t - asked.t_frame:.1f} s", PALE
-    good = qualifies(asked, flight.logs, flight.delta_m, flight.cap_s)
+    if decision is not flying and t < decision.t_decided:
+        return f"step {decision.step}   the pilot is asked, {t - decision.t_frame:.1f} s", PALE
+    good = qualifies(decision, flight.logs, flight.delta_m, flight.cap_s)
     color = {True: GREEN, False: RED, None: YELLOW}[good]
     rejected = f" · not within {flight.delta_m:g} m and in view" if good is False else ""
-    return f"step {asked.step}   {describe(asked)}{rejected}", color
+    return f"step {decision.step}   {describe(decision)}{rejected}", color
 
 
 def is_decided(flight: RecordedFlight, t: float) -> bool:
-    """Return whether the declaration that decides has been made by then."""
+    """Return whether the deciding declaration has been made by then."""
     deciding = flight.verdict.deciding
     return deciding is not None and t >= deciding.t
 
 
 def verdict_words(flight: RecordedFlight) -> tuple[str, Ink]:
-    """Return the verdict in a few words, derived from the logs anew, and their colour."""
-    found = flight.verdict
-    away = f" · {found.ne_m:.2f} m from the target" if found.ne_m is not None else ""
-    return f"{str(found.outcome).upper()}{away}", COLOR_OF.get(str(found.outcome), PALE)
+    """Return a short text on the verdict, computed from the logs, and its colour."""
+    verdict = flight.verdict
+    away = f" · {verdict.ne_m:.2f} m from the target" if verdict.ne_m is not None else ""
+    return f"{str(verdict.outcome).upper()}{away}", COLOR_OF.get(str(verdict.outcome), PALE)
 
 
 def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height: int, unit: float) -> Picture:
-    """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit` px is what words are measured by.
+    """Return the newest frame of a drone at a time, (height, width, 3) RGB; `unit`: the scale of text.
 
-    The ring is there from when the reply was. Nothing is drawn again: of a frame that the folder lacks this is said.
+    The chosen point is ringed from the time of the reply. A note replaces a frame that the folder does not have.
     """
     small = max(9, round(14 * unit))
     decision = flight.latest_decision(drone, t, "t_frame")
@@ -214,8 +213,8 @@ def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height:
     picture = _read(path, width, height) if path is not None and flight.run.is_rendered else None
     if picture is None or decision is None:
         picture = np.full((height, width, 3), BACKGROUND, np.uint8)
-        said = NOT_DRAWN if not flight.run.is_rendered else NONE_YET if decision is None else NOT_KEPT
-        write(picture, said, (round(0.06 * width), height // 2 - small), small, GREY)
+        note = NOT_DRAWN if not flight.run.is_rendered else NONE_YET if decision is None else NOT_KEPT
+        write(picture, note, (round(0.06 * width), height // 2 - small), small, GREY)
     else:
         picture = picture.copy()
     if decision is not None and (point := chosen(decision)) is not None and t >= decision.t_decided:
@@ -236,7 +235,7 @@ def pilot_view(flight: RecordedFlight, drone: int, t: float, width: int, height:
 
 
 def chosen(decision: Decision) -> tuple[float, float] | None:
-    """Return the point that a decision flies to, (x, y) as shares of width and height; None of other actions."""
+    """Return the point of a go, (x, y) as shares of width and height; None for other actions."""
     return None if decision.go is None else (decision.go.x / POINT_SPAN, decision.go.y / POINT_SPAN)
 
 
@@ -265,20 +264,20 @@ LEAST_M = 13.0  # half of the ground's smaller side
 SAMPLES_S = 0.2  # of the trail
 VIEW_M = 9.0  # how far the field of view is drawn
 SHIFT = 4  # binary places of the pixels that lines are drawn with
-JUDGES = "target, 5 m: the judge's"
+JUDGE_NOTE = "target, 5 m: the judge's"
 
 Array = NDArray[np.float64]
 
 
 class MapPane:
-    """Draws one flight's map at one size."""
+    """Draws the map of a flight from above: trails, fields of view, and the target, which only the judge knows."""
 
     def __init__(self, flight: RecordedFlight, width: int, height: int, unit: float) -> None:
-        """`unit`: px by which words are measured."""
+        """`unit`: the scale of text."""
         self._flight, self._size, self._small = flight, (width, height), max(9, round(14 * unit))
         self._times = np.arange(0.0, flight.end_s + SAMPLES_S, SAMPLES_S)
-        self._ways = {drone: track.positions(self._times) for drone, track in flight.tracks.items()}
-        places = np.concatenate([*self._ways.values(), *(np.array([p]) for p in self._targets())])[:, :2]
+        self._trails = {drone: track.positions(self._times) for drone, track in flight.tracks.items()}
+        places = np.concatenate([*self._trails.values(), *(np.array([p]) for p in self._targets())])[:, :2]
         low, high = places.min(axis=0), places.max(axis=0)
         self._middle = (low + high) / 2
         half_high = max((high[0] - low[0]) / 2 + MARGIN_M, LEAST_M)
@@ -295,15 +294,14 @@ class MapPane:
         self._target(picture, self._flight.world.target_centre(max(0.0, t)))
         for drone, track in self._flight.tracks.items():
             pose = track.at(t)
-            flown = self._ways[drone][self._times < t]
-            way = self._px(np.vstack([flown, [pose.position_ned]]))
+            places = np.vstack([self._trails[drone][self._times < t], [pose.position_ned]])
             for color, thick in (((0, 0, 0), 4), (color_of(drone), 2)):
-                cv2.polylines(picture, [way], False, color, self._thick(thick), cv2.LINE_AA, SHIFT)
+                cv2.polylines(picture, [self._px(places)], False, color, self._thick(thick), cv2.LINE_AA, SHIFT)
             self._drone(picture, pose.position_ned, quat_yaw(pose.attitude), color_of(drone))
         return picture
 
     def px(self, place: Vec3) -> tuple[float, float]:
-        """Return where a place is in the picture, (x, y) px."""
+        """Return the pixel of a position, (x, y)."""
         width, height = self._size
         return (width / 2 + (place[1] - float(self._middle[1])) / self.per_px,
                 height / 2 - (place[0] - float(self._middle[0])) / self.per_px)  # fmt: skip
@@ -318,7 +316,7 @@ class MapPane:
         return [self._flight.world.target_centre(float(t)) for t in self._times[::5]]
 
     def _from_above(self) -> Picture:
-        """Return the ground with all that stands on it and nothing that moves."""
+        """Return the ground with everything that does not move."""
         width, height = self._size
         world = self._flight.world
         camera = CameraModel(2 * width, 2 * height, LENS_DEG, (0.0, 0.0, 0.0))
@@ -345,7 +343,7 @@ class MapPane:
         cv2.addWeighted(over, 0.32, picture, 0.68, 0.0, picture)
 
     def _target(self, picture: Picture, centre: Vec3) -> None:
-        """Mark the target and the ring within which a declaration counts: what the judge knows and no pilot sees."""
+        """Mark the target and the ring within which a declaration counts, which no pilot sees."""
         around = np.linspace(0.0, 2 * math.pi, 73)
         ring = np.column_stack(
             [centre[0] + RADIUS_M * np.cos(around), centre[1] + RADIUS_M * np.sin(around), 0 * around]
@@ -372,12 +370,11 @@ class MapPane:
         width, height = self._size
         small, high = self._small, round(1.5 * self._small)
         plate(picture, 0, height - high, width, high)
-        write(picture, JUDGES, (round(0.4 * small), height - high + round(0.1 * small)), small, MAGENTA)
+        write(picture, JUDGE_NOTE, (round(0.4 * small), height - high + round(0.1 * small)), small, MAGENTA)
         metres = next(m for m in (50.0, 20.0, 10.0, 5.0, 2.0) if m <= 0.25 * width * self.per_px or m == 2.0)
-        name = f"{metres:g} m"
         right, y = width - round(0.6 * small), height - round(0.4 * small)
         cv2.line(picture, (right - round(metres / self.per_px), y), (right, y), WHITE, max(1, small // 7))
-        write(picture, name, (right - width_px(name, small), height - high), small, WHITE)
+        write(picture, f"{metres:g} m", (right, height - high), small, WHITE, right=True)
         write(picture, "N ↑", (width - round(0.6 * small), round(0.3 * small)), small, WHITE, True, right=True)
 
     def _thick(self, of_720: int) -> int:

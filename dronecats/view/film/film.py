@@ -1,11 +1,18 @@
-"""Makes a film file: parts drawn by several processes, encoded, and joined."""
+"""Makes a film file: its parts are drawn by several processes, encoded, and joined.
+
+Parts are files in a folder beside the film. A part gets its name when it is complete, so that a kill leaves only
+complete parts, and the same command makes the others. H.264 parts, encoded by the ffmpeg of imageio-ffmpeg, are
+joined without encoding. Without that ffmpeg, and for GIF, parts are JPEG pictures that are encoded when all exist.
+"""
 
 import contextlib
 import fcntl
+import itertools
 import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -24,13 +31,23 @@ from foundation.run_folder.reading import json_object
 from foundation.threads import once
 
 MANIFEST, LOCK, MAKING = "manifest.json", ".lock", ".making"
+CRF, PRESET = 23, "veryfast"
+JPEG_QUALITY = 95  # of a part, which is encoded again: the loss is not visible
+GIF_COLORS = 128  # the marks' and words' colours included, which are few pixels and matter most
+GIF_SAMPLED = 24  # pictures from which the palette is made
+GIF_STILL = 10  # of 255: a pixel that changes by less in each channel keeps its value, which keeps the file small
+BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
+# the same at the edge of a letter, and a field of view on a road
+DIM = tuple(tuple((a + b) // 2 for a, b in zip(mark, BACKGROUND, strict=True)) for mark in BRIGHT)
+MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))
 
 Codec = Literal["h264", "mp4v", "gif"]
-PicturesDone = Callable[[int], object]  # told how many more pictures are there
+PicturesDone = Callable[[int], object]  # takes the number of pictures that were drawn since the last call
+SUFFIX: dict[Codec, str] = {"h264": ".mp4", "mp4v": ".avi", "gif": ".avi"}
 
 
 @dataclass(frozen=True, slots=True)
-class FilmParts:
+class PartsFolder:
     """The folder of a film's parts."""
 
     folder: Path
@@ -41,31 +58,10 @@ class FilmParts:
         """Return the file of a part."""
         return self.folder / f"{number:05d}{SUFFIX[self.codec]}"
 
-    def making(self, number: int) -> Path:
-        """Return the file of a part while it is being written."""
-        return self.folder / f"{number:05d}{MAKING}{SUFFIX[self.codec]}"
-
     @property
     def missing(self) -> list[int]:
-        """The numbers of the parts that are not there yet."""
-        return [number for number in range(len(self.plan.parts)) if not self.path(number).is_file()]
-
-    @property
-    def paths(self) -> list[Path]:
-        """The files of all parts."""
-        return [self.path(number) for number in range(len(self.plan.parts))]
-
-    def remove(self) -> None:
-        """Remove the folder with all that is in it."""
-        shutil.rmtree(self.folder)
-
-
-@dataclass(frozen=True, slots=True)
-class FilmPart:
-    """A part that is to be made: what a process is told."""
-
-    parts: FilmParts
-    number: int
+        """The numbers of the parts that do not exist yet."""
+        return [number for number in range(len(self.plan.part_ranges)) if not self.path(number).is_file()]
 
 
 def make(
@@ -73,70 +69,67 @@ def make(
 ) -> Codec:
     """Write a film, and return how it is encoded. For the main thread.
 
-    `progress` is given how many pictures are there already, and returns what is told of each that comes; `jobs`: how
-    many processes draw, None: one a core. What an unfinished film of the same command has left is gone on with. Raises
-    UsageError when nothing can be written there, InfrastructureError when an encoder or a process fails.
+    `progress` takes the number of pictures that exist already, and returns a function for each later count. `jobs`:
+    processes that draw, None: one per core. An unfinished film of the same plan is resumed. Raises UsageError when the
+    film cannot be written, InfrastructureError when an encoder or a process fails.
     """
     codec = codec_for(out)
-    with opened(out, plan, codec) as parts:
-        missing = parts.missing
-        done = plan.pictures - sum(len(plan.parts[number]) for number in missing)
-        tell = progress(done) if progress else _nobody
+    with open_parts(out, plan, codec) as parts_folder:
+        missing = parts_folder.missing
+        done = plan.pictures - sum(len(plan.part_ranges[number]) for number in missing)
+        report = progress(done) if progress else None
         try:
-            for number in share_out(draw_part, [FilmPart(parts, number) for number in missing], jobs):
-                tell(len(plan.parts[number]))
-            finished = parts.folder / f"film{out.suffix}"
-            join(parts.paths, finished, plan, codec)
-            finished.replace(out)
-            parts.remove()
+            for number in share_out(partial(draw_part, parts_folder), missing, jobs):
+                if report is not None:
+                    report(len(plan.part_ranges[number]))
+            film = parts_folder.folder / f"film{out.suffix}"
+            join([parts_folder.path(number) for number in range(len(plan.part_ranges))], film, plan, codec)
+            film.replace(out)
+            shutil.rmtree(parts_folder.folder)
         except OSError as error:
-            raise UsageError(f"{out} cannot be written: {error.strerror}; the same command goes on") from None
+            raise UsageError(f"{out} cannot be written: {error.strerror}; the same command resumes") from None
     return codec
 
 
-def draw_part(part: FilmPart) -> int:
-    """Draw and write one part, and return its number. In a process of its own, or in the caller's."""
-    parts, plan = part.parts, part.parts.plan
-    making = parts.making(part.number)
-    write_part(making, _pictures(plan, part.number), plan, parts.codec)
-    making.replace(parts.path(part.number))
-    return part.number
+def draw_part(parts_folder: PartsFolder, number: int) -> int:
+    """Draw and write one part, and return its number. For a process of its own, or the caller's."""
+    plan, path = parts_folder.plan, parts_folder.path(number)
+    unfinished = path.with_name(f"{path.stem}{MAKING}{path.suffix}")
+    write_part(unfinished, _pictures(plan, number), plan, parts_folder.codec)
+    unfinished.replace(path)
+    return number
 
 
 def _pictures(plan: FilmPlan, number: int) -> Iterator[Picture]:
-    drawn = composition(plan.folder, plan.width, plan.height, plan.drone)
-    for picture in plan.parts[number]:
-        yield drawn.at(plan.time_of(picture), plan.speed, over=picture >= plan.moving and plan.closing > 0)
+    drawing = composition(plan.folder, plan.width, plan.height, plan.drone)
+    for picture in plan.part_ranges[number]:
+        yield drawing.at(plan.time_of(picture), plan.speed, over=picture >= plan.moving and plan.closing > 0)
 
 
 @once(1)
 def composition(folder: str, width: int, height: int, drone: int | None) -> Composition:
-    """Return what draws the pictures of a film, made once in a process. Raises UsageError where it cannot be."""
-    cv2.setNumThreads(1)  # a process draws on one core: there is one for each of them
+    """Return the composition of a film, made once per process. Raises UsageError for a flight that cannot be filmed."""
+    cv2.setNumThreads(1)  # there is one process per core
     return Composition(filmable(Path(folder)), width, height, drone)
 
 
-def _nobody(pictures: int) -> None:
-    """Tell nobody how far it is."""
-
-
 def folder_beside(out: Path) -> Path:
-    """Return where the parts of a film are kept."""
+    """Return the folder of a film's parts."""
     return out.with_name(out.name + ".parts")
 
 
 @contextlib.contextmanager
-def opened(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[FilmParts]:
-    """Yield the parts of a film, nobody else's; those of another film in their place are thrown away.
+def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]:
+    """Yield the locked folder of a film's parts; parts of another film are removed.
 
-    Raises UsageError when nothing can be written there, or somebody else is making a film there.
+    Raises UsageError when it cannot be written, or another process makes a film there.
     """
     if out.is_dir():
         raise UsageError(f"--out {out} is a folder; name a file in it")
-    parts = FilmParts(folder_beside(out), plan, codec)
+    folder = folder_beside(out)
     try:
-        parts.folder.mkdir(parents=True, exist_ok=True)
-        lock: IO[str] = (parts.folder / LOCK).open("w")
+        folder.mkdir(parents=True, exist_ok=True)
+        lock: IO[str] = (folder / LOCK).open("w")
     except OSError as error:
         raise UsageError(f"--out {out} cannot be written: {error.strerror}") from None
     with lock:
@@ -144,40 +137,24 @@ def opened(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[FilmParts]:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise UsageError(f"{out} is being made by another process; wait for it, or choose another --out") from None
-        _begin(parts)
-        yield parts
-
-
-def _begin(parts: FilmParts) -> None:
-    manifest = {"film": parts.plan.digest(parts.codec), "codec": parts.codec, "pictures": parts.plan.pictures}
-    before = json_object(parts.folder / MANIFEST)
-    for path in parts.folder.iterdir():
-        if path.name not in (LOCK, MANIFEST) and (before != manifest or MAKING in path.name):
-            path.unlink()
-    write_json(parts.folder / MANIFEST, manifest)
-
-
-CRF, PRESET = 23, "veryfast"
-JPEG_QUALITY = 95  # of a part, which is encoded again: what it loses is not seen
-GIF_COLORS = 128  # those of the marks and words among them, which are few pixels and what is looked at
-GIF_SAMPLED = 24  # pictures that the palette is made from
-GIF_STILL = 10  # of 255: a pixel that has changed by less than this in each channel stays, which keeps the file small
-BRIGHT = (YELLOW, MAGENTA, GREEN, RED)
-# and how they look at the edge of a letter, and a field of view on a road
-DIM = tuple(tuple((a + b) // 2 for a, b in zip(mark, BACKGROUND, strict=True)) for mark in BRIGHT)
-MARKS = (*BRIGHT, *DIM, WHITE, *DRONES, (112, 86, 34))
-SUFFIX: dict[Codec, str] = {"h264": ".mp4", "mp4v": ".avi", "gif": ".avi"}
+        manifest = {"film": plan.digest(codec), "codec": codec, "pictures": plan.pictures}
+        before = json_object(folder / MANIFEST)
+        for path in folder.iterdir():
+            if path.name not in (LOCK, MANIFEST) and (before != manifest or MAKING in path.name):
+                path.unlink()
+        write_json(folder / MANIFEST, manifest)
+        yield PartsFolder(folder, plan, codec)
 
 
 def codec_for(out: Path) -> Codec:
-    """Return how a film is encoded on this machine."""
+    """Return the codec of a film on this machine, by the file's suffix and the installed encoders."""
     if out.suffix.lower() == ".gif":
         return "gif"
     return "h264" if ffmpeg() else "mp4v"
 
 
-def said(codec: Codec) -> str:
-    """Return in a sentence what a film is encoded with."""
+def describe_codec(codec: Codec) -> str:
+    """Return a phrase that names a codec and its encoder."""
     if codec == "h264":
         return "H.264, by the ffmpeg of imageio-ffmpeg"
     if codec == "gif":
@@ -186,7 +163,7 @@ def said(codec: Codec) -> str:
 
 
 def ffmpeg() -> str | None:
-    """Return the path of the ffmpeg that imageio-ffmpeg brings, None where there is none."""
+    """Return the path of the ffmpeg of imageio-ffmpeg, None when it is not installed."""
     try:
         import imageio_ffmpeg
 
@@ -214,7 +191,7 @@ def write_part(path: Path, pictures: Iterable[Picture], plan: FilmPlan, codec: C
 
 
 def _write_h264(path: Path, pictures: Iterable[Picture], plan: FilmPlan) -> None:
-    # no B-frames: each part begins at its first picture, and parts that follow one another need no new times
+    # no B-frames: each part begins at its first picture, so that parts join without new timestamps
     size, rate = f"{plan.width}x{plan.height}", str(plan.fps)
     command = [
         str(ffmpeg()), "-y", "-loglevel", "error",
@@ -232,7 +209,7 @@ def _write_h264(path: Path, pictures: Iterable[Picture], plan: FilmPlan) -> None
                 process.stdin.write(np.ascontiguousarray(picture).tobytes())
             process.stdin.close()
         except BrokenPipeError:
-            pass  # ffmpeg has given up, and says why
+            pass  # ffmpeg ended, and its output says why
         except BaseException:
             process.kill()
             raise
@@ -242,28 +219,28 @@ def _write_h264(path: Path, pictures: Iterable[Picture], plan: FilmPlan) -> None
 
 
 def _failed(words: str) -> InfrastructureError:
-    return InfrastructureError(f"ffmpeg gave up: {(words.strip().splitlines() or ['it says nothing'])[-1][:200]}")
+    return InfrastructureError(f"ffmpeg failed: {(words.strip().splitlines() or ['no output'])[-1][:200]}")
 
 
-def join(parts: Sequence[Path], out: Path, plan: FilmPlan, codec: Codec) -> None:
-    """Write the film of all its parts. Raises InfrastructureError when the encoder fails."""
+def join(paths: Sequence[Path], out: Path, plan: FilmPlan, codec: Codec) -> None:
+    """Write the film from its parts. Raises InfrastructureError when the encoder fails."""
     if codec == "h264":
-        _join_h264(parts, out)
+        _join_h264(paths, out)
     elif codec == "gif":
-        _join_gif(parts, out, plan)
+        _join_gif(paths, out, plan)
     else:
         writer = cv2.VideoWriter(str(out), cv2.VideoWriter.fourcc(*"mp4v"), float(plan.fps), (plan.width, plan.height))
         if not writer.isOpened():
             raise InfrastructureError(f"OpenCV has no encoder for films, and {not_installed('imageio_ffmpeg')}")
-        for picture in _read(parts):
+        for picture in _read(paths):
             writer.write(picture)
         writer.release()
 
 
-def _join_h264(parts: Sequence[Path], out: Path) -> None:
+def _join_h264(paths: Sequence[Path], out: Path) -> None:
     listed = out.with_name(out.name + ".txt")
-    quoted = (str(part.resolve()).replace("'", "'\\''") for part in parts)
-    listed.write_text("".join(f"file '{each}'\n" for each in quoted), encoding="utf-8")
+    quoted = (str(path.resolve()).replace("'", "'\\''") for path in paths)
+    listed.write_text("".join(f"file '{name}'\n" for name in quoted), encoding="utf-8")
     command = [str(ffmpeg()), "-y", "-loglevel", "error", "-f", "concat", "-safe", "0", "-i", str(listed), "-c", "copy",
                "-movflags", "+faststart", "-f", "mp4", str(out)]  # fmt: skip
     done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
@@ -272,11 +249,11 @@ def _join_h264(parts: Sequence[Path], out: Path) -> None:
         raise _failed(done.stderr)
 
 
-def _read(parts: Sequence[Path], every: int = 1) -> Iterator[Picture]:
+def _read(paths: Sequence[Path], every: int = 1) -> Iterator[Picture]:
     """Yield the pictures of parts, (H, W, 3) BGR."""
     number = 0
-    for part in parts:
-        reader = cv2.VideoCapture(str(part))
+    for path in paths:
+        reader = cv2.VideoCapture(str(path))
         while True:
             more, picture = reader.read()
             if not more:
@@ -287,13 +264,13 @@ def _read(parts: Sequence[Path], every: int = 1) -> Iterator[Picture]:
         reader.release()
 
 
-def _join_gif(parts: Sequence[Path], out: Path, plan: FilmPlan) -> None:
-    palette = _palette(list(_read(parts, max(1, plan.pictures // GIF_SAMPLED))))
+def _join_gif(paths: Sequence[Path], out: Path, plan: FilmPlan) -> None:
+    palette = _palette(list(_read(paths, max(1, plan.pictures // GIF_SAMPLED))))
     shown: Picture | None = None
 
     def pictures() -> Iterator[Any]:
         nonlocal shown
-        for bgr in _read(parts):
+        for bgr in _read(paths):
             rgb = bgr[..., ::-1]
             if shown is None:
                 shown = rgb.copy()
@@ -302,22 +279,29 @@ def _join_gif(parts: Sequence[Path], out: Path, plan: FilmPlan) -> None:
                 shown[moved] = rgb[moved]
             yield Image.fromarray(shown).quantize(palette=palette, dither=Image.Dither.NONE)
 
-    each = pictures()
-    first = next(each)
-    ms = 1000 / plan.fps
+    frames = pictures()
+    first = next(frames)
+    duration_ms = round(100 / plan.fps) * 10
     first.save(
-        out, "GIF", save_all=True, append_images=each, duration=round(ms / 10) * 10, loop=0, optimize=False, disposal=1
+        out,
+        "GIF",
+        save_all=True,
+        append_images=frames,
+        duration=duration_ms,
+        loop=0,
+        optimize=False,
+        disposal=1,
     )
 
 
 def _palette(samples: Sequence[Picture]) -> Any:
-    """Return a picture whose palette serves all of these."""
+    """Return a picture with a palette for all samples."""
     width = max(1, samples[0].shape[1] // 2)
     height = max(1, samples[0].shape[0] // 2)
-    small = [cv2.resize(each, (width, height), interpolation=cv2.INTER_NEAREST) for each in samples]
+    small = [cv2.resize(sample, (width, height), interpolation=cv2.INTER_NEAREST) for sample in samples]
     together = np.ascontiguousarray(np.concatenate(small)[..., ::-1])
-    found = Image.fromarray(together).quantize(GIF_COLORS - len(MARKS), method=Image.Quantize.MEDIANCUT)
-    colors = [*(found.getpalette() or [])[: 3 * (GIF_COLORS - len(MARKS))], *(part for mark in MARKS for part in mark)]
+    quantized = Image.fromarray(together).quantize(GIF_COLORS - len(MARKS), method=Image.Quantize.MEDIANCUT)
+    colors = [*(quantized.getpalette() or [])[: 3 * (GIF_COLORS - len(MARKS))], *itertools.chain(*MARKS)]
     palette = Image.new("P", (1, 1))
     palette.putpalette(colors)
     return palette

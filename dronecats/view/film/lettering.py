@@ -1,4 +1,4 @@
-"""Words on a picture, in a face that every machine with matplotlib has."""
+"""Text on a picture, in a font of matplotlib."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -28,7 +28,7 @@ def write(picture: Picture, text: str, at: tuple[int, int], size_px: int, color:
           right: bool = False) -> int:  # fmt: skip
     """Write a line with its top left corner, or with `right` its top right one, at (x, y); return its width in px.
 
-    What reaches over an edge of the picture is cut off.
+    Text beyond an edge of the picture is cut off.
     """
     mask = _mask(text, size_px, bold)
     x, y = (at[0] - mask.shape[1], at[1]) if right else at
@@ -40,36 +40,38 @@ def write(picture: Picture, text: str, at: tuple[int, int], size_px: int, color:
 
 
 def color_of(drone: int) -> Ink:
-    """Return the colour by which a drone is told from the others."""
+    """Return the colour of a drone."""
     return DRONES[drone % len(DRONES)]
 
 
 def width_px(text: str, size_px: int, bold: bool = False) -> int:
-    """Return how wide a line is."""
+    """Return the width of a line."""
     return int(_font(size_px, bold).getlength(text)) + 1
 
 
 def fitted(text: str, size_px: int, room_px: int, lines: int = 1, bold: bool = False) -> list[str]:
-    """Return a text broken into at most that many lines of `room_px`; what does not fit ends in …"""
-    found = [""]
+    """Return a text in at most that many lines of `room_px`; text that does not fit ends in …"""
+    fitting = [""]
     words: Sequence[str] = text.split()
     for number, word in enumerate(words):
-        longer = f"{found[-1]} {word}".strip()
-        if width_px(longer, size_px, bold) <= room_px or not found[-1]:
-            found[-1] = longer
-        elif len(found) < lines:
-            found.append(word)
+        longer = f"{fitting[-1]} {word}".strip()
+        if width_px(longer, size_px, bold) <= room_px or not fitting[-1]:
+            fitting[-1] = longer
+        elif len(fitting) < lines:
+            fitting.append(word)
         else:
-            found[-1] = f"{found[-1]} {' '.join(words[number:])}"
+            fitting[-1] = f"{fitting[-1]} {' '.join(words[number:])}"
             break
-    last = found[-1]
-    while last and width_px(last if last == found[-1] else last + "…", size_px, bold) > room_px:
-        last = last[:-1]
-    return [*found[:-1], last if last == found[-1] else last.rstrip() + "…"]
+    *complete, last = fitting
+    if width_px(last, size_px, bold) > room_px:
+        while last and width_px(last + "…", size_px, bold) > room_px:
+            last = last[:-1]
+        last = last.rstrip() + "…"
+    return [*complete, last]
 
 
 def plate(picture: Picture, left: int, top: int, width: int, height: int, share: float = 0.6) -> None:
-    """Darken a rectangle, so that words on it can be read."""
+    """Darken a rectangle, so that text on it is readable."""
     part = picture[max(0, top) : top + height, max(0, left) : left + width]
     part[:] = (part * (1.0 - share) + np.array(BACKGROUND) * share).astype(np.uint8)
 

@@ -1,4 +1,4 @@
-"""What film is wanted, checked, as one value that a process can be told."""
+"""The plan of a film: a validated value that a process can receive."""
 
 import hashlib
 import json
@@ -13,8 +13,8 @@ from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import episode_folder
 
-CLOSING_S = 2.5  # of film in which the last picture stays, with the verdict
-PART = 60  # pictures that are drawn and kept together: what a kill costs at most, times the processes
+CLOSING_S = 2.5  # s of film that show the last picture with the verdict
+PART = 60  # pictures per part: what each process loses at most by a kill
 SPEEDS = (0.1, 100.0)
 RATES = (1, 120)
 SIDES_PX = (120, 3840)
@@ -34,23 +34,23 @@ class FilmPlan:
     speed: float  # seconds of flight in a second of film
     from_s: float  # s since the episode began
     to_s: float  # s likewise
-    closing: int  # pictures at the end that stay, with the verdict
-    drone: int | None  # the only one that is followed; None: all
-    per_part: int = PART  # pictures that are drawn and kept together
+    closing: int  # pictures at the end that repeat the last one, with the verdict
+    drone: int | None  # the only drone that is followed; None: all
+    per_part: int = PART  # pictures per part
 
     @property
     def moving(self) -> int:
-        """How many pictures there are before the closing ones."""
+        """The number of pictures before the closing ones."""
         return max(1, math.ceil((self.to_s - self.from_s) / self.speed * self.fps - 1e-6))
 
     @property
     def pictures(self) -> int:
-        """How many pictures the film has."""
+        """The number of pictures."""
         return self.moving + self.closing
 
     @property
     def seconds(self) -> float:
-        """How long the film is."""
+        """The length of the film, s."""
         return self.pictures / self.fps
 
     def time_of(self, picture: int) -> float:
@@ -60,15 +60,15 @@ class FilmPlan:
         return min(self.from_s + picture * self.speed / self.fps, self.to_s)
 
     @property
-    def parts(self) -> tuple[range, ...]:
-        """The pictures of each part."""
+    def part_ranges(self) -> tuple[range, ...]:
+        """The picture numbers of each part."""
         firsts = range(0, self.pictures, self.per_part)
         return tuple(range(first, min(first + self.per_part, self.pictures)) for first in firsts)
 
-    def digest(self, of_part: str) -> str:
-        """Return what tells this film's parts from another's: plan, logs, frames, our sources, encoder."""
+    def digest(self, codec: str) -> str:
+        """Return a digest of everything that determines a film's parts: plan, logs, frames, our sources, codec."""
         folder = Path(self.folder)
-        state = hashlib.sha256(json.dumps([asdict(self), of_part, dronecats.__version__]).encode())
+        state = hashlib.sha256(json.dumps([asdict(self), codec, dronecats.__version__]).encode())
         frames = sorted((folder / layout.FRAMES).glob("*.jpg"))
         files = [*(folder.parent / name for name in OF_RUN), *(folder / name for name in OF_EPISODE), *frames]
         files += [path for room in SOURCES for path in sorted(room.rglob("*.py"))]
@@ -88,27 +88,27 @@ def plan(
     to_s: float | None,
     drone: int | None,
 ) -> FilmPlan:
-    """Return the plan of a film. `to_s` None: to the flight's end. Raises UsageError for what cannot be."""
+    """Return the plan of a film. `to_s` None: to the flight's end. Raises UsageError for impossible values."""
     least, most = SIDES_PX
     width, height = size
     if not all(least <= side <= most and side % 2 == 0 for side in size):
         raise UsageError(
-            f"--size wants two even numbers from {least} to {most}, such as 1280x720, got {width}x{height}"
+            f"--size must be two even numbers from {least} to {most}, such as 1280x720, got {width}x{height}"
         )
     if not 1.2 <= width / height <= 2.5:
-        raise UsageError(f"--size wants a picture wider than high, 1.2 to 2.5 times, got {width}x{height}")
+        raise UsageError(f"--size must be 1.2 to 2.5 times as wide as high, got {width}x{height}")
     if not RATES[0] <= fps <= RATES[1]:
-        raise UsageError(f"--fps wants {RATES[0]} to {RATES[1]} pictures a second, got {fps}")
+        raise UsageError(f"--fps must be {RATES[0]} to {RATES[1]} pictures a second, got {fps}")
     if not SPEEDS[0] <= speed <= SPEEDS[1]:
-        raise UsageError(f"--speed wants a factor from {SPEEDS[0]:g} to {SPEEDS[1]:g}, got {speed:g}")
+        raise UsageError(f"--speed must be a factor from {SPEEDS[0]:g} to {SPEEDS[1]:g}, got {speed:g}")
     end = flight.end_s
     last = end if to_s is None else min(to_s, end)
     if not (math.isfinite(from_s) and 0.0 <= from_s < last):
         until = "--to" if to_s is not None and to_s < end else "the flight's end"
-        raise UsageError(f"--from {from_s:g} wants 0 or more and less than {until}, {last:g} s")
-    flown = sorted({pose.drone for pose in flight.logs.poses})
-    if drone is not None and drone not in flown:
-        numbers = ", ".join(str(number + 1) for number in flown)
+        raise UsageError(f"--from {from_s:g} must be 0 or more and less than {until}, {last:g} s")
+    drones = sorted({pose.drone for pose in flight.logs.poses})
+    if drone is not None and drone not in drones:
+        numbers = ", ".join(str(number + 1) for number in drones)
         raise UsageError(f"--drone {drone + 1} did not fly in {flight.folder}: {numbers} did")
     return FilmPlan(
         folder=str(flight.folder.resolve()),
@@ -124,18 +124,18 @@ def plan(
 
 
 def filmable(path: Path) -> RecordedFlight:
-    """Return the flight of an episode folder, or of a run's only one.
+    """Return the flight of an episode folder, or of the only one of a run.
 
-    Raises UsageError where that is no episode, tells no truth, or was flown in no world of ours.
+    Raises UsageError for another folder, a flight without truth, and one outside our worlds.
     """
     if not path.is_dir():
         raise UsageError(f"there is no folder {path}")
     folder = episode_folder(path)
     flight = RecordedFlight.read(folder)
     if not flight.logs.true:
-        raise UsageError(f"{folder} tells only what an autopilot said of itself: a film shows what was true")
+        raise UsageError(f"{folder} has only an autopilot's estimates, without truth: it cannot be filmed")
     if flight.logs.begin is None or not flight.logs.poses:
-        raise UsageError(f"{folder / layout.TRUTH} tells no place of any drone: there is nothing to film")
+        raise UsageError(f"{folder / layout.TRUTH} has no pose of any drone: there is nothing to film")
     if not (folder / layout.EPISODE).is_file():
-        raise UsageError(f"{folder} has no {layout.EPISODE}: nobody can tell in which world it was flown")
+        raise UsageError(f"{folder} has no {layout.EPISODE}: its world is unknown")
     return flight

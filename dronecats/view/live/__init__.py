@@ -1,1 +1,1 @@
-"""A flight in the browser while it is flown: the same page that `dronecats replay` shows again."""
+"""The page of a flight in the browser while it is flown, of which `dronecats replay` uses the same parts."""

@@ -1,4 +1,7 @@
-"""Reads a run folder while it is written: its flights, their worlds, log lines, MAVLink frames and pictures."""
+"""Reads a run folder while it is written: its flights, their worlds, log lines, MAVLink frames and pictures.
+
+Nothing here waits or locks, and the writer never notices the reader. A missing file counts as empty.
+"""
 
 import os
 import re
@@ -15,62 +18,61 @@ from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object
 
-DEEP = 2  # an episode's folder is below its run's, and that below a benchmark's
+DEPTH = 2  # an episode's folder is below its run's, and that below a benchmark's
+READ_BYTES = 4_000_000  # most bytes per read: of a long log the rest comes with the next reads
+NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
+END = b"\xff\xd9"  # of a complete JPEG
+KEPT = 4  # pictures per drone
+SETTLED_NS = 100_000_000  # a folder that changed within this time may change again with the same timestamp
 
 
 @dataclass(frozen=True, slots=True)
 class WatchedEpisode:
     """One flight."""
 
-    name: str  # of its folder, from the folder that is watched
+    name: str  # of its folder, relative to the watched folder
     folder: Path
-    begun_ns: int  # ns of the machine's clock, when its folder was made ready
+    begun_ns: int  # ns of the machine's clock, when its folder was prepared
     over: bool  # it has been judged
 
 
 class EpisodeList:
-    """The flights below a folder, looked for again and again."""
+    """The flights below a folder."""
 
     def __init__(self, root: Path) -> None:
         self._root = root
-        self._over: dict[Path, WatchedEpisode] = {}  # what is over stays so
+        self._over: dict[Path, WatchedEpisode] = {}
 
     def look(self) -> list[WatchedEpisode]:
-        """Return the flights that there are, the newest first."""
-        found = [self._over.get(folder) or self._episode(folder) for folder in _episodes(self._root, DEEP)]
-        known = [one for one in found if one is not None]
-        self._over = {one.folder: one for one in known if one.over}
-        return sorted(known, key=lambda one: (-one.begun_ns, one.name))
+        """Return the flights of now, the newest first."""
+        folders = _episode_folders(self._root, DEPTH)
+        episodes = [e for folder in folders if (e := self._over.get(folder) or self._episode(folder)) is not None]
+        self._over = {episode.folder: episode for episode in episodes if episode.over}
+        return sorted(episodes, key=lambda episode: (-episode.begun_ns, episode.name))
 
     def _episode(self, folder: Path) -> WatchedEpisode | None:
-        told = folder / layout.EPISODE
         try:
-            begun_ns = told.stat().st_mtime_ns
+            begun_ns = (folder / layout.EPISODE).stat().st_mtime_ns
         except OSError:
-            return None  # not told yet: it is being made
+            return None  # the folder is being prepared
         name = folder.name if folder == self._root else str(folder.relative_to(self._root))
         return WatchedEpisode(name, folder, begun_ns, (folder / layout.VERDICT).exists())
 
 
-def newest_flown(episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
-    """Return the newest flight that is not over, None where there is none."""
-    return next((one for one in episodes if not one.over), None)
-
-
-def _episodes(folder: Path, deep: int) -> Iterator[Path]:
+def _episode_folders(folder: Path, depth: int) -> Iterator[Path]:
     if (folder / layout.DECISIONS).exists():
         yield folder
         return
     try:
-        below = [entry for entry in os.scandir(folder) if deep and entry.is_dir() and entry.name != layout.UNFINISHED]
+        below = [entry for entry in os.scandir(folder) if depth and entry.is_dir() and entry.name != layout.UNFINISHED]
     except OSError:
         return
     for entry in below:
-        yield from _episodes(Path(entry.path), deep - 1)
+        yield from _episode_folders(Path(entry.path), depth - 1)
 
 
-def flown_world(folder: Path) -> World | None:
-    """Return the world of an episode folder; None where none is known: a real place, or a map that is not here."""
+def load_world(folder: Path) -> World | None:
+    """Return the world of an episode folder; None for a real place, and for a map that is not installed."""
     drawn = folder / layout.WORLD  # of a flight on a map that is not judged
     try:
         return World(records.load(drawn if drawn.is_file() else folder / layout.EPISODE))
@@ -78,44 +80,36 @@ def flown_world(folder: Path) -> World | None:
         return None
 
 
-def is_told(folder: Path) -> bool:
-    """Return whether an episode folder tells what is flown there; it is told before anything flies."""
-    return json_object(folder / layout.EPISODE) is not None
-
-
-def instruction_in(folder: Path) -> str:
-    """Return what the pilots of an episode folder are told to do."""
+def load_instruction(folder: Path) -> str:
+    """Return the pilots' instruction in an episode folder, "" when it has none."""
     return str((json_object(folder / layout.EPISODE) or {}).get("instruction") or "")
 
 
-def lens_in(folder: Path) -> CameraModel:
-    """Return the camera of a flight: as run.json tells it, else the benchmark's. Where it sits is not told."""
-    told = (json_object(folder.parent / layout.RUN) or {}).get("camera")
-    if not isinstance(told, dict):
+def load_camera(folder: Path) -> CameraModel:
+    """Return the camera in a flight's run.json, else the benchmark's. Its mount is always the benchmark's."""
+    camera = (json_object(folder.parent / layout.RUN) or {}).get("camera")
+    if not isinstance(camera, dict):
         return CameraModel()
     try:
-        return CameraModel(int(told["width"]), int(told["height"]), float(told["hfov_deg"]))
+        return CameraModel(int(camera["width"]), int(camera["height"]), float(camera["hfov_deg"]))
     except (KeyError, TypeError, ValueError):
         return CameraModel()
 
 
-AT_ONCE = 4_000_000  # bytes that are taken at a time: of a flight that has long begun the rest comes with the next
-
-
 class GrowingFile:
-    """The bytes that have come since the last time."""
+    """A file that is read as it grows."""
 
     def __init__(self, path: Path) -> None:
         self._path, self._at = path, 0
 
     def read(self) -> bytes:
-        """Return what has come, AT_ONCE at most; nothing where the file cannot be read."""
+        """Return the new bytes, READ_BYTES at most; none when the file cannot be read."""
         try:
             if self._path.stat().st_size <= self._at:
                 return b""
             with self._path.open("rb") as file:
                 file.seek(self._at)
-                data = file.read(AT_ONCE)
+                data = file.read(READ_BYTES)
         except OSError:
             return b""
         self._at += len(data)
@@ -123,13 +117,13 @@ class GrowingFile:
 
 
 class LineTail:
-    """The lines of a log."""
+    """The lines of a growing log."""
 
     def __init__(self, path: Path) -> None:
         self._file, self._rest = GrowingFile(path), b""
 
     def read(self) -> list[bytes]:
-        """Return the lines that have been finished since the last time, without their ends."""
+        """Return the lines that were completed since the last call, without their ends."""
         data = self._file.read()
         if not data:
             return []
@@ -138,65 +132,58 @@ class LineTail:
 
 
 class FrameTail:
-    """The frames of a tlog."""
+    """The MAVLink frames of a growing tlog."""
 
     def __init__(self, path: Path) -> None:
         self._file, self._rest = GrowingFile(path), b""
 
     def read(self) -> list[tuple[int, bytes]]:
-        """Return (µs of the vehicle's clock, MAVLink 2 frame) of the frames that have been finished since then."""
+        """Return (vehicle time in µs, MAVLink 2 frame) of the frames that were completed since the last call."""
         data = self._rest + self._file.read()
         frames, rest = wire.logged_frames(data)
         self._rest = data[rest:]
         return [(time_us, frame) for time_us, frame in frames if frame[0] == wire.MARKER]
 
 
-def intact(frame: bytes) -> bool:
-    """Return whether a MAVLink 2 frame is one of a message that we know, and undamaged."""
+def is_intact(frame: bytes) -> bool:
+    """Return whether a MAVLink 2 frame is undamaged and of a message that we know."""
     return wire.scan(frame)[0] == [frame]
 
 
-NAME = re.compile(r"(\d{6,})(?:_d(\d+))?\.jpg")
-END = b"\xff\xd9"  # of a JPEG that has been written to its end
-KEPT = 4  # pictures of each drone
-SETTLED_NS = 100_000_000  # a folder that has changed this lately may change once more without another time
-
-
 class PictureTail:
-    """The pictures of an episode; of each drone the newest are kept."""
+    """The pictures of an episode; the newest of each drone are kept."""
 
     def __init__(self, folder: Path) -> None:
-        """`folder` holds the pictures, as soon as it is there."""
+        """`folder`: of the pictures; it may not exist yet."""
         self._folder = folder
-        self._seen_ns = -1  # when the folder had changed last
+        self._seen_ns = -1  # last known change of the folder
         self._newest: dict[int, int] = {}
         self._read: dict[tuple[int, int], bytes] = {}
 
     def newest(self, drone: int) -> tuple[int, bytes] | None:
-        """Return (frame_id, JPEG) of a drone's newest picture that is whole, None where there is none."""
+        """Return (frame_id, JPEG) of a drone's newest complete picture, None when there is none."""
         self._look()
         frame_id = self._newest.get(drone)
         jpeg = None if frame_id is None else self.of(drone, frame_id)
         return None if frame_id is None or jpeg is None else (frame_id, jpeg)
 
     def of(self, drone: int, frame_id: int) -> bytes | None:
-        """Return a picture, None where it is not there or not whole yet."""
-        if (known := self._read.get((drone, frame_id))) is not None:
-            return known
+        """Return a picture, None when it is missing or incomplete."""
+        if (jpeg := self._read.get((drone, frame_id))) is not None:
+            return jpeg
         try:
             jpeg = (self._folder / layout.frame_name(frame_id, drone)).read_bytes()
         except OSError:
             return None
         if not jpeg.endswith(END):
             return None
-        mine = [key for key in self._read if key[0] == drone]
-        if len(mine) >= KEPT:
-            del self._read[mine[0]]
+        kept = [key for key in self._read if key[0] == drone]
+        if len(kept) >= KEPT:
+            del self._read[kept[0]]
         self._read[drone, frame_id] = jpeg
         return jpeg
 
     def _look(self) -> None:
-        """Look which pictures there are, if some have come."""
         try:
             changed_ns = self._folder.stat().st_mtime_ns
             if changed_ns == self._seen_ns:
@@ -206,6 +193,6 @@ class PictureTail:
             return
         self._seen_ns = changed_ns if time.time_ns() - changed_ns > SETTLED_NS else -1
         for name in names:
-            if (found := NAME.fullmatch(name)) is not None:
-                drone = int(found[2] or 0)
-                self._newest[drone] = max(self._newest.get(drone, 0), int(found[1]))
+            if (match := NAME.fullmatch(name)) is not None:
+                drone = int(match[2] or 0)
+                self._newest[drone] = max(self._newest.get(drone, 0), int(match[1]))

@@ -1,22 +1,24 @@
-"""A flight's folder, followed while it is written: at every turn the moment that it has come to."""
+"""Follows the folder of a flight while it is written, and returns its moment of now."""
 
 import contextlib
 import json
+import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from dronecats.view.live.folder import FrameTail, LineTail, PictureTail, instruction_in, lens_in
+from dronecats.view.live.folder import FrameTail, LineTail, PictureTail, load_camera, load_instruction
 from dronecats.view.live.moment import ChosenSight, DroneMoment, JudgeMoment, Moment, ShownPicture, chosen_go, sight
-from dronecats.view.live.wire_state import HeardFlight
+from dronecats.view.live.wire_state import WireState
 from episodes.world.world import World
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.run_folder import layout
 from foundation.run_folder.prompts import PromptReader
-from foundation.run_folder.reading import Row, json_object, taken
+from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import (
     TRUTH_ROWS,
     Begin,
@@ -29,20 +31,20 @@ from foundation.run_folder.rows import (
     drone_label,
 )
 
-WORDS = 20  # of autopilot, envelope and commander that are remembered of each drone
+MESSAGES = 20  # that are kept of each drone
 
 
 class FlightFollower:
-    """Follows one episode folder; `turn` never waits, and takes what it finds as it is."""
+    """Follows one episode folder; `turn` never waits."""
 
     def __init__(self, folder: Path, world: World | None, drones: int) -> None:
-        """`world` is the flight's, None where none is known; `drones`: how many fly."""
+        """`world`: of the flight, None when it is unknown; `drones`: how many fly."""
         self.folder, self._world, self._drones = folder, world, drones
         scene = world.scene if world is not None else None
         origin = (scene.latitude_deg, scene.longitude_deg, scene.altitude_m) if scene is not None else None
-        self._camera, self._instruction = lens_in(folder), instruction_in(folder)
-        self._heard = HeardFlight(origin)
-        self._wire = FrameTail(folder / layout.TLOG)
+        self._camera, self._instruction = load_camera(folder), load_instruction(folder)
+        self._wires = WireState(origin)
+        self._tlog = FrameTail(folder / layout.TLOG)
         self._logs = {name: LineTail(folder / name) for name in
                       (layout.TRUTH, layout.PROMPTS, layout.DECISIONS, layout.SAFETY, layout.COMMANDER)}  # fmt: skip
         self._pictures = PictureTail(folder / layout.FRAMES)
@@ -51,25 +53,25 @@ class FlightFollower:
         self._frames: dict[tuple[int, int], FrameTruth] = {}
         self._decisions: dict[int, Decision] = {}  # the newest of each drone
         self._reader = PromptReader()
-        self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → texts of unanswered ones
-        self._prompts: dict[int, str] = {}  # drone → the text that its newest decision answers
-        self._sights: dict[int, tuple[int, ChosenSight]] = {}  # of the newest decision of each drone: (step, …)
+        self._texts: dict[int, list[str]] = defaultdict(list)  # first drone of a question → unanswered prompts
+        self._prompts: dict[int, str] = {}  # drone → the prompt of its newest decision
+        self._sights: dict[int, tuple[int, ChosenSight]] = {}  # drone → (step, sight) of its newest go
         self._rate_hz: float | None = None
-        self._said: dict[int, list[tuple[int, str]]] = defaultdict(list)  # of each drone: µs of vehicle time, text
-        self._limits: dict[int, list[str]] = {}  # of the envelope, that act on each drone
-        self._limited: Counter[tuple[int, str]] = Counter()  # how often the envelope has said what of which drone
-        self._judged: list[str] = []
+        self._messages: dict[int, list[tuple[int, str]]] = defaultdict(list)  # drone → (vehicle time in µs, text)
+        self._limits: dict[int, list[str]] = {}  # drone → limits of the envelope that act on it
+        self._limited: Counter[tuple[int, str]] = Counter()  # (drone, text) → count of the envelope's messages
+        self._judge_messages: list[str] = []
         self._verdict: str | None = None
-        self.trails: dict[int, list[Vec3]] = defaultdict(list)  # m, NED: where each drone truly was, twice a second
+        self.trails: dict[int, list[Vec3]] = defaultdict(list)  # drone → true positions, m, NED, at 2 Hz
 
     @property
     def over(self) -> bool:
-        """Whether the flight has been judged: nothing more will come."""
+        """Whether the flight has been judged."""
         return self._verdict is not None
 
     def turn(self) -> Moment:
-        """Take in what has come, and return the moment that it makes."""
-        self._heard.feed(self._wire.read())
+        """Read the new lines and frames, and return the moment of now."""
+        self._wires.feed(self._tlog.read())
         for row in self._rows(layout.TRUTH):
             self._take_truth(row)
         for value in self._rows(layout.SAFETY):
@@ -78,10 +80,10 @@ class FlightFollower:
             self._take_exchange(value)
         for value in self._rows(layout.PROMPTS):
             self._take_prompt(value)
-        made = [self._row(value, Decision) for value in self._rows(layout.DECISIONS)]
-        self._take_decisions([decision for decision in made if decision is not None])
-        self._judge()
-        t_s = self._t(self._heard.time_us) if self._begin is not None else 0.0
+        rows = [taken(value, Decision)[0] for value in self._rows(layout.DECISIONS)]
+        self._take_decisions([decision for decision in rows if decision is not None])
+        self._read_verdict()
+        t_s = self._t(self._wires.time_us) if self._begin is not None else 0.0
         if self._end is not None:
             t_s = self._end.t
         drones = tuple(self._drone(k) for k in range(self._drones))
@@ -98,24 +100,20 @@ class FlightFollower:
     # ---- the logs
 
     def _rows(self, name: str) -> list[dict[str, Any]]:
-        """Return the objects in a log's new lines; what is none is passed over."""
-        found = []
+        """Return the JSON objects in a log's new lines; other lines are skipped."""
+        values = []
         for line in self._logs[name].read():
             try:
                 value = json.loads(line)
             except (ValueError, RecursionError):
                 continue
             if isinstance(value, dict):
-                found.append(value)
-        return found
-
-    @staticmethod
-    def _row(value: dict[str, Any], kind: type[Row]) -> Row | None:
-        return taken(value, kind)[0]
+                values.append(value)
+        return values
 
     def _take_truth(self, value: dict[str, Any]) -> None:
         kind = TRUTH_ROWS.get(str(value.get("kind")))
-        row = None if kind is None else self._row(value, kind)
+        row = None if kind is None else taken(value, kind)[0]
         match row:
             case Begin():
                 self._begin = row
@@ -132,64 +130,66 @@ class FlightFollower:
             begun = [str(name) for name in limits if name not in self._limits.get(drone, [])]
             self._limits[drone] = limits
             if begun:
-                self._say_limited(drone, time_us, f"envelope: limited by {', '.join(begun)}")
+                self._add_limited(drone, time_us, f"envelope: limited by {', '.join(begun)}")
 
-    def _say_limited(self, drone: int, time_us: int, text: str) -> None:
-        """Say what limits began to act, in the place of the same words before: a limit may act at every step."""
+    def _add_limited(self, drone: int, time_us: int, text: str) -> None:
+        """Replace the last equal message by one with a count, since a limit may act at every step."""
         times = self._limited[drone, text]
         before = f"{text} ({times} times)" if times > 1 else text
-        self._said[drone] = [said for said in self._said[drone] if said[1] != before]
+        self._messages[drone] = [(t_us, old) for t_us, old in self._messages[drone] if old != before]
         self._limited[drone, text] += 1
-        self._say(drone, time_us, f"{text} ({times + 1} times)" if times else text)
+        self._add_message(drone, time_us, f"{text} ({times + 1} times)" if times else text)
 
     def _take_prompt(self, value: dict[str, Any]) -> None:
-        row = self._row(value, LoggedPrompt)
+        row = taken(value, LoggedPrompt)[0]
         if row is not None:
-            with contextlib.suppress(UsageError):  # its first line was lost
+            with contextlib.suppress(UsageError):  # the line with its template was lost
                 prompt = self._reader.read(row)
                 if row.role == "pilot":
                     self._texts[row.drone].append(prompt.text)
 
     def _take_exchange(self, value: dict[str, Any]) -> None:
-        exchange = self._row(value, Exchange)
+        exchange = taken(value, Exchange)[0]
         if exchange is None or exchange.t_answered is None:
             return
         for order in exchange.orders:
-            self._say(order.drone, self._us(exchange.t_answered), f"commander: {order.goal}")
+            self._add_message(order.drone, self._us(exchange.t_answered), f"commander: {order.goal}")
 
-    def _say(self, drone: int, time_us: int, text: str) -> None:
-        self._said[drone] = sorted([*self._said[drone], (time_us, text)], key=lambda said: said[0])[-WORDS:]
+    def _add_message(self, drone: int, time_us: int, text: str) -> None:
+        self._messages[drone] = sorted([*self._messages[drone], (time_us, text)], key=itemgetter(0))[-MESSAGES:]
 
     def _take_decisions(self, decisions: Sequence[Decision]) -> None:
-        """Take decisions in their order; those of one step came of one question."""
+        """Take decisions in their order; those of one step answer one question."""
         steps: dict[int, list[Decision]] = {}
-        for one in decisions:
-            steps.setdefault(one.step, []).append(one)
+        for decision in decisions:
+            steps.setdefault(decision.step, []).append(decision)
         for together in steps.values():
             unanswered = self._texts[together[0].drone]
             confirmed = isinstance(together[0].confirmed_by, int)
             prompt = unanswered.pop(0) if unanswered and not confirmed else ""
-            for one in together:
-                self._decisions[one.drone], self._prompts[one.drone] = one, prompt
-                self._rate_hz = one.rate_hz if one.rate_hz is not None else self._rate_hz
-                if one.declares:
-                    self._declared(one)
+            for decision in together:
+                self._decisions[decision.drone], self._prompts[decision.drone] = decision, prompt
+                self._rate_hz = decision.rate_hz if decision.rate_hz is not None else self._rate_hz
+                if decision.declares:
+                    self._add_declaration(decision)
 
-    def _declared(self, decision: Decision) -> None:
+    def _add_declaration(self, decision: Decision) -> None:
         true = self._frames.get((decision.drone, decision.frame_id))
-        far = "at a distance nobody measured" if true is None or true.distance_m is None else f"{true.distance_m:.2f} m"
-        self._judged.append(f"step {decision.step}: {drone_label(decision.drone)} declares, {far} from the target")
+        far = "at an unknown distance" if true is None or true.distance_m is None else f"{true.distance_m:.2f} m"
+        self._judge_messages.append(
+            f"step {decision.step}: {drone_label(decision.drone)} declares, {far} from the target"
+        )
 
-    def _judge(self) -> None:
+    def _read_verdict(self) -> None:
         if self._verdict is not None or self._end is None:
             return
         verdict = json_object(self.folder / layout.VERDICT)
         if verdict is None:
             return
         success, far = verdict.get("success"), verdict.get("ne_m")
-        told = "not judged" if success is None else "success" if success else "failure"
-        self._verdict = told + (f", {far:.2f} m from the target" if isinstance(far, float) else "")
-        self._judged.append(f"verdict: {self._verdict}")
+        outcome = "not judged" if success is None else "success" if success else "failure"
+        self._verdict = outcome + (f", {far:.2f} m from the target" if isinstance(far, float) else "")
+        self._judge_messages.append(f"verdict: {self._verdict}")
 
     # ---- the moment
 
@@ -198,8 +198,8 @@ class FlightFollower:
         picture = None if newest is None else ShownPicture(newest[0], newest[1], self._taken(k, newest[0]))
         chosen = self._chosen(decision) if decision is not None else None
         return replace(
-            self._heard.moment(k, self._ground_down),
-            said=self._words(k),
+            self._wires.moment(k, self._ground_down),
+            messages=self._newest_messages(k),
             prompt=self._prompts.get(k, ""),
             picture=picture,
             decision=decision,
@@ -209,17 +209,17 @@ class FlightFollower:
         )
 
     def _chosen(self, decision: Decision) -> ChosenSight | None:
-        """Return the ray of a go from where its picture was taken, None of any other action."""
-        known = self._sights.get(decision.drone)
-        if known is not None and known[0] == decision.step:
-            return known[1]
+        """Return the sight of a go, None for any other action."""
+        step, stored = self._sights.get(decision.drone, (None, None))
+        if step == decision.step:
+            return stored
         go = chosen_go(decision)
-        pose = self._heard.pose_at(decision.drone, self._us(decision.t_frame)) if go is not None else None
+        pose = self._wires.pose_at(decision.drone, self._us(decision.t_frame)) if go is not None else None
         if go is None or pose is None:
             return None
-        made = sight(go, pose.position_ned, pose.attitude, self._camera)
-        self._sights[decision.drone] = (decision.step, made)
-        return made
+        new = sight(go, pose.position_ned, pose.attitude, self._camera)
+        self._sights[decision.drone] = (decision.step, new)
+        return new
 
     def _decided_on(self, decision: Decision) -> ShownPicture | None:
         jpeg = self._pictures.of(decision.drone, decision.frame_id)
@@ -232,11 +232,11 @@ class FlightFollower:
     def _ground_down(self, north: float, east: float) -> float:
         return self._world.ground_down(north, east) if self._world is not None else 0.0
 
-    def _words(self, drone: int) -> tuple[str, ...]:
-        heard = self._heard.drones.get(drone)
-        texts = [(said.time_us, said.text) for said in heard.texts.newest] if heard is not None else []
-        both = sorted([*texts, *self._said[drone]], key=lambda said: said[0])
-        return tuple(text for _, text in both[-WORDS:])
+    def _newest_messages(self, drone: int) -> tuple[str, ...]:
+        wires = self._wires.drones.get(drone)
+        texts = [(text.time_us, text.text) for text in wires.texts.newest] if wires is not None else []
+        messages = sorted([*texts, *self._messages[drone]], key=itemgetter(0))
+        return tuple(text for _, text in messages[-MESSAGES:])
 
     def _state(self, drones: Sequence[DroneMoment]) -> str:
         if self._end is not None:
@@ -249,15 +249,10 @@ class FlightFollower:
 
     def _judge_at(self, t_s: float, drones: Sequence[DroneMoment]) -> JudgeMoment:
         if self._world is None or (self.folder / layout.WORLD).exists():
-            return JudgeMoment(said=tuple(self._judged))
+            return JudgeMoment(messages=tuple(self._judge_messages))
         centre = self._world.target_centre(max(0.0, t_s))
-        far = tuple(
-            None
-            if one.position_ned is None
-            else sum((a - b) ** 2 for a, b in zip(one.position_ned, centre, strict=True)) ** 0.5
-            for one in drones
-        )
-        return JudgeMoment(centre, far, tuple(self._judged))
+        distances = (None if d.position_ned is None else math.dist(d.position_ned, centre) for d in drones)
+        return JudgeMoment(centre, tuple(distances), tuple(self._judge_messages))
 
     def _t(self, time_us: int) -> float:
         return (time_us - self._begin.t0_us) / 1e6 if self._begin is not None else 0.0

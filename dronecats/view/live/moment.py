@@ -12,68 +12,68 @@ from foundation.run_folder.rows import Decision
 
 @dataclass(frozen=True, slots=True)
 class ShownPicture:
-    """What a pilot was shown."""
+    """A picture that a pilot got."""
 
     frame_id: int
     jpeg: bytes
-    t_s: float | None  # s since the episode began, when it was taken; None: nobody has said so yet
+    t_s: float | None  # s since the episode began, when it was taken; None: not known yet
 
 
 @dataclass(frozen=True, slots=True)
 class DroneMoment:
-    """One drone."""
+    """The state of one drone."""
 
     drone: int  # 0 is the first
-    position_ned: Vec3 | None = None  # m, map frame, of the body; None: not heard yet
+    position_ned: Vec3 | None = None  # m, map frame, of the body; None: not known yet
     attitude: Quat = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z, FRD → NED
     velocity_ned: Vec3 | None = None  # m/s
-    height_m: float | None = None  # m of the body above the ground, above the map's origin where no ground is known
-    true: bool = False  # the pose is the truth bus's; else its autopilot's own
-    setpoint_ned: Vec3 | None = None  # m/s, the velocity that it is told, map frame
-    mode: str = ""  # as PX4 names it; "": not heard
+    height_m: float | None = None  # m above the ground; above the map's origin when no ground is known
+    true: bool = False  # the pose is from the truth bus; else the autopilot's estimate
+    setpoint_ned: Vec3 | None = None  # m/s, commanded velocity, map frame
+    mode: str = ""  # PX4's name; "": not known
     armed: bool | None = None
     battery: float | None = None  # 0 … 1
-    said: tuple[str, ...] = ()  # newest last: warnings of the autopilot, and what the envelope limited
-    prompt: str = ""  # the text of the question of the newest decision; "": not known
-    picture: ShownPicture | None = None  # the newest that the pilot was asked about
+    messages: tuple[str, ...] = ()  # newest last: warnings of the autopilot, limits of the envelope, orders
+    prompt: str = ""  # of the newest decision; "": not known
+    picture: ShownPicture | None = None  # the newest that the pilot got
     decision: Decision | None = None  # the newest
     decided_on: ShownPicture | None = None  # the picture of that decision
-    chosen_ned: Vec3 | None = None  # m, map frame, the place that a go names; None of another action
-    lens_ned: Vec3 | None = None  # m, map frame, the optical centre from which it was chosen
+    chosen_ned: Vec3 | None = None  # m, map frame, the point of a go; None for other actions
+    lens_ned: Vec3 | None = None  # m, map frame, the optical centre of its picture
 
 
 @dataclass(frozen=True, slots=True)
 class JudgeMoment:
-    """What only the judge knows; a page hides it until it is asked for."""
+    """What only the judge knows; a page hides it by default."""
 
     target_ned: Vec3 | None = None  # m, map frame, of its centre
     distance_m: tuple[float | None, ...] = ()  # m, of each drone to the target's centre
-    said: tuple[str, ...] = ()  # newest last: declarations with their distances, the verdict
+    messages: tuple[str, ...] = ()  # newest last: declarations with their distances, the verdict
 
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """One flight at one time."""
+    """The state of a flight at one time."""
 
     t_s: float  # s of vehicle time since the episode began; before it, negative or 0
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
-    moved: Moved = field(default_factory=dict)  # where what moves in the pictures is, but for drones
-    state: str = ""  # in a few words: waiting, in the air, over: cap …
+    moved: Moved = field(default_factory=dict)  # poses of moving objects, drones excepted
+    state: str = ""  # for example "in the air" or "over: cap"
     rate_hz: float | None = None  # decisions per s of vehicle time, the newest
-    instruction: str = ""  # what is to be done; "": not known
+    instruction: str = ""  # "": not known
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenSight:
-    """The ray of a go, as the picture has it: where the drone was when that was taken, leaning as it leant."""
+    """The ray of a go, from the pose at which its picture was taken, tilt included."""
 
     lens_ned: Vec3  # m, map frame, the optical centre
     place_ned: Vec3  # m, map frame, on the ray, at the pilot's depth along the optical axis
 
 
 def chosen_go(decision: Decision) -> Go | None:
-    """Return the go of a decision, None of any other action and of what is none."""
+    """Return the go of a decision; None for other actions, and for an invalid one."""
     try:
         action = action_from(decision.action)
     except ActionError:
@@ -82,7 +82,7 @@ def chosen_go(decision: Decision) -> Go | None:
 
 
 def sight(go: Go, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> ChosenSight:
-    """Return the ray of a go from where its picture was taken: m NED of the body, attitude FRD → NED."""
+    """Return the ray of a go. Position (m, NED, of the body) and attitude (FRD → NED): when its picture was taken."""
     lens = _added(position_ned, rotate(attitude, camera.offset_frd))
     right, forward, up = displacement(go, camera)
     return ChosenSight(lens, _added(lens, rotate(attitude, (forward, right, -up))))

@@ -1,4 +1,4 @@
-"""Opens the page beside a command that flies, and closes it with that: the command never waits for it."""
+"""Opens the page of a flight beside the command that flies, which never waits for the page."""
 
 import contextlib
 import tempfile
@@ -18,53 +18,49 @@ VIEWER = ChildKind("viewer", "dronecats.view.live.viewer_process", ViewerConfig)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WantedPage:
-    """That a page is wanted, and where."""
+    """The options of a page."""
 
     port: int
     hosts: tuple[str, ...] = ()  # host names beside the loopback ones under which it opens
-    stays: bool = False  # until it is interrupted, when the flight is over
+    stays: bool = False  # after the flight, until Ctrl-C
 
 
 @contextmanager
 def opened(
-    view: WantedPage | None, what: Path | WatchedWires, title: str, say: Callable[[str], None]
+    view: WantedPage | None, source: Path | WatchedWires, title: str, report: Callable[[str], None]
 ) -> Iterator[None]:
-    """Have the flights below a folder, or on a simulator's wires, shown meanwhile; None: no page is wanted.
+    """Show the flights below a folder, or of a simulator, while the body runs; `view` None: no page.
 
-    What becomes of the page is nothing to the body: one that cannot be opened is told of, and that is all.
+    `report` takes the address, or the error of a page that cannot be opened. The body runs in both cases.
     """
     if view is None:
         yield
         return
     with tempfile.TemporaryDirectory(prefix="dronecats-view-") as logs:
         config = ViewerConfig(port=view.port, hosts=view.hosts, title=title)
-        config = replace(config, root=str(what)) if isinstance(what, Path) else replace(config, wires=what)
+        config = replace(config, root=str(source)) if isinstance(source, Path) else replace(config, wires=source)
         child = ChildProcess(VIEWER, config, Path(logs) / "log")
-        closing, address = threading.Event(), _Address()
+        closing, url = threading.Event(), ""
 
         def announce() -> None:
+            nonlocal url
             try:
-                address.url = str(child.ready()["url"])
-                say(f"watch it at {address.url} ({reach(view.hosts)})")
+                url = str(child.ready()["url"])
+                report(f"watch it at {url} ({reach(view.hosts)})")
             except (DronecatsError, OSError, ValueError) as error:
                 if not closing.is_set():
-                    say(f"there is no page to watch, and the flight goes on: {error}")
+                    report(f"no page could be opened, and the flight goes on: {error}")
 
         thread = threading.Thread(target=announce, daemon=True, name="viewer-address")
         thread.start()
         try:
             yield
-            if view.stays and address.url:
-                say(f"the page stays at {address.url} · Ctrl-C ends it")
+            if view.stays and url:
+                report(f"the page stays at {url} · Ctrl-C ends it")
                 with contextlib.suppress(KeyboardInterrupt):
                     threading.Event().wait()
         finally:
             closing.set()
-            child.kill()  # it has nothing to lose, and may hang
-            thread.join()  # which hears of it
+            child.kill()  # it has no state to save, and may hang
+            thread.join()
             child.close()
-
-
-@dataclass(slots=True)
-class _Address:
-    url: str = ""

@@ -16,12 +16,12 @@ from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPi
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Decision, drone_label
 
-NOBODY = "nobody"
+NO_DRONE = "nobody"
 WIDTH_PX, FLEET_PX = 400, 520
 
 
 class FlightPanels:
-    """Shows moments of one flight; what it is told twice it sends once."""
+    """Shows moments of one flight, and sends only changes. Text of models, autopilots and people is escaped."""
 
     def __init__(
         self,
@@ -32,23 +32,22 @@ class FlightPanels:
         on_judge: Callable[[bool], None] | None = None,
         on_follow: Callable[[int | None], None] | None = None,
     ) -> None:
-        """Lay the panels out, those of pictures and replies only where a pilot is watched.
+        """`piloted`: show the panels of pictures and replies.
 
-        `on_judge` and `on_follow` are called when somebody wants the judge's view, or to go with a drone, which each
-        browser then sees.
+        `on_judge` and `on_follow` are called when a viewer chooses the judge's view, or a drone to follow.
         """
         self._server, self._drones = server, drones
-        self._told: dict[str, object] = {}
+        self._sent: dict[str, object] = {}
         self._on_judge = on_judge
         self.judge_shown = False
         gui = server.gui
         self._pictures = gui.add_panel() if piloted else None
-        self._frames = self._beside(self._pictures) if self._pictures is not None else None
+        self._frames = self._add_frames(self._pictures) if self._pictures is not None else None
         self._folder = gui.add_folder("Flight")
         with self._folder:
             self._state = gui.add_html("")
-            names = (NOBODY, *(drone_label(k) for k in range(drones)))
-            self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NOBODY)
+            names = (NO_DRONE, *(drone_label(k) for k in range(drones)))
+            self._follow: Any = gui.add_dropdown("Go with", names, initial_value=NO_DRONE)
             self._judge: Any = gui.add_checkbox("The judge's view", False)
             self._judged = gui.add_html("")
             self._pilots = gui.add_html("", visible=piloted)
@@ -56,20 +55,20 @@ class FlightPanels:
             self._messages = gui.add_html("")
         if on_follow is not None:
             self._follow.on_update(_by_hand(lambda: on_follow(self._wanted())))
-        self._judge.on_update(_by_hand(lambda: self._ask(bool(self._judge.value))))
+        self._judge.on_update(_by_hand(lambda: self._show_judge(bool(self._judge.value))))
 
-    def _beside(self, panel: Any) -> Any:
-        """Lay the pictures' panel out, and return what shows them."""
-        one = self._drones == 1
-        self.pictures = panel.add_tab("What the pilot saw" if one else "What the pilots saw", viser.Icon.CAMERA)
+    def _add_frames(self, panel: Any) -> Any:
+        """Fill the pictures' panel, and return the handle of the pictures."""
+        single = self._drones == 1
+        self.pictures = panel.add_tab("What the pilot saw" if single else "What the pilots saw", viser.Icon.CAMERA)
         with self.pictures:
             frames = self._server.gui.add_html("")
         panel.dock_left()
-        panel.set_width(WIDTH_PX if one else FLEET_PX)
+        panel.set_width(WIDTH_PX if single else FLEET_PX)
         return frames
 
     def show(self, moment: Moment) -> None:
-        """Bring the panels up to a moment."""
+        """Show a moment."""
         with self._server.atomic():
             self._write("state", self._state, (clock(moment.t_s), moment.state, moment.instruction),
                         lambda: state_html(moment))  # fmt: skip
@@ -77,52 +76,52 @@ class FlightPanels:
             if self._frames is not None:
                 frames = tuple(_pictured(drone) for drone in drones)
                 self._write("frames", self._frames, frames, lambda: frames_html(drones))
-                decided = tuple((one.decision and one.decision.step, one.prompt) for one in drones)
+                decided = tuple((d.decision and d.decision.step, d.prompt) for d in drones)
                 self._write("pilots", self._pilots, decided, lambda: decisions_html(drones))
             self._write("numbers", self._numbers, numbers_html(drones))
-            said = tuple(drone.said for drone in moment.drones)
-            self._write("messages", self._messages, said, lambda: messages_html(moment.drones))
+            messages = tuple(drone.messages for drone in moment.drones)
+            self._write("messages", self._messages, messages, lambda: messages_html(moment.drones))
             judged = judge_html(moment.judge) if self.judge_shown else ""
             self._write("judge", self._judged, judged)
         self._server.flush()
 
     def forget(self) -> None:
-        """Send everything anew with the next moment, which is of another flight."""
-        self._told.clear()
+        """Send everything with the next moment, which is of another flight."""
+        self._sent.clear()
 
     def _wanted(self) -> int | None:
-        """Return the drone that the view is to go with."""
+        """Return the drone to follow, None for none."""
         named = {drone_label(k): k for k in range(self._drones)}
         return named.get(self._follow.value)
 
     def show_wanted(self, judge: bool, followed: int | None) -> None:
-        """Have the fields say what is wanted otherwise, by a key: nobody is called back."""
+        """Show a choice that was made elsewhere, without calling `on_judge` and `on_follow`."""
         self.judge_shown = judge
-        name = NOBODY if followed is None else drone_label(followed)
+        name = NO_DRONE if followed is None else drone_label(followed)
         for field, value in ((self._judge, judge), (self._follow, name)):
             if field.value != value:
                 field.value = value
 
     def remove(self) -> None:
-        """Take the panels away, for those of another flight."""
+        """Remove the panels."""
         if self._pictures is not None:
             self._pictures.remove()
         self._folder.remove()
 
-    def _ask(self, wanted: bool) -> None:
+    def _show_judge(self, wanted: bool) -> None:
         self.judge_shown = wanted
         if self._on_judge is not None:
             self._on_judge(wanted)
 
     def _write(self, name: str, handle: Any, key: object, html: Callable[[], str] | None = None) -> None:
-        """Send what a handle shows when its key has changed; without `html` the key is what it shows."""
-        if self._told.get(name) != key:
-            self._told[name] = key
+        """Send the content of a handle when its key has changed; without `html` the key is the content."""
+        if self._sent.get(name) != key:
+            self._sent[name] = key
             handle.content = key if html is None else html()
 
 
 def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
-    """Return what takes an event of a browser, and passes over what we have set ourselves."""
+    """Return a callback for events of browsers, which ignores updates by the program itself."""
 
     def changed(event: Any) -> None:
         if event.client is not None:
@@ -132,15 +131,15 @@ def _by_hand(act: Callable[[], None]) -> Callable[[Any], None]:
 
 
 def _pictured(drone: DroneMoment) -> tuple[int | None, int | None]:
-    """Return what tells the picture that is shown of a drone from others, and the ring in it."""
+    """Return the ids of the picture that is shown of a drone, and of the decision whose point is ringed."""
     picture, decision = newest_decided(drone)
     return (picture.frame_id if picture else None, decision.step if decision else None)
 
 
 YELLOW, ACCENT, JUDGE = MARKS["chosen"], LIGHT["accent"], LIGHT["judge-line"]
-MESSAGES, FLEETS_MESSAGES = 6, 3  # the newest that are shown of each drone
+MESSAGES, FLEETS_MESSAGES = 6, 3  # newest messages shown per drone
 HEADS = ("speed", "height", "battery", "mode")
-WIDE, HIGH = 1280, 720  # of a drawing over a picture, whatever that measures
+WIDE, HIGH = 1280, 720  # units of a drawing over a picture, of any size
 NO_PICTURE = (
     f'<div style="aspect-ratio:{WIDE}/{HIGH};background:{DARK["panel"]};color:{DARK["quiet"]};display:flex;'
     'align-items:center;justify-content:center;font-size:12px">no picture yet</div>'
@@ -148,7 +147,7 @@ NO_PICTURE = (
 
 
 def frame_html(drone: DroneMoment, label: str) -> str:
-    """Return the picture of the newest decision with its point ringed, or the newest where nothing is decided yet."""
+    """Return the picture of the newest decision with its point ringed, or a newer picture without a decision."""
     picture, decision = newest_decided(drone)
     if picture is None:
         body = NO_PICTURE
@@ -165,15 +164,15 @@ def frame_html(drone: DroneMoment, label: str) -> str:
 
 
 def frames_html(drones: Sequence[DroneMoment]) -> str:
-    """Return the pictures of all drones, of a fleet two beside one another."""
+    """Return the pictures of all drones; those of a fleet in two columns."""
     if len(drones) == 1:
         return frame_html(drones[0], "the picture that was asked about")
-    cells = "".join(f"<div>{frame_html(one, drone_label(one.drone))}</div>" for one in drones)
+    cells = "".join(f"<div>{frame_html(drone, drone_label(drone.drone))}</div>" for drone in drones)
     return f'<div style="display:grid;grid-template-columns:1fr 1fr">{cells}</div>'
 
 
 def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | None]:
-    """Return the picture that is shown of a drone and the decision whose point is ringed in it, if any is."""
+    """Return the picture that is shown of a drone, and the decision whose point is ringed in it, if any."""
     newer = drone.picture is not None and (
         drone.decided_on is None or drone.picture.frame_id > drone.decided_on.frame_id
     )
@@ -181,87 +180,76 @@ def newest_decided(drone: DroneMoment) -> tuple[ShownPicture | None, Decision | 
 
 
 def decisions_html(drones: Sequence[DroneMoment]) -> str:
-    """Return what was asked last, what came back, and what is made of it; a reply for several drones once."""
+    """Return the newest prompts, replies and actions; a reply for several drones appears once."""
     if len(drones) == 1:
         return decision_html(drones[0])
-    shown, told = "", set[tuple[int, str]]()
-    for one in drones:
-        said = one.decision
-        words = "no decision yet" if said is None else action_or_reason(said)
-        shown += (
-            f'<div class="action" data-drone="{one.drone}" style="font-size:13px;font-weight:600;color:{ACCENT};'
-            f'padding:3px 10px 0"><span style="opacity:0.65">{drone_label(one.drone)}</span> {escape(words)}</div>'
+    html = ""
+    replies: dict[tuple[int, str], list[DroneMoment]] = {}  # (step, reply) → its drones
+    for drone in drones:
+        if (decision := drone.decision) is not None:
+            replies.setdefault((decision.step, str(decision.reply)), []).append(drone)
+    for drone in drones:
+        decision = drone.decision
+        words = "no decision yet" if decision is None else action_or_reason(decision)
+        html += (
+            f'<div class="action" data-drone="{drone.drone}" style="font-size:13px;font-weight:600;color:{ACCENT};'
+            f'padding:3px 10px 0"><span style="opacity:0.65">{drone_label(drone.drone)}</span> {escape(words)}</div>'
         )
-        alone = said is not None and not any(_together(said, other.decision) for other in drones if other is not one)
-        if said is not None and alone:
-            shown += _box(_answered(one, said))
-        elif said is not None:
-            told.add((said.step, str(said.reply)))
-    for step, _ in sorted(told):
-        one = next(each for each in drones if each.decision is not None and each.decision.step == step)
-        assert one.decision is not None
-        shown += _box(_answered(one, one.decision))
-    return shown
-
-
-def _together(said: Decision, other: Decision | None) -> bool:
-    """Return whether two decisions came of one reply."""
-    return other is not None and (said.step, said.reply) == (other.step, other.reply)
+        if decision is not None and len(replies[decision.step, str(decision.reply)]) == 1:
+            html += _box(_reply_html(drone, decision))
+    for _, (first, *rest) in sorted(replies.items()):
+        if rest and first.decision is not None:
+            html += _box(_reply_html(first, first.decision))
+    return html
 
 
 def decision_html(drone: DroneMoment) -> str:
-    """Return what was asked last, what came back and what is made of it."""
-    said = drone.decision
-    if said is None:
+    """Return the newest prompt, reply and action of a drone."""
+    decision = drone.decision
+    if decision is None:
         return _box(_small("no decision yet"))
     return _box(
-        f'<div class="action" data-step="{said.step}" style="font-size:14px;font-weight:600;color:{ACCENT};'
-        f'margin:2px 0 4px">{escape(action_or_reason(said))}</div>' + _answered(drone, said)
+        f'<div class="action" data-step="{decision.step}" style="font-size:14px;font-weight:600;color:{ACCENT};'
+        f'margin:2px 0 4px">{escape(action_or_reason(decision))}</div>' + _reply_html(drone, decision)
     )
 
 
-def _answered(drone: DroneMoment, said: Decision) -> str:
-    """Return a reply, what it took, and what was asked."""
-    reply = said.reply if said.reply is not UNSET else ""
-    took = "" if said.latency_s is None else f"{said.latency_s:.2f} s"
-    rate = "" if said.rate_hz is None else f"{said.rate_hz:.2f} a second"
-    rows = [("step", str(said.step)), ("latency", took), ("decisions", rate), ("tokens", _tokens(said))]
-    asked = ""
+def _reply_html(drone: DroneMoment, decision: Decision) -> str:
+    """Return a reply, its cost, and its prompt."""
+    took = "" if decision.latency_s is None else f"{decision.latency_s:.2f} s"
+    rate = "" if decision.rate_hz is None else f"{decision.rate_hz:.2f} a second"
+    rows = [("step", str(decision.step)), ("latency", took), ("decisions", rate), ("tokens", _tokens(decision))]
+    prompt = ""
     if drone.prompt:
-        asked = (
-            f'<details><summary style="cursor:pointer;opacity:0.65">prompt</summary>{_quoted(drone.prompt)}</details>'
-        )
-    return (
-        _small("reply")
-        + f'<div class="reply">{_quoted(str(reply))}</div>'
-        + _pairs([row for row in rows if row[1]])
-        + asked
-    )
+        summary = '<summary style="cursor:pointer;opacity:0.65">prompt</summary>'
+        prompt = f"<details>{summary}{_quoted(drone.prompt)}</details>"
+    reply = _quoted("" if decision.reply is UNSET else str(decision.reply))
+    return _small("reply") + f'<div class="reply">{reply}</div>' + _pairs([row for row in rows if row[1]]) + prompt
 
 
 def numbers_html(drones: Sequence[DroneMoment]) -> str:
-    """Return speed, height, battery and mode; of a fleet a line each."""
+    """Return speed, height, battery and mode; one line per drone of a fleet."""
     if len(drones) == 1:
         return _box(_pairs([row for row in _numbers(drones[0]) if row[1]]))
     head = "".join(f'<th style="font-weight:400;opacity:0.65">{name}</th>' for name in ("", *HEADS))
     lines = "".join(
-        f"<tr><td>{drone_label(one.drone)}</td>"
+        f"<tr><td>{drone_label(drone.drone)}</td>"
         + "".join(
-            f'<td style="text-align:center"><b>{escape(value)}</b></td>' for _, value in _numbers(one, brief=True)
+            f'<td style="text-align:center"><b>{escape(value)}</b></td>' for _, value in _numbers(drone, brief=True)
         )
         + "</tr>"
-        for one in drones
+        for drone in drones
     )
     return _box(f'<table style="width:100%;font-size:11px"><tr>{head}</tr>{lines}</table>')
 
 
 def _numbers(drone: DroneMoment, *, brief: bool = False) -> list[tuple[str, str]]:
     speed = None if drone.velocity_ned is None else math.hypot(*drone.velocity_ned)
-    told = None if drone.setpoint_ned is None else math.hypot(*drone.setpoint_ned)
+    setpoint = None if drone.setpoint_ned is None else math.hypot(*drone.setpoint_ned)
     mode = drone.mode + ("" if drone.armed is None or brief else " · armed" if drone.armed else " · disarmed")
-    wanted = "" if told is None or brief else f" (told {told:.1f})"
+    commanded = "" if setpoint is None or brief else f" (commanded {setpoint:.1f})"
     rows = [
-        ("speed", "" if speed is None else f"{speed:.1f} m/s{wanted}"),
+        ("speed", "" if speed is None else f"{speed:.1f} m/s{commanded}"),
         ("height", "" if drone.height_m is None else f"{drone.height_m:.1f} m"),
         ("battery", "" if drone.battery is None else f"{100 * drone.battery:.0f} %"),
         ("mode", mode.strip(" ·")),
@@ -271,25 +259,26 @@ def _numbers(drone: DroneMoment, *, brief: bool = False) -> list[tuple[str, str]
 
 
 def messages_html(drones: Sequence[DroneMoment]) -> str:
-    """Return the newest of what autopilots and envelopes have said, newest first."""
+    """Return the newest messages of each drone, newest first."""
     several = len(drones) > 1
     most = FLEETS_MESSAGES if several else MESSAGES
-    who = {one.drone: f"{drone_label(one.drone)}: " if several else "" for one in drones}
-    lines = [who[one.drone] + said for one in drones for said in one.said[-most:][::-1]]
+    lines = [
+        f"{drone_label(drone.drone)}: {message}" if several else message
+        for drone in drones
+        for message in drone.messages[-most:][::-1]
+    ]
     rows = "".join(f'<div style="border-top:1px solid rgba(128,128,128,0.18)">{escape(line)}</div>' for line in lines)
     return _box(_small("messages") + f'<div class="messages">{rows or "none"}</div>')
 
 
 def state_html(moment: Moment) -> str:
     """Return the clock, the state and the instruction."""
-    said = (
-        f'<div style="font-size:13px;margin-top:2px"><b>{escape(moment.instruction)}</b></div>'
-        if moment.instruction
-        else ""
-    )
+    instruction = ""
+    if moment.instruction:
+        instruction = f'<div style="font-size:13px;margin-top:2px"><b>{escape(moment.instruction)}</b></div>'
     return _box(
         f'<div class="state" style="font-size:15px;font-weight:600">{clock(moment.t_s)} '
-        f'<span style="font-weight:400;opacity:0.7">{escape(moment.state)}</span></div>{said}'
+        f'<span style="font-weight:400;opacity:0.7">{escape(moment.state)}</span></div>{instruction}'
     )
 
 
@@ -301,8 +290,8 @@ def clock(t_s: float) -> str:
 def judge_html(judge: JudgeMoment) -> str:
     """Return what only the judge knows."""
     far = [("" if len(judge.distance_m) < 2 else f"drone {k} ", d) for k, d in enumerate(judge.distance_m)]
-    rows = [(f"{who}to the target", f"{d:.2f} m") for who, d in far if d is not None]
-    lines = "".join(f"<div>{escape(line)}</div>" for line in judge.said[-MESSAGES:][::-1])
+    rows = [(f"{drone}to the target", f"{d:.2f} m") for drone, d in far if d is not None]
+    lines = "".join(f"<div>{escape(line)}</div>" for line in judge.messages[-MESSAGES:][::-1])
     return (
         f'<div class="judge" style="border-left:3px solid {JUDGE};margin:2px 10px">'
         + _box(_small("only the judge knows this") + _pairs(rows) + lines)
@@ -341,7 +330,7 @@ def _quoted(text: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Return a reply that is one JSON object on many lines as one line, anything else as it is."""
+    """Return a reply that is a JSON object as one line, any other unchanged."""
     try:
         value: Any = json.loads(text)
     except (ValueError, RecursionError):

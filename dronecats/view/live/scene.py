@@ -1,4 +1,4 @@
-"""One flight in the browser's world: what flies, what it looks at and is told, and what only the judge knows."""
+"""A flight in the browser's 3-D scene: its drones, their cameras, setpoints and goals, and the judge's marks."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ import numpy as np
 import viser
 
 from dronecats.report.kit import palette
-from dronecats.view.live.layers import AddedThings, JudgedMarks, Trail
+from dronecats.view.live.layers import AddedObjects, JudgeMarks, Trail
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from dronecats.view.scene import display
 from episodes.maps.scene import Moved, Scene, Sun
@@ -18,21 +18,20 @@ from foundation.frames import Vec3, quat_yaw
 from foundation.run_folder.rows import drone_label
 
 COLORS: tuple[Vec3, ...] = tuple(map(palette.linear, palette.DRONES))
-CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the place of a go
-MET = palette.rgb(palette.MARKS["declared-bad"])  # what is in its way
-TOLD = palette.rgb(palette.MARKS["setpoint"])
-WORLD = "/world"  # the node under which everything is: it is moved, not the view, where somebody is followed
+CHOSEN = palette.rgb(palette.MARKS["chosen"])  # the point of a go
+MET = palette.rgb(palette.MARKS["declared-bad"])  # the obstacle before it
+SETPOINT = palette.rgb(palette.MARKS["setpoint"])
+WORLD = "/world"  # the root node; to follow a drone, this node moves, and not the view
 NOON = Sun((0.3, 0.2, -0.93))
-DRONE_SCALE = 1.8  # a drone is drawn larger than it is, to be seen from where the map is seen
-TOLD_M_PER_MPS = 1.5  # length of a setpoint's arrow
-STILL_MPS = 0.05  # below it a setpoint is no arrow
+SETPOINT_M_PER_MPS = 1.5  # length of a setpoint's arrow
+STILL_MPS = 0.05  # a slower setpoint has no arrow
 GRID_M = 400.0
 
 
 class FlightScene:
-    """Shows one flight, moment by moment; what it is told twice it sends once.
+    """Shows one flight, moment by moment, and sends only changes.
 
-    Several may share a server, by different names: the first brings the map and the light, each its own drones.
+    Several may share a server under different names: the first adds the map and the light, each its own drones.
     """
 
     def __init__(
@@ -45,42 +44,41 @@ class FlightScene:
         colors: Sequence[Vec3] = COLORS,
         camera: CameraModel | None = None,
     ) -> None:
-        """Send the map of a scene, or a plain grid where none is known. What a record has added comes with `show`.
+        """Send the map of a scene, or a plain grid when it is unknown.
 
-        `name` tells one flight from others in the same browser; `colors` are linear RGB, 0 … 1, one of each drone.
+        `name`: distinguishes the flights of one browser; `colors`: linear RGB, 0 … 1, one per drone.
         """
         self._server, self._scene = server, scene
         self._camera = camera or CameraModel()
         self._name, self._root = name, f"{WORLD}/{name or 'flight'}"
         self._nodes: dict[str, Any] = {}
-        self._told: dict[str, object] = {}  # what a node shows
-        self._added = AddedThings(server, f"{self._root}/thing", scene)
-        self._judged = JudgedMarks(server, f"{self._root}/judge", scene)
+        self._shown: dict[str, object] = {}  # node → the value that it shows
+        self._added = AddedObjects(server, f"{self._root}/thing", scene)
+        self._judged = JudgeMarks(server, f"{self._root}/judge", scene)
         self._followed: int | None = None
         self._picker: display.Picker | None = None
         self._looked = False
-        self._brought: set[int] = set()  # browsers that have been shown where the flight is
-        self.things_shown = True  # of several flights over one another, by one
-        self.judge_shown = False  # what only the judge knows is not even sent before it is
+        self._brought: set[int] = set()  # browsers whose view was moved to the flight
+        self.things_shown = True  # of several flights in one scene, one shows the objects
+        self.judge_shown = False  # the judge's marks are not sent before they are shown
         base = None if scene is None else scene.base or scene
         if server.scene.get_handle_by_name(WORLD) is None:
             server.scene.add_frame(WORLD, show_axes=False)
             display.light(server, base.sun if base else NOON)
             self._ground(base)
         server.scene.add_frame(self._root, show_axes=False)
-        shades = [colors[k % len(colors)] for k in range(drones)]
-        self._shades = [palette.shade(color) for color in shades]
-        self._trails = [Trail(server, f"{self._root}/trail-{k}", shade) for k, shade in enumerate(self._shades)]
-        self._meshes = [display.drone_mesh(color) for color in shades]
+        self._colors = [colors[k % len(colors)] for k in range(drones)]
+        shades = map(palette.shade, self._colors)
+        self._trails = [Trail(server, f"{self._root}/trail-{k}", shade) for k, shade in enumerate(shades)]
 
     @property
     def offset(self) -> tuple[float, float, float]:
-        """How far the world is moved in the browser so that somebody is followed: m, the browser's axes."""
+        """The displacement of the world to follow a drone: m, the browser's axes."""
         x, y, z = (float(v) for v in self._world.position)
         return (x, y, z)
 
     def show(self, moment: Moment) -> None:
-        """Bring the browser up to a moment."""
+        """Show a moment."""
         with self._server.atomic():
             if self._followed is not None:
                 self._keep_up(moment.drones)
@@ -91,22 +89,17 @@ class FlightScene:
             self._show_judge(moment.judge)
         self._server.flush()
 
-    def clear_trail(self) -> None:
-        """Forget where everybody has been."""
-        for trail in self._trails:
-            trail.clear()
-
     def show_trail(self, drone: int, places_ned: Sequence[Vec3]) -> None:
-        """Have a drone's trail lead through these places (m, NED), whatever it was before."""
+        """Replace a drone's trail by one through these positions (m, NED)."""
         self._trails[drone].set(places_ned)
 
     def follow(self, drone: int | None) -> None:
-        """Have the view go with a drone from where it is now, or with nobody; it can be turned all the while."""
+        """Follow a drone from its place of now, None: none. Viewers can still turn their view."""
         self._followed = drone
-        self._told.pop("followed", None)
+        self._shown.pop("followed", None)
 
     def bring(self, here: Vec3, yaw: float) -> None:
-        """Put every browser that has not been brought to this flight yet behind such a drone: m NED, rad."""
+        """Move the view of each new browser behind a drone at a position (m, NED) and yaw (rad)."""
         clients = self._server.get_clients()
         if clients.keys() <= self._brought:
             return
@@ -117,12 +110,12 @@ class FlightScene:
         self._brought |= clients.keys()
 
     def remove(self) -> None:
-        """Take the flight out of the browser; the map stays for others."""
+        """Remove the flight from the browser; the map stays for others."""
         self._added.remove()
         self._judged.remove()
         self._server.scene.remove_by_name(self._root)
         self._nodes.clear()
-        self._told.clear()
+        self._shown.clear()
 
     # ---- the ground
 
@@ -138,63 +131,50 @@ class FlightScene:
                 plane_color=(226, 230, 233), plane_opacity=0.6,
             )  # fmt: skip
             return
-        glb = display.map_glb(base)
-        self._server.scene.add_glb(f"{WORLD}/map", glb, cast_shadow=False, receive_shadow=False)
+        display.add_glb(self._server, f"{WORLD}/map", display.map_glb(base))
 
     # ---- a drone
 
     def _show_drone(self, drone: DroneMoment, here: Vec3) -> None:
         k = drone.drone
         node = self._node(k)
-        node.position, node.wxyz = display.place_of(here), display.turned(drone.attitude)  # the same is not sent again
+        node.position, node.wxyz = (
+            display.place_of(here),
+            display.wxyz_of(drone.attitude),
+        )  # viser sends only changes
         if not self._looked:
             self._look(here, quat_yaw(drone.attitude))
-        self._trails[k].go_on(here)
-        self._show_told(k, here, drone.setpoint_ned)
+        self._trails[k].extend(here)
+        self._show_setpoint(k, here, drone.setpoint_ned)
         self._show_chosen(k, drone.lens_ned, drone.chosen_ned)
         self._show_picture(k, drone.picture)
 
     def _node(self, k: int) -> Any:
-        """Return the node of a drone, made when it is first seen."""
+        """Return the node of a drone, created at its first moment."""
         path = f"{self._root}/drone-{k}"
-        if (known := self._nodes.get(f"drone-{k}")) is not None:
-            return known
-        scene, lens = self._server.scene, self._camera
-        made = self._nodes[f"drone-{k}"] = scene.add_frame(path, show_axes=False)
-        glb = display.thing_glb(self._meshes[k])
-        scene.add_glb(f"{path}/body", glb, scale=DRONE_SCALE, cast_shadow=False, receive_shadow=False)
-        self._nodes[f"camera-{k}"] = scene.add_camera_frustum(
-            f"{path}/camera",
-            fov=2.0 * math.atan(lens.height / 2.0 / lens.focal_px),
-            aspect=lens.width / lens.height,
-            scale=1.1,
-            color=self._shades[k],
-            wxyz=(0.0, 1.0, 0.0, 0.0),  # its axes are right, down, ahead
-            position=(lens.offset_frd[1], -lens.offset_frd[2], -lens.offset_frd[0]),
-            format="jpeg",
-            cast_shadow=False,
-        )
-        called = " · ".join(part for part in (self._name, drone_label(k) if len(self._trails) > 1 else "") if part)
-        if called:
-            scene.add_label(f"{path}/name", called, position=(0.0, 0.55, 0.0), anchor="bottom-center")
-        return made
+        if (node := self._nodes.get(f"drone-{k}")) is None:
+            label = " · ".join(filter(None, (self._name, drone_label(k) if len(self._trails) > 1 else "")))
+            node = self._nodes[f"drone-{k}"] = self._server.scene.add_frame(path, show_axes=False)
+            _, frustum = display.add_drone(self._server, path, self._colors[k], self._camera, label)
+            self._nodes[f"camera-{k}"] = frustum
+        return node
 
-    def _show_told(self, k: int, here: Vec3, velocity: Vec3 | None) -> None:
+    def _show_setpoint(self, k: int, here: Vec3, velocity: Vec3 | None) -> None:
         key = f"setpoint-{k}"
         if velocity is None or math.hypot(*velocity) < STILL_MPS:
             self._drop(key)
             return
-        ahead = display.place_of((TOLD_M_PER_MPS * velocity[0], TOLD_M_PER_MPS * velocity[1],
-                                  TOLD_M_PER_MPS * velocity[2]))  # fmt: skip
-        if self._told.get(key) != velocity:
+        ahead = display.place_of((SETPOINT_M_PER_MPS * velocity[0], SETPOINT_M_PER_MPS * velocity[1],
+                                  SETPOINT_M_PER_MPS * velocity[2]))  # fmt: skip
+        if self._shown.get(key) != velocity:
             points = np.array([[(0.0, 0.0, 0.0), ahead]], np.float32)
-            if (known := self._nodes.get(key)) is None:
+            if (node := self._nodes.get(key)) is None:
                 self._nodes[key] = self._server.scene.add_arrows(
-                    f"{self._root}/{key}", points, TOLD, shaft_radius=0.05, head_radius=0.13, head_length=0.3
+                    f"{self._root}/{key}", points, SETPOINT, shaft_radius=0.05, head_radius=0.13, head_length=0.3
                 )
             else:
-                known.points = points
-            self._told[key] = velocity
+                node.points = points
+            self._shown[key] = velocity
         self._nodes[key].position = display.place_of(here)
 
     def _show_chosen(self, k: int, lens: Vec3 | None, place: Vec3 | None) -> None:
@@ -203,20 +183,20 @@ class FlightScene:
             for name in (key, f"place-{k}", f"met-{k}"):
                 self._drop(name)
             return
-        if self._told.get(key) == (lens, place):
+        if self._shown.get(key) == (lens, place):
             return
         met = self._met(lens, place)
-        scene, at = self._server.scene, f"{self._root}/{key}"
+        scene = self._server.scene
         points = np.array([[display.place_of(lens), display.place_of(place)]], np.float32)
-        if (known := self._nodes.get(key)) is None:
-            self._nodes[key] = scene.add_line_segments(at, points, CHOSEN, thickness=2.5, thickness_units="screen")
+        if (node := self._nodes.get(key)) is None:
+            self._nodes[key] = display.add_lines(self._server, f"{self._root}/{key}", points, CHOSEN, 2.5)
             self._nodes[f"place-{k}"] = scene.add_icosphere(
                 f"{self._root}/place-{k}", 0.2, CHOSEN, position=display.place_of(place), cast_shadow=False
             )
         else:
-            known.points = points
+            node.points = points
             self._nodes[f"place-{k}"].position = display.place_of(place)
-        self._told[key] = (lens, place)
+        self._shown[key] = (lens, place)
         self._drop(f"met-{k}")
         if met is not None:
             self._nodes[f"met-{k}"] = scene.add_icosphere(
@@ -224,7 +204,7 @@ class FlightScene:
             )
 
     def _met(self, lens: Vec3, place: Vec3) -> Vec3 | None:
-        """Return where the ray meets something of the map that is nearer than the place, None where nothing is."""
+        """Return where the ray hits the map before the place, None when it does not."""
         if self._scene is None:
             return None
         if self._picker is None:
@@ -235,19 +215,19 @@ class FlightScene:
         return hit[0] if hit is not None and math.dist(lens, hit[0]) < far - 0.05 else None
 
     def _show_picture(self, k: int, picture: ShownPicture | None) -> None:
-        if picture is None or self._told.get(f"picture-{k}") == picture.frame_id:
+        if picture is None or self._shown.get(f"picture-{k}") == picture.frame_id:
             return
-        self._told[f"picture-{k}"] = picture.frame_id
+        self._shown[f"picture-{k}"] = picture.frame_id
         small = cv2.imdecode(np.frombuffer(picture.jpeg, np.uint8), cv2.IMREAD_REDUCED_COLOR_4)
-        if small is not None:  # a picture that is being written is seen next time
+        if small is not None:  # an incomplete picture is shown next time
             self._nodes[f"camera-{k}"].image = np.ascontiguousarray(small[..., ::-1])
 
     def _drop(self, key: str) -> None:
-        self._told.pop(key, None)
+        self._shown.pop(key, None)
         if (node := self._nodes.pop(key, None)) is not None:
             node.remove()
 
-    # ---- what the record has added, and the judge
+    # ---- the layers
 
     def _show_added(self, moved: Moved) -> None:
         if self.things_shown:
@@ -264,30 +244,30 @@ class FlightScene:
     # ---- the view
 
     def _look(self, here: Vec3, yaw: float) -> None:
-        """Put the view of browsers that come behind and above the first drone that is seen."""
+        """Set the initial view of browsers behind and above a drone."""
         self._looked = True
         view = self._server.initial_camera
         view.up = (0.0, 1.0, 0.0)
         view.position, view.look_at = self._behind(here, yaw)
 
     def _behind(self, here: Vec3, yaw: float) -> tuple[Vec3, Vec3]:
-        """Return a place behind and above a drone, and what is looked at from there: m, the browser's axes."""
+        """Return a place behind and above a drone, and the point to look at: m, the browser's axes."""
         c, s = math.cos(yaw), math.sin(yaw)
         eye = display.place_of((here[0] - 9.0 * c + 3.0 * s, here[1] - 9.0 * s - 3.0 * c, here[2] - 4.5))
         seen = display.place_of((here[0] + 5.0 * c, here[1] + 5.0 * s, here[2] + 0.5))
-        x, y, z = self.offset  # somebody may have been followed before
+        x, y, z = self.offset  # a drone may be followed
         return (eye[0] + x, eye[1] + y, eye[2] + z), (seen[0] + x, seen[1] + y, seen[2] + z)
 
     def _keep_up(self, drones: Sequence[DroneMoment]) -> None:
-        """Move the world so that the drone that is followed stays where it was in the browser."""
-        here = next((one.position_ned for one in drones if one.drone == self._followed), None)
+        """Move the world so that the followed drone stays at its place in the browser."""
+        here = next((drone.position_ned for drone in drones if drone.drone == self._followed), None)
         if here is None:
             return
         x, y, z = display.place_of(here)
-        anchor = self._told.get("followed")
+        anchor = self._shown.get("followed")
         if not isinstance(anchor, tuple):
             a, b, c = self.offset
-            anchor = self._told["followed"] = (a + x, b + y, c + z)
+            anchor = self._shown["followed"] = (a + x, b + y, c + z)
         place = (anchor[0] - x, anchor[1] - y, anchor[2] - z)
         if place != self.offset:
             self._world.position = place

@@ -5,13 +5,14 @@ import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Protocol
 
 import viser
 
 from dronecats.view.live.config import ViewerConfig
-from dronecats.view.live.folder import EpisodeList, WatchedEpisode, flown_world, lens_in, newest_flown
+from dronecats.view.live.folder import EpisodeList, WatchedEpisode, load_camera, load_world
 from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.moment import Moment
 from dronecats.view.live.panels import FlightPanels
@@ -31,7 +32,7 @@ WAITING = '<div style="font-size:13px;padding:4px 10px">waiting for a flight …
 
 
 class Follower(Protocol):
-    """Whatever tells what a flight has come to."""
+    """The source of a flight's moments."""
 
     def turn(self) -> Moment:
         """Return the moment of now."""
@@ -40,10 +41,10 @@ class Follower(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class WantedView:
-    """What somebody has chosen on the page, and keeps from one flight to the next."""
+    """The choices of a viewer, which stay from one flight to the next."""
 
     judge: bool = False  # the judge's view
-    followed: int | None = None  # the drone that the view goes with
+    followed: int | None = None  # the drone that the view follows
 
 
 class LiveFlight:
@@ -60,9 +61,9 @@ class LiveFlight:
         wanted: WantedView | None = None,
         piloted: bool = True,
     ) -> None:
-        """`trails`: where each drone has been before somebody looked, m NED, once the follower has taken a turn.
+        """`trails`: earlier positions of each drone, m NED, filled by the follower's first turn.
 
-        `wanted`: what was chosen on the page before; `piloted`: whether there is anybody who is shown pictures.
+        `wanted`: the choices of before; `piloted`: a pilot gets pictures.
         """
         self._follower, self._trails = follower, trails
         self._start = world.record.starts[0] if world else None
@@ -76,7 +77,7 @@ class LiveFlight:
         self._scene.follow(self.wanted.followed)
 
     def turn(self) -> None:
-        """Show the moment that the flight has come to."""
+        """Show the moment of now."""
         moment = self._follower.turn()
         for drone, places in (self._trails or {}).items():
             self._scene.show_trail(drone, places)
@@ -86,12 +87,12 @@ class LiveFlight:
         self._panels.show(moment)
 
     def remove(self) -> None:
-        """Take it off the page."""
+        """Remove the flight from the page."""
         self._panels.remove()
         self._scene.remove()
 
     def _bring(self, moment: Moment) -> None:
-        """Have browsers that come to the flight look at the first drone, or at where it is to start."""
+        """Move the view of new browsers to the first drone, or to its start."""
         for drone in moment.drones:
             if drone.position_ned is not None:
                 self._scene.bring(drone.position_ned, quat_yaw(drone.attitude))
@@ -109,22 +110,22 @@ class LiveFlight:
 
 
 class LivePage:
-    """Shows one of several flights: the newest, until somebody chooses another."""
+    """Shows one of several flights: the newest, until a viewer chooses another."""
 
     def __init__(self, server: viser.ViserServer) -> None:
         self._server = server
         self._shown: LiveFlight | None = None
-        self._folder: Path | None = None  # of the flight that is shown
-        self._world: object = None  # of what map the ground is
-        self._told: object = None
+        self._folder: Path | None = None  # of the shown flight
+        self._ground: object = None  # identifies the shown map
+        self._listed: object = None
         server.gui.main_panel.dock_right()
         self._waiting = server.gui.add_html(WAITING)
         self._choice: Any = server.gui.add_dropdown("Flight", (NEWEST,), initial_value=NEWEST, visible=False)
         self._list = server.gui.add_html("", visible=False)
 
     def listed(self, episodes: list[WatchedEpisode]) -> None:
-        """Take the flights that there are, the newest first, and show the one that is chosen."""
-        self._tell(episodes)
+        """Take the list of flights, the newest first, and show the chosen one."""
+        self._show_list(episodes)
         wanted = self._wanted(episodes)
         if wanted is None or wanted.folder == self._folder:
             return
@@ -133,41 +134,41 @@ class LivePage:
             kept = self._shown.wanted
             self._shown.remove()
         ground = _ground(wanted.folder)
-        if ground != self._world and self._server.scene.get_handle_by_name(WORLD) is not None:
+        if ground != self._ground and self._server.scene.get_handle_by_name(WORLD) is not None:
             self._server.scene.remove_by_name(WORLD)
-        self._world, self._folder = ground, wanted.folder
+        self._ground, self._folder = ground, wanted.folder
         self._waiting.visible = False
-        self._shown = self._taken_up(wanted.folder, kept)
+        self._shown = self._open(wanted.folder, kept)
 
     def turn(self) -> None:
-        """Bring the page up to now."""
+        """Show the moment of now."""
         if self._shown is not None:
             self._shown.turn()
 
-    def _taken_up(self, folder: Path, kept: WantedView | None) -> LiveFlight:
-        """Return a flight where it is now. Building its world may take some seconds."""
-        world = flown_world(folder)
+    def _open(self, folder: Path, kept: WantedView | None) -> LiveFlight:
+        """Open a flight. Building its world may take seconds."""
+        world = load_world(folder)
         drones = len(world.record.starts) if world is not None else 1
         follower = FlightFollower(folder, world, drones)
-        return LiveFlight(self._server, follower, world, drones, lens_in(folder), follower.trails, kept)
+        return LiveFlight(self._server, follower, world, drones, load_camera(folder), follower.trails, kept)
 
     def _wanted(self, episodes: list[WatchedEpisode]) -> WatchedEpisode | None:
         chosen = self._choice.value
         if chosen != NEWEST:
-            return next((one for one in episodes if one.name == chosen), None)
-        return newest_flown(episodes)
+            return next((episode for episode in episodes if episode.name == chosen), None)
+        return next((episode for episode in episodes if not episode.over), None)
 
-    def _tell(self, episodes: list[WatchedEpisode]) -> None:
-        told = tuple((one.name, one.over) for one in episodes)
-        if told == self._told or len(episodes) < 2:
+    def _show_list(self, episodes: list[WatchedEpisode]) -> None:
+        listed = tuple((episode.name, episode.over) for episode in episodes)
+        if listed == self._listed or len(episodes) < 2:
             return
-        self._told = told
-        names = (NEWEST, *(one.name for one in sorted(episodes, key=lambda one: one.over)[:LISTED]))
+        self._listed = listed
+        names = (NEWEST, *(episode.name for episode in sorted(episodes, key=attrgetter("over"))[:LISTED]))
         if self._choice.options != names:
             kept = self._choice.value
             self._choice.options = names
             self._choice.value = kept if kept in names else NEWEST
-        over = sum(one.over for one in episodes)
+        over = sum(episode.over for episode in episodes)
         self._list.content = (
             '<div class="flights" style="font-size:11px;opacity:0.65;padding:0 10px">'
             f"{len(episodes) - over} in the air, {over} over</div>"
@@ -176,26 +177,26 @@ class LivePage:
 
 
 def _ground(folder: Path) -> object:
-    """Return what tells one map from another; a folder's own where none is told."""
+    """Return the identity of a flight's map; that of the folder when the map is unknown."""
     record = json_object(folder / layout.WORLD) or json_object(folder / layout.EPISODE) or {}
     return (record["map"], record.get("map_seed")) if "map" in record else folder
 
 
-PERIOD_S = 0.04  # wall seconds from one update to the next while somebody looks …
-IDLE_S = 0.25  # … and while nobody does
-LISTED_S = 0.5  # from one look for flights to the next
-NICE = 5  # whatever flies comes first
+PERIOD_S = 0.04  # wall s between updates while a browser is connected
+IDLE_S = 0.25  # wall s between updates otherwise
+LISTED_S = 0.5  # wall s between two looks for flights
+NICE = 5  # the processes that fly have priority
 
 
 class FolderPage:
-    """The flights of a folder."""
+    """The page of the flights of a folder."""
 
     def __init__(self, server: LoopbackServer, root: Path) -> None:
         self._episodes, self._page = EpisodeList(root), LivePage(server)
         self._due_s = 0.0
 
     def turn(self) -> None:
-        """Bring the page up to now."""
+        """Update the list of flights when it is due, and show the moment of now."""
         now_s = time.monotonic()
         if now_s >= self._due_s:
             self._page.listed(self._episodes.look())
@@ -204,33 +205,33 @@ class FolderPage:
 
 
 class FlightViewer:
-    """Serves the page and brings it up to what has come, again and again."""
+    """The child process of a page. It only reads: when it hangs or dies, the flight is not affected."""
 
     def __init__(self, config: ViewerConfig) -> None:
         os.nice(NICE)
         label = f"DroneCATS · {config.title}" if config.title else "DroneCATS"
         self._server = LoopbackServer(label, config.port, config.hosts)
         self._config = config
-        self._page: FolderPage | LiveFlight | None = None  # made in the first turn: a world may take seconds
+        self._page: FolderPage | LiveFlight | None = None  # created in the first turn: a world may take seconds
         self._due_s = 0.0
 
     def ready(self) -> dict[str, Any]:
         return {"url": self._server.url}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
-        """Nothing is asked of it."""
+        """Do nothing: the viewer has no commands."""
 
     def turn(self) -> None:
         time.sleep(max(0.0, self._due_s - time.monotonic()))
         self._due_s = time.monotonic() + (PERIOD_S if self._server.get_clients() else IDLE_S)
         if self._page is None:
-            self._page = self._made()
+            self._page = self._open()
         self._page.turn()
 
     def close(self) -> None:
         self._server.stop()
 
-    def _made(self) -> FolderPage | LiveFlight:
+    def _open(self) -> FolderPage | LiveFlight:
         wires = self._config.wires
         if wires is None:
             return FolderPage(self._server, Path(self._config.root))
@@ -240,5 +241,5 @@ class FlightViewer:
 
 
 def create(config: ViewerConfig) -> FlightViewer:
-    """Return the page of a folder, or of a simulator's wires."""
+    """Return the viewer of a folder, or of a simulator."""
     return FlightViewer(config)

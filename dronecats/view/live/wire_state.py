@@ -9,7 +9,7 @@ from typing import Any
 from dronecats.flight.logger.logger_process import subscribe
 from dronecats.flight.sitl.bus import Listener
 from dronecats.view.live.config import WatchedWires
-from dronecats.view.live.folder import intact
+from dronecats.view.live.folder import is_intact
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment
 from episodes.world.world import World
 from foundation import wire
@@ -21,46 +21,46 @@ from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleState, setpoi
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
 POSE, TARGET = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, dialect.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED
 TEXT, PLACE = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
-KEPT = 3000  # truths of a drone: a minute at 50 Hz, in which a decision's picture was taken
+KEPT = 3000  # truth frames of a drone: a minute at 50 Hz, enough for the picture of a decision
 KEPT_ESTIMATES = 600
 _TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
 
 
 @dataclass(frozen=True, slots=True)
-class HeardPose:
-    """Where a drone is, by the truth bus or by its own autopilot."""
+class WirePose:
+    """The pose of a drone, from the truth bus or from its autopilot."""
 
     time_us: int  # µs, vehicle clock
-    position_ned: Vec3  # m, map frame; of an autopilot, its own
+    position_ned: Vec3  # m, map frame; from an autopilot, its own frame
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
     true: bool
 
 
 @dataclass(slots=True)
-class HeardDrone:
-    """One drone's wire, decoded when it is asked for."""
+class DroneWire:
+    """The frames of one drone, decoded when they are needed."""
 
     truths: deque[bytes] = field(default_factory=lambda: deque(maxlen=KEPT))  # frames
-    estimates: deque[HeardPose] = field(default_factory=lambda: deque(maxlen=KEPT_ESTIMATES))
+    estimates: deque[WirePose] = field(default_factory=lambda: deque(maxlen=KEPT_ESTIMATES))
     state: VehicleState = field(default_factory=VehicleState)
-    told: bool = False  # whether the autopilot has been heard
+    has_state: bool = False  # a message of the autopilot has arrived
     setpoint_ned: Vec3 | None = None  # m/s
     texts: StatusTexts = field(default_factory=StatusTexts)
-    new: dict[int, tuple[int, bytes]] = field(default_factory=dict)  # the newest of each message, not decoded yet
+    new: dict[int, tuple[int, bytes]] = field(default_factory=dict)  # the newest frame of each message, not decoded yet
 
 
-class HeardFlight:
-    """Everybody's wires."""
+class WireState:
+    """The state of all drones of a flight."""
 
     def __init__(self, origin: Origin | None) -> None:
-        """`origin`: geodetic place of the map; None: no map is known, and only autopilots are listened to."""
+        """`origin`: geodetic origin of the map; None: the map is unknown, and only autopilots are used."""
         self._origin = origin
-        self.drones: dict[int, HeardDrone] = {}
-        self.time_us = 0  # µs, vehicle clock, of the newest that has come
+        self.drones: dict[int, DroneWire] = {}
+        self.time_us = 0  # µs, vehicle clock, of the newest frame
 
     def feed(self, frames: Sequence[tuple[int, bytes]]) -> None:
-        """Take frames with the times at which they were heard."""
+        """Take frames with the vehicle times of their arrival, µs."""
         for time_us, frame in frames:
             component, number = frame[6], frame[7] | frame[8] << 8 | frame[9] << 16
             if component == TRUTH_COMPONENT and number == POSE:
@@ -76,43 +76,43 @@ class HeardFlight:
         for drone in self.drones.values():
             self._take(drone)
 
-    def pose(self, drone: int) -> HeardPose | None:
-        """Return where a drone is now, None where nobody has said so."""
-        heard = self.drones.get(drone)
-        if heard is None:
+    def pose(self, drone: int) -> WirePose | None:
+        """Return the newest pose of a drone, None when there is none."""
+        wires = self.drones.get(drone)
+        if wires is None:
             return None
-        if heard.truths and self._origin is not None:
-            return self._truth(heard.truths[-1])
-        return heard.estimates[-1] if heard.estimates else None
+        if wires.truths and self._origin is not None:
+            return self._truth(wires.truths[-1])
+        return wires.estimates[-1] if wires.estimates else None
 
-    def pose_at(self, drone: int, time_us: int) -> HeardPose | None:
-        """Return where a drone was at a time of the vehicle's clock, of the sample nearest to it."""
-        heard = self.drones.get(drone)
-        if heard is None:
+    def pose_at(self, drone: int, time_us: int) -> WirePose | None:
+        """Return the pose of a drone at a vehicle time, from the nearest sample."""
+        wires = self.drones.get(drone)
+        if wires is None:
             return None
-        if heard.truths and self._origin is not None:
-            nearest = min(heard.truths, key=lambda frame: abs(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0] - time_us))
+        if wires.truths and self._origin is not None:
+            nearest = min(wires.truths, key=lambda frame: abs(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0] - time_us))
             return self._truth(nearest)
-        return min(heard.estimates, key=lambda pose: abs(pose.time_us - time_us), default=None)
+        return min(wires.estimates, key=lambda pose: abs(pose.time_us - time_us), default=None)
 
     def moment(self, drone: int, ground_down: Callable[[float, float], float]) -> DroneMoment:
-        """Return a drone as far as its wires tell of it; `ground_down`: m NED of the ground at a place."""
-        pose, heard = self.pose(drone), self.drones.get(drone)
-        if heard is None:
+        """Return the moment of a drone; `ground_down`: down (m, NED) of the ground at a north and east."""
+        pose, wires = self.pose(drone), self.drones.get(drone)
+        if wires is None:
             return DroneMoment(drone)
-        shown = DroneMoment(
+        moment = DroneMoment(
             drone,
-            setpoint_ned=heard.setpoint_ned,
-            mode=heard.state.mode,
-            armed=heard.state.armed if heard.told else None,
-            battery=heard.state.battery_remaining,
-            said=tuple(said.text for said in heard.texts.newest),
+            setpoint_ned=wires.setpoint_ned,
+            mode=wires.state.mode,
+            armed=wires.state.armed if wires.has_state else None,
+            battery=wires.state.battery_remaining,
+            messages=tuple(text.text for text in wires.texts.newest),
         )
         if pose is None:
-            return shown
+            return moment
         north, east, down = pose.position_ned
         return replace(
-            shown,
+            moment,
             position_ned=pose.position_ned,
             attitude=pose.attitude,
             velocity_ned=pose.velocity_ned,
@@ -120,19 +120,19 @@ class HeardFlight:
             true=pose.true,
         )
 
-    def _of(self, frame: bytes) -> HeardDrone:
-        """Return the drone of a frame; where there is no truth, there is one vehicle, whatever its number."""
-        return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, HeardDrone())
+    def _of(self, frame: bytes) -> DroneWire:
+        """Return the drone of a frame. Without truth there is one vehicle, whatever its system id."""
+        return self.drones.setdefault(0 if self._origin is None else frame[5] - 1, DroneWire())
 
-    def _truth(self, frame: bytes) -> HeardPose | None:
+    def _truth(self, frame: bytes) -> WirePose | None:
         message = _decoded(frame)
         if message is None or self._origin is None:
             return None
         sample = truth_sample(message, self._origin)
-        return HeardPose(sample.time_us, sample.position_ned, sample.velocity_ned, sample.attitude, true=True)
+        return WirePose(sample.time_us, sample.position_ned, sample.velocity_ned, sample.attitude, true=True)
 
-    def _take(self, drone: HeardDrone) -> None:
-        """Decode the newest that an autopilot has said."""
+    def _take(self, drone: DroneWire) -> None:
+        """Decode the newest messages of an autopilot."""
         placed = PLACE in drone.new
         for number, (time_us, frame) in drone.new.items():
             message = _decoded(frame)
@@ -141,35 +141,34 @@ class HeardFlight:
             if number == TARGET:
                 drone.setpoint_ned = setpoint_velocity(message)
             else:
-                drone.state, drone.told = update(drone.state, message, mode_name, time_us), True
+                drone.state, drone.has_state = update(drone.state, message, mode_name, time_us), True
         drone.new.clear()
         state = drone.state
         if placed and state.position_ned is not None:
             attitude = quat_from_euler(*state.euler) if state.euler is not None else (1.0, 0.0, 0.0, 0.0)
             velocity = state.velocity_ned or (0.0, 0.0, 0.0)
-            drone.estimates.append(HeardPose(state.position_us, state.position_ned, velocity, attitude, true=False))
+            drone.estimates.append(WirePose(state.position_us, state.position_ned, velocity, attitude, true=False))
 
 
 def _decoded(frame: bytes) -> Any:
-    """Return the message of a frame, None where it is damaged."""
-    if not intact(frame):
+    """Return the message of a frame, None when it is damaged."""
+    if not is_intact(frame):
         return None
     if frame[2] & wire.SIGNED:
         frame = frame[: -wire.SIGNATURE_BYTES]
     return wire.BY_ID[frame[7] | frame[8] << 8 | frame[9] << 16].message(frame)
 
 
-_TIME = struct.Struct("<Q")  # the first field of HIL_STATE_QUATERNION
-DELIVERIES = 400  # of each wire that are taken at a time, so that one that never falls silent holds nobody up
+DELIVERIES = 400  # datagrams per socket and turn, so that a busy socket does not block the others
 
 
 class WireFollower:
-    """Follows a simulator; `turn` never waits."""
+    """Follows a simulator over its sockets; `turn` never waits."""
 
     def __init__(self, wires: WatchedWires, world: World) -> None:
         scene = world.scene
         self._world, self._drones = world, wires.drones
-        self._heard = HeardFlight((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
+        self._state = WireState((scene.latitude_deg, scene.longitude_deg, scene.altitude_m))
         self._listeners = [Listener(wires.truth, self._taker())]
         for index, url in enumerate(wires.telemetry):
             listener = Listener(url, self._taker())
@@ -177,32 +176,32 @@ class WireFollower:
             self._listeners.append(listener)
 
     def turn(self) -> Moment:
-        """Take in what has come, and return the moment that it makes."""
+        """Read the sockets, and return the moment of now."""
         for listener in self._listeners:
             for _ in range(DELIVERIES):
                 if not listener.read(0.0):
                     break
-        drones = tuple(self._heard.moment(k, self._world.ground_down) for k in range(self._drones))
+        drones = tuple(self._state.moment(k, self._world.ground_down) for k in range(self._drones))
         judge, moved = JudgeMoment(self._world.target_centre(0.0)), self._world.moved(0.0)
         flying = any(drone.armed for drone in drones)
-        return Moment(self._heard.time_us / 1e6, drones, judge, moved, "armed" if flying else "on the ground")
+        return Moment(self._state.time_us / 1e6, drones, judge, moved, "armed" if flying else "on the ground")
 
     def close(self) -> None:
         for listener in self._listeners:
             listener.close()
 
     def _taker(self) -> Callable[[bytes], None]:
-        """Return what takes the bytes of one wire."""
+        """Return the function that takes the bytes of one socket."""
         parser = Parser()
 
         def take(data: bytes) -> None:
-            self._heard.feed([(self._time(frame), frame) for frame in parser.frames(data)])
+            self._state.feed([(self._time(frame), frame) for frame in parser.frames(data)])
 
         return take
 
     def _time(self, frame: bytes) -> int:
-        """Return the vehicle's time (µs) of a frame: a true pose tells it, and all else is as late as the newest."""
+        """Return the vehicle time (µs) of a frame: its own for a true pose, else that of the newest frame."""
         number = frame[7] | frame[8] << 8 | frame[9] << 16
         if frame[6] == TRUTH_COMPONENT and number == POSE and frame[1] >= _TIME.size:
             return int(_TIME.unpack_from(frame, wire.HEADER_BYTES)[0])
-        return self._heard.time_us
+        return self._state.time_us

@@ -1,1 +1,1 @@
-"""Flights in the browser again, from their folders alone: any moment of them, several of one episode at once."""
+"""Replays in the browser, from run folders: any moment of a flight, and several flights of one episode at once."""

@@ -1,4 +1,4 @@
-"""The panel of a page of flights (who flew, time, speed, lists to jump to, views drawn again), and its keyboard."""
+"""The panel of a replay (runs, time, speed, lists to jump to, redrawn views) and its keyboard."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,64 +12,52 @@ import viser
 from dronecats.view.film.lettering import Picture
 from dronecats.view.replay.moments import FlightMoments, Occurrence, OccurrenceKind
 from dronecats.view.replay.player import SPEEDS, PlaybackClock
-from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, AgainView
+from dronecats.view.replay.views import HEIGHT_PX, WIDTH_PX, RedrawnView
 from foundation.run_folder.rows import drone_label
 
 STEP_S = 0.1  # s of the episode
-CHOICES = 9  # of runs, or drones: as many as there are digits but 0
+CHOICES = 9  # most runs, or drones: the digits but 0
 
 
 class ReplayOrders(Protocol):
-    """What a key, a button or a list asks of the page."""
+    """The calls of keys, buttons and lists, implemented and described by `ReplayPage`."""
 
-    def toggle(self) -> None:
-        """Play, or stand still."""
+    def toggle(self) -> None: ...
 
-    def step(self, by_s: float) -> None:
-        """Go so much later, or earlier, and stand still."""
+    def step(self, by_s: float) -> None: ...
 
-    def go_to(self, t_s: float) -> None:
-        """Go to a time of the episode, s, and stand still."""
+    def go_to(self, t_s: float) -> None: ...
 
-    def jump(self, kind: OccurrenceKind, ahead: bool) -> None:
-        """Go to the next of its sort, or to the one before."""
+    def jump(self, kind: OccurrenceKind, ahead: bool) -> None: ...
 
-    def faster(self) -> None:
-        """Play at the next higher speed."""
+    def faster(self) -> None: ...
 
-    def slower(self) -> None:
-        """Play at the next lower speed."""
+    def slower(self) -> None: ...
 
-    def at_speed(self, speed: float) -> None:
-        """Play at a speed: seconds of flight in one of the wall."""
+    def at_speed(self, speed: float) -> None: ...
 
-    def choose(self, number: int) -> None:
-        """Choose a run, or a drone where there is one run; 0 is the first."""
+    def choose(self, number: int) -> None: ...
 
-    def go_along(self) -> None:
-        """Have the view go with the chosen drone, or no longer."""
+    def go_along(self) -> None: ...
 
-    def judge(self) -> None:
-        """Show what only the judge knows, or hide it."""
+    def judge(self) -> None: ...
 
-    def next_view(self) -> None:
-        """Draw the next view of this moment again, after the last one none."""
+    def next_view(self) -> None: ...
 
-    def help(self) -> None:
-        """Show the keys, or hide them."""
+    def help(self) -> None: ...
 
 
 @dataclass(frozen=True, slots=True)
 class KeyBinding:
-    """What one or two keys do."""
+    """The order of a key."""
 
-    shown: str  # as a person knows the key
-    keys: tuple[tuple[str, str | None], ...]  # the browser's name of the key, and what is held with it
+    shown: str  # the key as the help names it
+    keys: tuple[tuple[str, str | None], ...]  # (the browser's name of the key, modifier)
     does: str
     order: Callable[[ReplayOrders], None]
 
 
-END_S = 1e9  # s, later than any flight: the clock goes to its own end
+END_S = 1e9  # s, later than any flight: the clock stops at its own end
 DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
 KEYS: tuple[KeyBinding, ...] = (
     KeyBinding("Space", (("space", None),), "play, or stand still", lambda o: o.toggle()),
@@ -94,17 +82,17 @@ KEYS: tuple[KeyBinding, ...] = (
 
 
 def digit(number: int) -> KeyBinding:
-    """Return what the key 1 … 9 does; `number` counts from 0."""
+    """Return the binding of a key 1 … 9; `number` counts from 0."""
     key = str(number + 1)
     return KeyBinding(key, ((key, None),), f"choose {key}", lambda o: o.choose(number))
 
 
 def bind(server: viser.ViserServer, orders: ReplayOrders, choices: int) -> None:
-    """Have every key reach `orders`, in the order in which they are pressed; so many digits choose."""
+    """Bind every key to `orders`; `choices`: how many digits choose."""
     for binding in (*KEYS, *(digit(number) for number in range(min(choices, CHOICES)))):
         for key, held in binding.keys:
-            said = binding.does[0].upper() + binding.does[1:]
-            command = server.gui.add_command(said, hotkey=cast(Any, key), modifier=cast(Any, held))
+            label = binding.does[0].upper() + binding.does[1:]
+            command = server.gui.add_command(label, hotkey=cast(Any, key), modifier=cast(Any, held))
             command.on_trigger(_in_turn(binding, orders))
 
 
@@ -116,7 +104,7 @@ def _in_turn(binding: KeyBinding, orders: ReplayOrders) -> Callable[[Any], Any]:
 
 
 def keys_html(choices: str) -> str:
-    """Return the list of the keys; `choices` says what digits choose, "": they do nothing."""
+    """Return the list of the keys; `choices`: what digits choose, "": nothing."""
     rows = [(binding.shown, binding.does) for binding in KEYS]
     if choices:
         rows.insert(-1, ("1 … 9", f"choose a {choices}"))
@@ -144,7 +132,7 @@ LISTS = {
 
 
 class Controls:
-    """Shows the clock and who flew, and passes on what a person does with them."""
+    """Shows the clock and the runs, and calls the orders of a viewer."""
 
     def __init__(
         self,
@@ -155,14 +143,14 @@ class Controls:
         end_s: float,
         pictures: Any,
     ) -> None:
-        """Lay the panel out; `shades` are the colours of the flights, RGB; `pictures` is where views are shown."""
+        """`shades`: colours of the flights, RGB; `pictures`: the panel for redrawn views."""
         self._server, self._orders, self._flights, self._shades = server, orders, flights, shades
-        self._told: dict[str, object] = {}
+        self._shown: dict[str, object] = {}
         self._listed: dict[OccurrenceKind, tuple[Occurrence, ...]] = {}
         self._modal: Any = None
         gui = server.gui
         with gui.add_folder("Replay", order=-1.0):
-            self._who = gui.add_html("")
+            self._runs = gui.add_html("")
             self._clock = gui.add_html("")
             self._time: Any = gui.add_slider("Time", 0.0, max(end_s, 0.01), 0.01, 0.0)
             times: Any = gui.add_button_group("", tuple(TIMES))
@@ -171,7 +159,7 @@ class Controls:
                 kind: gui.add_dropdown(title, (NONE,)) for kind, title in LISTS.items()
             }
         with pictures, gui.add_folder("Drawn again", order=-1.0):
-            names = (NOT_DRAWN, *(view.value for view in AgainView))
+            names = (NOT_DRAWN, *(view.value for view in RedrawnView))
             self._view: Any = gui.add_dropdown("View", names, initial_value=NOT_DRAWN)
             blank = np.full((HEIGHT_PX, WIDTH_PX, 3), 40, np.uint8)
             self._picture: Any = gui.add_image(blank, format="jpeg", jpeg_quality=85, visible=False)
@@ -182,43 +170,43 @@ class Controls:
         for kind, handle in self._lists.items():
             handle.on_update(self._by_hand(partial(self._jump, kind)))
 
-    def on_view(self, chosen: Callable[[AgainView | None], None]) -> None:
-        """Have it called with the view that somebody chooses here."""
-        views = {view.value: view for view in AgainView}
+    def on_view(self, chosen: Callable[[RedrawnView | None], None]) -> None:
+        """Set the callback for the view that a viewer chooses."""
+        views = {view.value: view for view in RedrawnView}
         self._view.on_update(self._by_hand(lambda: chosen(views.get(self._view.value))))
 
     def show(self, t_s: float, clock: PlaybackClock) -> None:
-        """Bring the clock up to a time."""
+        """Show a time."""
         state = "▶" if clock.playing else "❚❚"
-        said = f"{state} {t_s:.1f} s of {clock.end_s:.1f} s · {_times(clock.speed)}"
-        self._set("clock", said, lambda: _write(self._clock, f'<b class="replay-clock">{said}</b>'))
+        text = f"{state} {t_s:.1f} s of {clock.end_s:.1f} s · {_times(clock.speed)}"
+        self._set("clock", text, lambda: _write(self._clock, f'<b class="replay-clock">{text}</b>'))
         self._set("time", round(t_s, 2), lambda: setattr(self._time, "value", round(t_s, 2)))
         self._set("speed", clock.speed, lambda: self._show_speed(clock.speed))
 
     def show_chosen(self, number: int) -> None:
-        """Show which flight is chosen, and what one can jump to in it."""
-        if self._told.get("chosen") == number:
+        """Show the chosen flight, and the occurrences that one can jump to."""
+        if self._shown.get("chosen") == number:
             return
-        self._told["chosen"] = number
-        self._who.content = _who_html(self._flights, self._shades, number)
+        self._shown["chosen"] = number
+        self._runs.content = _runs_html(self._flights, self._shades, number)
         for kind, handle in self._lists.items():
             self._listed[kind] = self._flights[number].of(kind)
-            rows = [f"{k}. {_row(one, self._flights[number])}" for k, one in enumerate(self._listed[kind], 1)]
+            rows = [f"{k}. {_row(o, self._flights[number])}" for k, o in enumerate(self._listed[kind], 1)]
             handle.options = (f"{len(rows)} to jump to" if rows else NONE, *rows)
             handle.value = handle.options[0]
 
-    def show_view(self, view: AgainView | None) -> None:
-        """Show which view is chosen; a picture that is there stays until the next one comes."""
+    def show_view(self, view: RedrawnView | None) -> None:
+        """Show the chosen view, whose picture comes later."""
         name = NOT_DRAWN if view is None else view.value
-        if self._told.get("view") == name:
+        if self._shown.get("view") == name:
             return
-        self._told["view"] = name
+        self._shown["view"] = name
         self._view.value = name
         self._picture.visible = False
         _write(self._caption, "" if view is None else "drawing …")
 
     def show_picture(self, picture: Picture | str, caption: str) -> None:
-        """Show a view that was drawn, or why it was not."""
+        """Show the picture of a view, or the text that says why there is none."""
         drawn = not isinstance(picture, str)
         if drawn:
             self._picture.image = picture
@@ -226,7 +214,7 @@ class Controls:
         _write(self._caption, f'<span class="again">{escape(caption if drawn else str(picture))}</span>')
 
     def show_keys(self, choices: str) -> None:
-        """Show the keys above everything, or take them away again."""
+        """Show the keys in a dialog, or close it."""
         if self._modal is not None:
             self._modal.close()
             self._modal = None
@@ -240,7 +228,7 @@ class Controls:
         number = str(handle.value).partition(".")[0]
         if number.isdigit() and int(number) <= len(listed):
             self._orders.go_to(listed[int(number) - 1].t_s)
-        handle.value = handle.options[0]  # so that the same can be chosen again
+        handle.value = handle.options[0]  # so that the same entry can be chosen again
 
     def _show_speed(self, speed: float) -> None:
         if _times(speed) not in self._speed.options:
@@ -248,13 +236,13 @@ class Controls:
         self._speed.value = _times(speed)
 
     def _set(self, name: str, value: object, show: Callable[[], None]) -> None:
-        if self._told.get(name) != value:
-            self._told[name] = value
+        if self._shown.get(name) != value:
+            self._shown[name] = value
             show()
 
     @staticmethod
     def _by_hand(act: Callable[[], None]) -> Callable[[Any], Any]:
-        """Return what takes an event of a browser, and passes over what we have set ourselves."""
+        """Return a callback for events of browsers, which ignores updates by the program itself."""
 
         async def changed(event: Any) -> None:  # async: one after the other, in the order in which they came
             if event.client is not None:
@@ -263,22 +251,23 @@ class Controls:
         return changed
 
 
-def _who_html(flights: Sequence[FlightMoments], shades: Sequence[tuple[int, int, int]], chosen: int) -> str:
+def _runs_html(flights: Sequence[FlightMoments], shades: Sequence[tuple[int, int, int]], chosen: int) -> str:
     rows = []
     for number, (flight, shade) in enumerate(zip(flights, shades, strict=True)):
         several, name = len(flights) > 1, escape(flight.recorded.folder.resolve().parent.name)
         dot = f'<span style="color:rgb{shade}">⬤</span> <b>{number + 1}</b> ' if several else ""
         bold = "font-weight:600" if several and number == chosen else ""
-        lacks = "".join(f'<div class="missing" style="opacity:0.65">{escape(said)}</div>' for said in flight.missing)
+        lacks = "".join(f'<div class="missing" style="opacity:0.65">{escape(note)}</div>' for note in flight.missing)
         rows.append(f'<div class="who" style="{bold}">{dot}{name}: {escape(flight.recorded.run.title)}</div>{lacks}')
     title = f'<div style="opacity:0.65">{escape(flights[0].recorded.id)}</div>'
     hint = '<div style="opacity:0.65">? shows the keys</div>'
     return f'<div style="font-size:12px;line-height:1.5;padding:2px 10px 4px">{title}{"".join(rows)}{hint}</div>'
 
 
-def _row(one: Occurrence, flight: FlightMoments) -> str:
-    who = f"{drone_label(one.drone)}: " if one.drone is not None and len(flight.drones) > 1 else ""
-    return f"{one.t_s:.1f} s  {who}{one.words}"
+def _row(occurrence: Occurrence, flight: FlightMoments) -> str:
+    drone = occurrence.drone
+    name = f"{drone_label(drone)}: " if drone is not None and len(flight.drones) > 1 else ""
+    return f"{occurrence.t_s:.1f} s  {name}{occurrence.words}"
 
 
 def _write(handle: Any, html: str) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property, lru_cache
+from operator import attrgetter, itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +25,14 @@ from foundation.run_folder.prompts import SentPrompt, prompts_of, read_prompts
 from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import Decision, DroneNumber, Order, drone_label
 
-SAME_S = 1e-6  # s within which one is there already
-CALM = ("cap", "decided")  # ends of flights in which nothing went wrong
+SAME_S = 1e-6  # s, the tolerance between times
+CALM = ("cap", "decided")  # reasons of ends that are no fault
 OFFBOARD = "OFFBOARD"
-ENDING_S = 1.0  # s before a flight's end in which its own run takes it out of that mode
+ENDING_S = 1.0  # s before the end of a flight in which the run itself leaves that mode
 
 
 class OccurrenceKind(Enum):
-    """Of what sort it is."""
+    """The kind of an occurrence."""
 
     DECISION = "decision"
     DECLARATION = "declaration"
@@ -40,17 +41,17 @@ class OccurrenceKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Occurrence:
-    """Something that happened at one time."""
+    """An event of a flight."""
 
     t_s: float  # s since the episode began
     kind: OccurrenceKind
-    drone: int | None  # None: of all
+    drone: int | None  # None: of all drones
     words: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EnvelopeRow:
-    """A line of safety.jsonl: which limits of the envelope act from then on; none: none does any more."""
+    """A line of safety.jsonl: the limits of the envelope that act from then on."""
 
     time_us: int  # µs, vehicle clock
     drone: DroneNumber
@@ -58,54 +59,54 @@ class EnvelopeRow:
 
 
 def envelope_rows(path: Path, t0_us: int) -> tuple[Occurrence, ...]:
-    """Return what a safety.jsonl tells, nothing where there is none. Raises UsageError where it is damaged."""
-    told = rows(path, EnvelopeRow) if path.is_file() else ()
+    """Return the faults in a safety.jsonl, none without the file. Raises UsageError when it is damaged."""
+    lines = rows(path, EnvelopeRow) if path.is_file() else ()
     return tuple(
         Occurrence((row.time_us - t0_us) / 1e6, OccurrenceKind.FAULT, row.drone,
                    f"envelope: limited by {', '.join(row.limits)}")
-        for row in told if row.limits
+        for row in lines if row.limits
     )  # fmt: skip
 
 
 def occurrences(
     logs: Logs, vehicles: Mapping[int, DroneTelemetry], limited: Iterable[Occurrence], end_s: float
 ) -> tuple[Occurrence, ...]:
-    """Return everything that happened from the beginning to `end_s`, in the order of time."""
-    every = [*_decided(logs), *limited, *_end(logs, end_s)]
+    """Return the occurrences from the beginning to `end_s`, in the order of time."""
+    every = [*_decisions(logs), *limited, *_end(logs, end_s)]
     for vehicle in vehicles.values():
-        every += [*_warned(vehicle), *_left_alone(vehicle, end_s)]
-    return tuple(sorted((one for one in every if 0.0 <= one.t_s <= end_s + SAME_S), key=lambda one: one.t_s))
+        every += [*_warnings(vehicle), *_mode_losses(vehicle, end_s)]
+    return tuple(sorted((o for o in every if 0.0 <= o.t_s <= end_s + SAME_S), key=attrgetter("t_s")))
 
 
-def following(found: Sequence[Occurrence], t_s: float) -> Occurrence | None:
-    """Return the first that is later than a time, None after the last."""
-    index = bisect_right(found, t_s + SAME_S, key=lambda one: one.t_s)
-    return found[index] if index < len(found) else None
+def following(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
+    """Return the first occurrence after a time, None after the last."""
+    index = bisect_right(sequence, t_s + SAME_S, key=attrgetter("t_s"))
+    return sequence[index] if index < len(sequence) else None
 
 
-def preceding(found: Sequence[Occurrence], t_s: float) -> Occurrence | None:
-    """Return the last that is earlier than a time, None before the first."""
-    index = bisect_left(found, t_s - SAME_S, key=lambda one: one.t_s)
-    return found[index - 1] if index else None
+def preceding(sequence: Sequence[Occurrence], t_s: float) -> Occurrence | None:
+    """Return the last occurrence before a time, None before the first."""
+    index = bisect_left(sequence, t_s - SAME_S, key=attrgetter("t_s"))
+    return sequence[index - 1] if index else None
 
 
-def _decided(logs: Logs) -> Iterator[Occurrence]:
-    for one in logs.decisions:
-        words = f"step {one.step}: {action_or_reason(one)}"
-        yield Occurrence(one.t_decided, OccurrenceKind.DECISION, one.drone, words)
-        if one.declares:
-            yield Occurrence(one.t_decided, OccurrenceKind.DECLARATION, one.drone, f"step {one.step}: declared")
-        if one.action is None:
-            yield Occurrence(one.t_decided, OccurrenceKind.FAULT, one.drone, words)
+def _decisions(logs: Logs) -> Iterator[Occurrence]:
+    for decision in logs.decisions:
+        t_s, drone, words = decision.t_decided, decision.drone, f"step {decision.step}: {action_or_reason(decision)}"
+        yield Occurrence(t_s, OccurrenceKind.DECISION, drone, words)
+        if decision.declares:
+            yield Occurrence(t_s, OccurrenceKind.DECLARATION, drone, f"step {decision.step}: declared")
+        if decision.action is None:
+            yield Occurrence(t_s, OccurrenceKind.FAULT, drone, words)
 
 
-def _warned(vehicle: DroneTelemetry) -> Iterator[Occurrence]:
+def _warnings(vehicle: DroneTelemetry) -> Iterator[Occurrence]:
     for t_s, text in zip(vehicle.warnings.t_s, vehicle.warnings.values, strict=True):
         yield Occurrence(t_s, OccurrenceKind.FAULT, vehicle.drone, text)
 
 
-def _left_alone(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
-    """Yield when the mode was no longer ours although the episode went on: a failsafe, or somebody's hand."""
+def _mode_losses(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
+    """Yield each change out of OFFBOARD during the episode: a failsafe, or a person's command."""
     before = ""
     for t_s, state in zip(vehicle.states.t_s, vehicle.states.values, strict=True):
         if before == OFFBOARD and state.mode != OFFBOARD and t_s < end_s - ENDING_S:
@@ -115,65 +116,64 @@ def _left_alone(vehicle: DroneTelemetry, end_s: float) -> Iterator[Occurrence]:
 
 def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
     if logs.end is not None and logs.end.reason not in CALM:
-        said = f": {logs.end.error}" if logs.end.error else ""
-        yield Occurrence(end_s, OccurrenceKind.FAULT, None, f"the flight ended: {logs.end.reason}{said}")
+        error = f": {logs.end.error}" if logs.end.error else ""
+        yield Occurrence(end_s, OccurrenceKind.FAULT, None, f"the flight ended: {logs.end.reason}{error}")
 
 
-SAID = 8  # texts that a moment remembers
-SOON_S = 1e-6
-NO_END = "without an end: it was killed, or is still in the air"
-NO_TLOG = f"no {layout.TLOG}: drawn level between its places, without modes, battery and setpoints"
+MESSAGES = 8  # newest messages in a moment
+NO_END = "without an end: it was killed, or is in the air"
+NO_TLOG = f"no {layout.TLOG}: drawn level between its poses, without modes, battery and setpoints"
 NO_PICTURES = "no pictures were kept"
 NOT_DRAWN = "flown without drawing pictures"
-NO_TRUTH = "nobody knew the truth: places are the autopilot's own, and nothing is judged"
+NO_TRUTH = "no truth: positions are the autopilot's estimates, and nothing is judged"
 NO_RECORD = f"no {layout.EPISODE}: a plain grid in place of the world"
 
 
 @dataclass(frozen=True)
 class FlightMoments:
-    """One recorded flight at any time of it, whatever was kept of it."""
+    """A recorded flight at any time, as far as its folder was kept."""
 
     recorded: RecordedFlight
-    world: World | None  # in which it was flown; None: not known here
+    world: World | None  # None: not known on this machine
     happened: tuple[Occurrence, ...]  # in the order of time
-    missing: tuple[str, ...]  # sentences about what the folder, or this machine, does not have
+    missing: tuple[str, ...]  # notes on what the folder, or this machine, does not have
     _pictures: dict[tuple[int, int], ShownPicture] = field(default_factory=dict)
 
     @property
     def drones(self) -> tuple[int, ...]:
-        """The numbers of all that flew."""
+        """The numbers of the drones."""
         return self.recorded.drones
 
     @property
     def end_s(self) -> float:
-        """When the flight ended."""
+        """The end of the flight, s since the episode began."""
         return self.recorded.end_s
 
     @property
     def true(self) -> bool:
-        """Whether the places are the truth, and not an autopilot's estimate."""
+        """Whether the poses are the truth, and not an autopilot's estimates."""
         return self.recorded.logs.true
 
     def of(self, kind: OccurrenceKind) -> tuple[Occurrence, ...]:
-        """Return what happened of one sort, in the order of time."""
-        return tuple(one for one in self.happened if one.kind is kind)
+        """Return the occurrences of one kind, in the order of time."""
+        return tuple(o for o in self.happened if o.kind is kind)
 
     def pose(self, drone: int, t_s: float) -> DronePose:
-        """Return where a drone of `drones` was; before the first sample and after the last it stays there."""
+        """Return the pose of a drone at a time; before the first sample and after the last, theirs."""
         return self.recorded.tracks[drone].at(t_s)
 
     def way(self, drone: int, t_s: float, every_s: float) -> list[Vec3]:
-        """Return the places of a drone from the beginning to a time, so many seconds apart."""
+        """Return the positions of a drone (m, NED) from the beginning to a time, `every_s` apart."""
         places = self.recorded.tracks[drone].positions(np.append(np.arange(0.0, t_s, every_s), t_s))
         return [(float(north), float(east), float(down)) for north, east, down in places]
 
     def moment(self, t_s: float) -> Moment:
-        """Return all that is shown of a time; before the beginning and after the end, of these."""
+        """Return the moment of a time, which is limited to the flight."""
         t_s = min(max(t_s, 0.0), self.end_s)
         drones = tuple(self._drone(drone, t_s) for drone in self.drones)
-        newest = max((each.decision for each in drones if each.decision), key=lambda d: d.t_decided, default=None)
+        newest = max((d.decision for d in drones if d.decision), key=attrgetter("t_decided"), default=None)
         end = self.recorded.logs.end
-        over = end is not None and t_s >= self.end_s - SOON_S
+        over = end is not None and t_s >= self.end_s - SAME_S
         return Moment(
             t_s=t_s,
             drones=drones,
@@ -186,7 +186,7 @@ class FlightMoments:
 
     def _drone(self, drone: int, t_s: float) -> DroneMoment:
         pose, telemetry = self.pose(drone, t_s), self.recorded.telemetry.get(drone, DroneTelemetry(drone))
-        asked = self.recorded.latest_decision(drone, t_s, "t_frame")
+        pending = self.recorded.latest_decision(drone, t_s, "t_frame")
         decided = self.recorded.latest_decision(drone, t_s, "t_decided")
         state = telemetry.states.at(t_s)
         ray = self._sight(decided)
@@ -201,29 +201,29 @@ class FlightMoments:
             mode=state.mode if state else "",
             armed=state.armed if state else None,
             battery=state.battery if state else None,
-            said=self._said(drone, t_s),
+            messages=self._messages(drone, t_s),
             prompt=sent.text if decided and (sent := self._prompts.get((drone, decided.step))) else "",
-            picture=self._picture(asked),
+            picture=self._picture(pending),
             decision=decided,
             decided_on=self._picture(decided),
             chosen_ned=ray.place_ned if ray else None,
             lens_ned=ray.lens_ned if ray else None,
         )
 
-    def _said(self, drone: int, t_s: float) -> tuple[str, ...]:
-        told = [(one.t_s, one.words) for one in self.of(OccurrenceKind.FAULT) if one.drone in (drone, None)]
-        told += [(t, f"commander: {order.goal}") for t, order in self._orders if order.drone == drone]
-        return tuple(f"{t:.1f} s  {words}" for t, words in sorted(told) if t <= t_s + SOON_S)[-SAID:]
+    def _messages(self, drone: int, t_s: float) -> tuple[str, ...]:
+        messages = [(o.t_s, o.words) for o in self.of(OccurrenceKind.FAULT) if o.drone in (drone, None)]
+        messages += [(t, f"commander: {order.goal}") for t, order in self._orders if order.drone == drone]
+        return tuple(f"{t:.1f} s  {words}" for t, words in sorted(messages) if t <= t_s + SAME_S)[-MESSAGES:]
 
     @cached_property
     def _orders(self) -> list[tuple[float, Order]]:
-        """What a commander has had drones do, and when that came, s."""
-        answered = (one for one in self.recorded.exchanges if one.t_answered is not None)
-        return [(one.t_answered or 0.0, order) for one in answered for order in one.orders]
+        """The orders of a commander and their times, s."""
+        exchanges = self.recorded.exchanges
+        return [(e.t_answered, order) for e in exchanges if e.t_answered is not None for order in e.orders]
 
     @cached_property
     def _prompts(self) -> dict[tuple[int, int], SentPrompt]:
-        """The question that each decision answers, by drone and step."""
+        """The prompt of each decision, by drone and step."""
         return prompts_of(self.recorded.logs.decisions, read_prompts(self.recorded.folder))
 
     def _own_velocity(self, drone: int, t_s: float) -> Vec3 | None:
@@ -244,7 +244,7 @@ class FlightMoments:
         return self._pictures.setdefault((decision.drone, decision.frame_id), fresh)
 
     def _sight(self, decision: Decision | None) -> ChosenSight | None:
-        """Return the ray of a go, from where its picture was taken; None of any other decision."""
+        """Return the sight of a go; None of any other decision."""
         go = chosen_go(decision) if decision else None
         if decision is None or go is None:
             return None
@@ -261,25 +261,25 @@ class FlightMoments:
             return JudgeMoment()
         target = self._target(t_s)
         away = tuple(math.dist(self.pose(d, t_s).position_ned, target) if target else None for d in self.drones)
-        said = tuple(text for t, text in self._declarations if t <= t_s + SOON_S)
+        messages = tuple(text for t, text in self._declarations if t <= t_s + SAME_S)
         verdict = self.recorded.verdict
         deciding = verdict.deciding
-        over = self.recorded.logs.end is not None and t_s >= self.end_s - SOON_S
-        if over or (deciding is not None and t_s >= deciding.t - SOON_S):
+        over = self.recorded.logs.end is not None and t_s >= self.end_s - SAME_S
+        if over or (deciding is not None and t_s >= deciding.t - SAME_S):
             near = f", {verdict.ne_m:.2f} m from the target" if verdict.ne_m is not None else ""
-            said = (*said, f"verdict: {verdict.outcome}{near}")
-        return JudgeMoment(target_ned=target, distance_m=away, said=said[-SAID:])
+            messages = (*messages, f"verdict: {verdict.outcome}{near}")
+        return JudgeMoment(target_ned=target, distance_m=away, messages=messages[-MESSAGES:])
 
     @cached_property
     def _declarations(self) -> tuple[tuple[float, str], ...]:
-        """When arrival was declared (s), and what the judge says of it."""
+        """The times of declarations (s), and the judge's notes on them."""
         flight = self.recorded
-        each = [
-            (d.t_decided, _declared(measured(d, flight.logs), qualifies(d, flight.logs, flight.delta_m, flight.cap_s)))
-            for d in flight.logs.decisions
-            if d.declares
-        ]
-        return tuple(sorted(each, key=lambda one: one[0]))
+        declarations = []
+        for d in flight.logs.decisions:
+            if d.declares:
+                counts = qualifies(d, flight.logs, flight.delta_m, flight.cap_s)
+                declarations.append((d.t_decided, _declaration(measured(d, flight.logs), counts)))
+        return tuple(sorted(declarations, key=itemgetter(0)))
 
     def _target(self, t_s: float) -> Vec3 | None:
         if self.world is not None:
@@ -289,10 +289,10 @@ class FlightMoments:
 
 
 def flight_moments(path: Path) -> FlightMoments:
-    """Return the flight of an episode's folder, or of a run's only one.
+    """Return the flight of an episode's folder, or of the only one of a run.
 
-    One that was killed, or is still in the air, is there as far as its logs go. Raises UsageError where that is none,
-    is damaged, never began, or tells no place of any drone.
+    A flight that was killed, or is in the air, ends where its logs end. Raises UsageError for another folder, a damaged
+    flight, one that never began, and one without a pose.
     """
     if not path.is_dir():
         raise UsageError(f"there is no folder {path}")
@@ -305,7 +305,7 @@ def flight_moments(path: Path) -> FlightMoments:
     world, unknown = _world(flight)
     missing += unknown
     if not flight.tracks:
-        raise UsageError(f"{folder} tells no place of any drone: there is nothing to show")
+        raise UsageError(f"{folder} has no pose of any drone: there is nothing to show")
     kept = any((folder / layout.FRAMES).glob("*.jpg"))
     missing += [NOT_DRAWN] if not flight.run.is_rendered else [] if kept else [NO_PICTURES]
     limited = envelope_rows(folder / layout.SAFETY, flight.t0_us)
@@ -316,21 +316,25 @@ def flight_moments(path: Path) -> FlightMoments:
 
 def of_one_episode(flights: Sequence[FlightMoments]) -> None:
     """Raise UsageError naming two of these flights that are not of one episode."""
-    first, others = flights[0], flights[1:]
-    for other in others:
-        if other.true != first.true:
-            raise UsageError(f"of {first.recorded.folder} and {other.recorded.folder} only one tells the truth: places "
-                             "of the other are its autopilot's own, and lie in no common frame")  # fmt: skip
-        if other.recorded.id != first.recorded.id:
-            raise UsageError(f"{first.recorded.folder} is of {first.recorded.id} and {other.recorded.folder} of "
-                             f"{other.recorded.id}: only flights of one episode are laid over one another")  # fmt: skip
-        if other.recorded.record != first.recorded.record:
-            raise UsageError(f"{first.recorded.folder} and {other.recorded.folder} are of two records both named "
-                             f"{first.recorded.id}: only flights of one episode are laid over one another")  # fmt: skip
+    first = flights[0].recorded
+    for flight in flights[1:]:
+        recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"
+        if flight.true != flights[0].true:
+            raise UsageError(
+                f"only one of {folders} has truth: the other has its autopilot's estimates, in another frame"
+            )
+        if recorded.id != first.id:
+            raise UsageError(
+                f"{folders} are of {first.id} and {recorded.id}: only flights of one episode can be overlaid"
+            )
+        if recorded.record != first.record:
+            raise UsageError(
+                f"{folders} are of two records both named {first.id}: only flights of one episode can be overlaid"
+            )
 
 
 def _world(flight: RecordedFlight) -> tuple[World | None, list[str]]:
-    """Return the world of a flight, or why there is none."""
+    """Return the world of a flight, or None and the reasons."""
     if not flight.logs.true:
         return None, [NO_TRUTH]
     if not (flight.folder / layout.EPISODE).is_file():
@@ -341,11 +345,11 @@ def _world(flight: RecordedFlight) -> tuple[World | None, list[str]]:
         return None, [f"a plain grid in place of the world: {error}"]
 
 
-def _declared(one: Measured, good: bool | None) -> str:
-    away = "at a distance that was not measured" if one.distance_m is None else f"at {one.distance_m:.2f} m"
-    seen = {True: ", in view", False: ", out of view", None: ""}[one.visible]
-    counts = {True: "counts", False: "does not count", None: "not known"}[good]
-    return f"{one.t:.1f} s  {drone_label(one.drone)} declared {away}{seen}: {counts}"
+def _declaration(measures: Measured, qualified: bool | None) -> str:
+    away = "at an unknown distance" if measures.distance_m is None else f"at {measures.distance_m:.2f} m"
+    seen = {True: ", in view", False: ", out of view", None: ""}[measures.visible]
+    counts = {True: "counts", False: "does not count", None: "not known"}[qualified]
+    return f"{measures.t:.1f} s  {drone_label(measures.drone)} declared {away}{seen}: {counts}"
 
 
 @lru_cache(32)

@@ -1,4 +1,4 @@
-"""The page of `dronecats replay`: flights of one episode in the browser, at the clock's time."""
+"""The page of `dronecats replay`: flights of one episode in the browser, at one time."""
 
 import threading
 from collections.abc import Callable, Sequence
@@ -11,30 +11,30 @@ from dronecats.view.live.scene import COLORS, FlightScene
 from dronecats.view.replay.controls import CHOICES, Controls, bind
 from dronecats.view.replay.moments import FlightMoments, OccurrenceKind, following, of_one_episode, preceding
 from dronecats.view.replay.player import PlaybackClock, Player
-from dronecats.view.replay.views import AgainView, AgainViews, ViewWish
+from dronecats.view.replay.views import RedrawnView, ViewRenderer, ViewRequest
 from dronecats.view.scene.page import LoopbackServer
 from foundation.errors import UsageError
 from foundation.run_folder.rows import drone_label
 
-RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, of flights laid over one another
-TRAIL_S = 0.1  # s between two places of a trail that is laid anew
-GAP_S = 1.0  # s between two moments across which a trail is laid anew
-VIEWS: tuple[AgainView | None, ...] = (None, *AgainView)
+RUN_COLORS = (*COLORS, palette.linear(palette.LIGHT["ink"]))  # linear RGB, of overlaid flights
+TRAIL_S = 0.1  # s between two positions of a trail that is replaced
+GAP_S = 1.0  # s, longest step of time that extends a trail; a longer one replaces it
+VIEWS: tuple[RedrawnView | None, ...] = (None, *RedrawnView)
 
 
 @dataclass(frozen=True, slots=True)
 class PageState:
-    """What somebody has chosen."""
+    """The choices of the viewers."""
 
     flight: int = 0
     drone: int = 0
-    along: bool = False  # the view goes with that drone
+    along: bool = False  # the view follows that drone
     judge: bool = False
-    view: AgainView | None = None
+    view: RedrawnView | None = None
 
 
 class ReplayPage:
-    """Flights of one episode in the browser. `url` is where."""
+    """Flights of one episode in the browser; the page is at `url`."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class ReplayPage:
         at_s: float = 0.0,
         hosts: Sequence[str] = (),
     ) -> None:
-        """Serve the page, which stands at a time of the episode; `hosts` as `LoopbackServer` has them.
+        """Serve the page, stopped at `at_s`; `hosts`: as for `LoopbackServer`.
 
         Raises UsageError for flights of several episodes.
         """
@@ -60,7 +60,7 @@ class ReplayPage:
         self._state = PageState()
         self._applied: PageState | None = None
         self._shown_s: float | None = None
-        self._wished: ViewWish | None = None
+        self._requested: ViewRequest | None = None
         several = len(flights) > 1
         drones = max(len(flight.drones) for flight in flights)
         colors = [(RUN_COLORS[k],) * len(f.drones) if several else COLORS for k, f in enumerate(flights)]
@@ -79,7 +79,7 @@ class ReplayPage:
             )
             for k, (flight, own) in enumerate(zip(flights, colors, strict=True))
         ]
-        self._views = AgainViews([flight.recorded if flight.world else None for flight in flights], self._drawn)
+        self._views = ViewRenderer([flight.recorded if flight.world else None for flight in flights], self._drawn)
         self._controls.on_view(lambda view: self._choose(lambda state: replace(state, view=view)))
         self._choices = "run" if several else "drone" if drones > 1 else ""
         bind(self._server, self, len(flights) if several else drones if drones > 1 else 0)
@@ -87,22 +87,22 @@ class ReplayPage:
 
     @property
     def t_s(self) -> float:
-        """The time of the episode that is to be shown, s."""
+        """The current time of the episode, s."""
         return self._player.t_s
 
     @property
     def clock(self) -> PlaybackClock:
-        """The clock as it is."""
+        """The current clock."""
         return self._player.clock
 
     @property
     def state(self) -> PageState:
-        """What is chosen."""
+        """The current choices."""
         with self._turn:
             return self._state
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until the clock stands, and everything of its time is sent; return whether that came to pass."""
+        """Wait until the clock has stopped and everything is sent; return whether that was within the timeout."""
         return self._player.idle(timeout_s) and self._views.idle(timeout_s)
 
     def close(self) -> None:
@@ -114,61 +114,61 @@ class ReplayPage:
     # ---- orders of keys, buttons and lists
 
     def toggle(self) -> None:
-        """Play, or stand still."""
+        """Start or stop playback."""
         self._player.order(PlaybackClock.toggled)
 
     def step(self, by_s: float) -> None:
-        """Go so much later, or earlier, and stand still."""
+        """Go `by_s` later, or earlier, and stop."""
         self._player.order(lambda clock, wall_s: clock.stepped(by_s, wall_s))
 
     def go_to(self, t_s: float) -> None:
-        """Go to a time of the episode, s, and stand still."""
+        """Go to a time of the episode, s, and stop."""
         self._player.order(lambda clock, wall_s: clock.scrubbed(t_s, wall_s))
 
     def jump(self, kind: OccurrenceKind, ahead: bool) -> None:
-        """Go to the next of its sort in the chosen flight, or to the one before; where there is none, stay."""
+        """Go to the next occurrence of a kind in the chosen flight, or to the one before, if there is any."""
         listed = self.flights[self.state.flight].of(kind)
         find = following if ahead else preceding
 
         def there(clock: PlaybackClock, wall_s: float) -> PlaybackClock:
-            found = find(listed, clock.at(wall_s))
-            return clock if found is None else clock.scrubbed(found.t_s, wall_s)
+            occurrence = find(listed, clock.at(wall_s))
+            return clock if occurrence is None else clock.scrubbed(occurrence.t_s, wall_s)
 
         self._player.order(there)
 
     def faster(self) -> None:
-        """Play at the next higher speed."""
+        """Set the next higher speed."""
         self._player.order(PlaybackClock.faster)
 
     def slower(self) -> None:
-        """Play at the next lower speed."""
+        """Set the next lower speed."""
         self._player.order(PlaybackClock.slower)
 
     def at_speed(self, speed: float) -> None:
-        """Play at a speed: seconds of flight in one of the wall."""
+        """Set the speed of playback: s of flight per wall s."""
         self._player.order(lambda clock, wall_s: clock.at_speed(speed, wall_s))
 
     def choose(self, number: int) -> None:
-        """Choose a run, or a drone where there is one run; 0 is the first."""
+        """Choose a run, or a drone when there is one run; 0 is the first."""
         if len(self.flights) > 1:
             self._choose(lambda state: replace(state, flight=number))
         else:
             self._choose(lambda state: replace(state, drone=number))
 
     def go_along(self) -> None:
-        """Have the view go with the chosen drone, or no longer."""
+        """Start or stop following the chosen drone."""
         self._choose(lambda state: replace(state, along=not state.along))
 
     def judge(self) -> None:
-        """Show what only the judge knows, or hide it."""
+        """Show or hide the judge's view."""
         self._choose(lambda state: replace(state, judge=not state.judge))
 
     def next_view(self) -> None:
-        """Draw the next view of this moment again, after the last one none."""
+        """Choose the next redrawn view; after the last one, none."""
         self._choose(lambda state: replace(state, view=VIEWS[(VIEWS.index(state.view) + 1) % len(VIEWS)]))
 
     def help(self) -> None:
-        """Show the keys, or hide them."""
+        """Show or hide the keys."""
         self._controls.show_keys(self._choices)
 
     def _judged(self, wanted: bool) -> None:
@@ -186,14 +186,14 @@ class ReplayPage:
                 return
         self._player.again()
 
-    # ---- what is shown, all of it by the player's thread
+    # ---- updates, all by the player's thread
 
     def _show(self, t_s: float, clock: PlaybackClock) -> None:
         state = self.state
         self._apply(state)
         jumped = self._shown_s is None or not 0.0 <= t_s - self._shown_s <= GAP_S
         numbers = sorted(range(len(self.flights)), key=lambda number: number == state.flight)
-        for number in numbers:  # the chosen one last: that is whom a browser that comes looks at
+        for number in numbers:  # the chosen flight last: new browsers look at it
             flight, scene = self.flights[number], self._scenes[number]
             moment = flight.moment(t_s)
             if jumped:
@@ -204,11 +204,11 @@ class ReplayPage:
                 self._panels.show(moment)
         self._controls.show(t_s, clock)
         self._shown_s = t_s
-        self._wish(state, t_s)
+        self._request_view(state, t_s)
         self._server.flush()
 
     def _apply(self, state: PageState) -> None:
-        """Bring scenes and panels up to what is chosen."""
+        """Apply the choices to scenes and panels."""
         before, self._applied = self._applied, state
         self._controls.show_chosen(state.flight)
         self._controls.show_view(state.view)
@@ -216,28 +216,28 @@ class ReplayPage:
             self._panels.forget()
         self._panels.show_wanted(state.judge, self._drone(state) if state.along else None)
         for number, scene in enumerate(self._scenes):
-            scene.things_shown = number == state.flight  # at another one's end a target may stand elsewhere
+            scene.things_shown = number == state.flight  # a moving target is elsewhere at the end of another flight
             scene.judge_shown = state.judge and number == state.flight
             if before is None or replace(before, judge=state.judge, view=state.view) != state:
                 scene.follow(self._drone(state) if state.along and number == state.flight else None)
 
     def _drone(self, state: PageState) -> int:
-        """Return the chosen drone of the chosen flight, its first where that has none of the number."""
+        """Return the chosen drone of the chosen flight, or its first when it has no such drone."""
         drones = self.flights[state.flight].drones
         return state.drone if state.drone in drones else drones[0]
 
-    def _wish(self, state: PageState, t_s: float) -> None:
+    def _request_view(self, state: PageState, t_s: float) -> None:
         if state.view is None:
-            self._wished = None
+            self._requested = None
             return
-        wish = ViewWish(state.flight, self._drone(state), state.view, min(t_s, self.flights[state.flight].end_s))
-        if wish != self._wished:
-            self._wished = wish
-            self._views.wish(wish)
+        request = ViewRequest(state.flight, self._drone(state), state.view, min(t_s, self.flights[state.flight].end_s))
+        if request != self._requested:
+            self._requested = request
+            self._views.request(request)
 
-    def _drawn(self, wish: ViewWish, picture: Picture | str) -> None:
+    def _drawn(self, request: ViewRequest, picture: Picture | str) -> None:
         state = self.state
-        if (wish.flight, wish.view) == (state.flight, state.view):
-            who = f"{drone_label(wish.drone)} " if len(self.flights[wish.flight].drones) > 1 else ""
-            self._controls.show_picture(picture, f"{who}{wish.view.value} at {wish.t_s:.1f} s")
+        if (request.flight, request.view) == (state.flight, state.view):
+            drone = f"{drone_label(request.drone)} " if len(self.flights[request.flight].drones) > 1 else ""
+            self._controls.show_picture(picture, f"{drone}{request.view.value} at {request.t_s:.1f} s")
             self._server.flush()

@@ -1,6 +1,6 @@
-"""The clock of a replay, and the thread that shows its time: as often as a page needs it, and only when it is new.
+"""The clock of a replay, and the thread that shows its time.
 
-The clock is pure: whoever plays brings the wall's along.
+The clock is pure: the wall time is an argument.
 """
 
 import math
@@ -12,72 +12,72 @@ from dataclasses import dataclass, replace
 
 from foundation.errors import UsageError
 
-RATE_HZ = 25.0  # times shown in a second of the wall while it plays
-SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # seconds of flight in one of the wall, that + and - go through
+RATE_HZ = 25.0  # updates per wall s during playback
+SPEEDS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)  # s of flight per wall s, the steps of + and -
 
 
 @dataclass(frozen=True, slots=True)
 class PlaybackClock:
-    """The time of the episode that is shown, as a function of the wall's. Every order makes another clock."""
+    """The shown time of the episode as a function of the wall time. Immutable: every order returns a new clock."""
 
-    end_s: float  # s since the episode began, where it stops
-    t_s: float = 0.0  # s since the episode began, that was shown at `wall_s`
-    wall_s: float = 0.0  # s of a clock that never runs backwards
-    speed: float = 1.0  # seconds of flight in one of the wall
+    end_s: float  # s since the episode began, where playback stops
+    t_s: float = 0.0  # s since the episode began, shown at `wall_s`
+    wall_s: float = 0.0  # s of a monotonic clock
+    speed: float = 1.0  # s of flight per wall s
     playing: bool = False
 
     def at(self, wall_s: float) -> float:
-        """Return the time of the episode that is shown, s, within 0 … `end_s`."""
+        """Return the shown time of the episode, s, within 0 … `end_s`."""
         gone = (wall_s - self.wall_s) * self.speed if self.playing else 0.0
         return min(max(self.t_s + gone, 0.0), self.end_s)
 
     def settled(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock that stands still once the end is shown."""
+        """Return the clock, stopped when it has reached the end."""
         return self.scrubbed(self.end_s, wall_s) if self.playing and self.at(wall_s) >= self.end_s else self
 
     def toggled(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock that plays where this one stands, and the other way round; at the end it begins anew."""
+        """Return the clock with playback started or stopped; from the end it starts at the beginning."""
         t_s = self.at(wall_s)
         begins = not self.playing and t_s >= self.end_s
         return replace(self, t_s=0.0 if begins else t_s, wall_s=wall_s, playing=not self.playing)
 
     def scrubbed(self, t_s: float, wall_s: float) -> "PlaybackClock":
-        """Return the clock that stands at a time of the episode."""
+        """Return the clock, stopped at a time of the episode."""
         t_s = min(max(t_s, 0.0), self.end_s) if math.isfinite(t_s) else self.at(wall_s)
         return replace(self, t_s=t_s, wall_s=wall_s, playing=False)
 
     def stepped(self, by_s: float, wall_s: float) -> "PlaybackClock":
-        """Return the clock that stands so much later, or earlier."""
+        """Return the clock, stopped `by_s` later, or earlier."""
         return self.scrubbed(self.at(wall_s) + by_s, wall_s)
 
     def at_speed(self, speed: float, wall_s: float) -> "PlaybackClock":
-        """Return the clock that goes on at another speed. Raises UsageError for one that it has not."""
+        """Return the clock with another speed. Raises UsageError for a speed out of range."""
         check_speed(speed)
         return replace(self, t_s=self.at(wall_s), wall_s=wall_s, speed=speed)
 
     def faster(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock at the next higher speed, at the highest itself."""
+        """Return the clock with the next higher speed, if any."""
         return self.at_speed(next((speed for speed in SPEEDS if speed > self.speed), SPEEDS[-1]), wall_s)
 
     def slower(self, wall_s: float) -> "PlaybackClock":
-        """Return the clock at the next lower speed, at the lowest itself."""
+        """Return the clock with the next lower speed, if any."""
         return self.at_speed(next((speed for speed in reversed(SPEEDS) if speed < self.speed), SPEEDS[0]), wall_s)
 
 
 def check_speed(speed: float) -> None:
-    """Raise UsageError for a speed at which nothing is played."""
+    """Raise UsageError for a speed out of range."""
     if not SPEEDS[0] <= speed <= SPEEDS[-1]:
-        raise UsageError(f"--speed wants a factor from {SPEEDS[0]:g} to {SPEEDS[-1]:g}, got {speed:g}")
+        raise UsageError(f"--speed must be a factor from {SPEEDS[0]:g} to {SPEEDS[-1]:g}, got {speed:g}")
 
 
-ClockOrder = Callable[[PlaybackClock, float], PlaybackClock]  # of clock and wall's time, s: the clock then
+ClockOrder = Callable[[PlaybackClock, float], PlaybackClock]  # (clock, wall time in s) → new clock
 
 
 class Player:
-    """Calls `show` with the time of the episode and the clock, from a thread of its own, never twice at a time."""
+    """Calls `show` with the time of the episode and the clock, from its own thread, when either has changed."""
 
     def __init__(self, clock: PlaybackClock, show: Callable[[float, PlaybackClock], None]) -> None:
-        """Start the thread. What `show` raises goes to the threading module's hook and ends nothing."""
+        """Start the thread. Errors of `show` go to `threading.excepthook`, and playback continues."""
         self._clock, self._show = clock, show
         self._news = threading.Condition()
         self._stale, self._busy, self._open = True, False, True
@@ -86,33 +86,33 @@ class Player:
 
     @property
     def clock(self) -> PlaybackClock:
-        """The clock as it is."""
+        """The current clock."""
         with self._news:
             return self._clock
 
     @property
     def t_s(self) -> float:
-        """The time of the episode that is to be shown now, s."""
+        """The current time of the episode, s."""
         with self._news:
             return self._clock.at(time.monotonic())
 
     def order(self, order: ClockOrder) -> None:
-        """Make another clock of this one, and show its time."""
+        """Apply an order to the clock, and show its time."""
         with self._news:
             self._clock, self._stale = order(self._clock, time.monotonic()), True
             self._news.notify_all()
 
     def again(self) -> None:
-        """Show the same time again: what belongs to it has changed."""
+        """Show the current time again, after a change of the page's state."""
         self.order(lambda clock, _: clock)
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until it stands still and everything is shown; return whether that came to pass within the time."""
+        """Wait until playback has stopped and everything is shown; return whether that was within the timeout."""
         with self._news:
             return self._news.wait_for(lambda: not (self._stale or self._busy or self._clock.playing), timeout_s)
 
     def close(self) -> None:
-        """End the thread once what is being shown is shown."""
+        """End the thread after the current `show`."""
         with self._news:
             self._open = False
             self._news.notify_all()
@@ -128,7 +128,7 @@ class Player:
                 threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self._thread)))
 
     def _next(self, due: float) -> tuple[float, PlaybackClock] | None:
-        """Wait for what is to be shown next, no earlier than `due` while it plays; None: nothing any more."""
+        """Wait for the next update, during playback until `due`, and return (wall time, clock); None: closed."""
         with self._news:
             self._busy = False
             self._news.notify_all()

@@ -1,4 +1,4 @@
-"""The world of a flight drawn again, from where nobody looked: behind a drone, above it, or through its own camera."""
+"""Redrawn views of a flight: from behind a drone, from above it, or through its camera."""
 
 import math
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 from dronecats.report.recorded.flight import RecordedFlight
-from dronecats.view.film.chase import ChaseWay, FilmStage, chase, chase_lens, standing
+from dronecats.view.film.chase import ChasePath, FilmStage, chase, chase_lens, obstacles_of
 from dronecats.view.film.lettering import Picture
 from episodes.world.fleet import DronePose
 from foundation.camera import CameraModel, CameraPose
@@ -16,11 +16,11 @@ from foundation.threads import Latest
 
 WIDTH_PX, HEIGHT_PX = 640, 360
 ABOVE_M = 9.0  # of the drone, from where it is seen from above
-NO_WORLD = "the world of this flight is not known here: nothing can be drawn again"
+NO_WORLD = "the world of this flight is not known here: no view can be drawn"
 
 
-class AgainView(Enum):
-    """From where."""
+class RedrawnView(Enum):
+    """The kind of a redrawn view."""
 
     CHASE = "from behind"
     TOP = "from above"
@@ -28,30 +28,30 @@ class AgainView(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class ViewWish:
-    """A picture that somebody wants."""
+class ViewRequest:
+    """A picture to draw."""
 
-    flight: int  # which of those that are laid over one another
+    flight: int  # index of the flight on the page
     drone: int
-    view: AgainView
+    view: RedrawnView
     t_s: float  # s since the episode began
 
 
 class FlightViews:
-    """Draws one flight from anywhere. For one thread; what a view needs is made when it is first wanted."""
+    """Draws the views of one flight, for one thread. Renderers and paths are created at their first use."""
 
     def __init__(self, flight: RecordedFlight, size: tuple[int, int] = (WIDTH_PX, HEIGHT_PX)) -> None:
         self._flight, self._size = flight, size
-        self._stages: dict[bool, FilmStage] = {}  # by whether it is through the drone's own camera
-        self._ways: dict[int, ChaseWay] = {}
+        self._stages: dict[bool, FilmStage] = {}  # by whether the view is through the drone's camera
+        self._paths: dict[int, ChasePath] = {}
 
-    def picture(self, drone: int, view: AgainView, t_s: float) -> Picture:
-        """Return what is seen from there at a time, (H, W, 3) RGB."""
+    def picture(self, drone: int, view: RedrawnView, t_s: float) -> Picture:
+        """Return the picture of a view at a time, (H, W, 3) RGB."""
         return self.stage(view).picture(self.eye(drone, view, t_s), t_s)
 
-    def stage(self, view: AgainView) -> FilmStage:
-        """Return what draws a view."""
-        own = view is AgainView.ONBOARD
+    def stage(self, view: RedrawnView) -> FilmStage:
+        """Return the stage that draws a view."""
+        own = view is RedrawnView.ONBOARD
         if own not in self._stages:
             width, height = self._size
             camera = self._flight.camera
@@ -59,68 +59,70 @@ class FlightViews:
             self._stages[own] = FilmStage(self._flight, lens)
         return self._stages[own]
 
-    def eye(self, drone: int, view: AgainView, t_s: float) -> CameraPose:
-        """Return where the camera of a view is."""
+    def eye(self, drone: int, view: RedrawnView, t_s: float) -> CameraPose:
+        """Return the camera pose of a view."""
         pose = self._flight.tracks[drone].at(t_s)
-        if view is AgainView.CHASE:
-            return self._way(drone).at(t_s)
-        return above(pose) if view is AgainView.TOP else aboard(pose, self._flight.camera)
+        if view is RedrawnView.CHASE:
+            return self._path(drone).at(t_s)
+        return above(pose) if view is RedrawnView.TOP else aboard(pose, self._flight.camera)
 
     def close(self) -> None:
-        """Let the renderers go."""
+        """Release the renderers."""
         for stage in self._stages.values():
             stage.close()
         self._stages = {}
 
-    def _way(self, drone: int) -> ChaseWay:
-        if drone not in self._ways:
+    def _path(self, drone: int) -> ChasePath:
+        if drone not in self._paths:
             flight = self._flight
-            self._ways[drone] = chase(flight.tracks[drone], flight.end_s, standing(flight))
-        return self._ways[drone]
+            self._paths[drone] = chase(flight.tracks[drone], flight.end_s, obstacles_of(flight))
+        return self._paths[drone]
 
 
-class AgainViews:
-    """Draws the newest wish in the background, and hands the picture on; older ones are forgotten."""
+class ViewRenderer:
+    """Draws the newest request in the background, and drops older ones."""
 
-    def __init__(self, flights: list[RecordedFlight | None], shown: Callable[[ViewWish, Picture | str], None]) -> None:
-        """`flights`: None where the world is not known. `shown` gets the picture, or why there is none."""
+    def __init__(
+        self, flights: list[RecordedFlight | None], shown: Callable[[ViewRequest, Picture | str], None]
+    ) -> None:
+        """`flights`: None when the world is not known. `shown` takes the picture, or the reason for none."""
         self._flights, self._shown = flights, shown
         self._views: dict[int, FlightViews] = {}
         self._latest = Latest(self._draw, "replay-views")
 
-    def wish(self, wish: ViewWish) -> None:
-        """Have a picture drawn."""
-        self._latest.put(wish)
+    def request(self, request: ViewRequest) -> None:
+        """Request a picture."""
+        self._latest.put(request)
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until the newest wish is drawn; return whether that came to pass within the time."""
+        """Wait until the newest request is drawn; return whether that was within the timeout."""
         return self._latest.idle(timeout_s)
 
     def close(self) -> None:
-        """End the thread and let the renderers go."""
+        """End the thread, and release the renderers."""
         self._latest.close()
         for views in self._views.values():
             views.close()
 
-    def _draw(self, wish: ViewWish) -> None:
-        flight = self._flights[wish.flight]
+    def _draw(self, request: ViewRequest) -> None:
+        flight = self._flights[request.flight]
         if flight is None:
-            self._shown(wish, NO_WORLD)
+            self._shown(request, NO_WORLD)
             return
         try:
-            views = self._views.setdefault(wish.flight, FlightViews(flight))
-            self._shown(wish, views.picture(wish.drone, wish.view, wish.t_s))
+            views = self._views.setdefault(request.flight, FlightViews(flight))
+            self._shown(request, views.picture(request.drone, request.view, request.t_s))
         except (UsageError, ImportError) as error:
-            self._shown(wish, str(error))
+            self._shown(request, str(error))
 
 
 def above(pose: DronePose) -> CameraPose:
-    """Return the place above a drone from where one looks straight down, north up."""
+    """Return a camera pose above a drone that looks straight down, north up."""
     north, east, down = pose.position_ned
     return CameraPose((north, east, down - ABOVE_M), quat_from_euler(0.0, -math.pi / 2, 0.0))
 
 
 def aboard(pose: DronePose, camera: CameraModel) -> CameraPose:
-    """Return the place of a drone's own camera."""
+    """Return the pose of a drone's own camera."""
     place, lever = pose.position_ned, rotate(pose.attitude, camera.offset_frd)
     return CameraPose((place[0] + lever[0], place[1] + lever[1], place[2] + lever[2]), pose.attitude)

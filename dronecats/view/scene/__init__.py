@@ -1,1 +1,1 @@
-"""A map and what stands on it as a browser shows it: of the editor, and of the pages of flights."""
+"""The 3-D scene and the page server that the editor and the pages of flights share."""

@@ -1,6 +1,6 @@
-"""The map and the things on it as the browser gets them, and what a click in the browser meets.
+"""The map and objects in the form that the browser gets, and the pick of a point on the map.
 
-The browser has glTF’s axes (x east, y up, z south): everything passes through `episodes.maps.gltf.container`.
+The browser has glTF’s axes (x east, y up, z south): conversions go through `episodes.maps.gltf.container`.
 """
 
 import math
@@ -13,22 +13,24 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from dronecats.report.kit import palette
 from episodes.maps import geometry as g
 from episodes.maps.gltf.container import from_gltf, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.gltf.writer import to_bytes
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun, turn
+from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3
 from foundation.terrain import FLAT, HeightField
 
 SKY_TOP, SKY_BOTTOM = (150, 188, 226), (233, 240, 245)
-FAR_M = 200.0  # from the origin to where the sun is put
+FAR_M = 200.0  # distance of the sun's light from the origin
 
 
 def light(server: viser.ViserServer, sun: Sun) -> None:
-    """Have the browser's up be up, a sky behind everything, and light as a map's sun gives it.
+    """Set the up direction, the sky and the light of a map's sun, without shadows.
 
-    Without shadows: those that count are in the cameras' pictures.
+    The shadows that matter are in the cameras' pictures.
     """
     scene = server.scene
     scene.set_up_direction("+y")
@@ -50,35 +52,28 @@ def _sky() -> Any:
 
 Array = NDArray[np.float64]
 
-DRONE_M = 0.25  # from the middle of the drone that is shown to a rotor's
+DRONE_SCALE = 1.8  # a drone is drawn larger than it is, to be visible beside a map
+DRONE_M = 0.25  # from the centre of the displayed drone to that of a rotor
 
 
 def place_of(position_ned: Vec3) -> tuple[float, float, float]:
-    """Return a place (m, NED) in the browser's axes."""
+    """Return a position (m, NED) in the browser's axes."""
     x, y, z = to_gltf(np.array(position_ned, np.float64))
     return (float(x), float(y), float(z))
 
 
 def ned_of(position: tuple[float, float, float] | Array) -> Vec3:
-    """Return a place of the browser in m, NED."""
+    """Return a position of the browser in m, NED."""
     n, e, d = from_gltf(np.array(position, np.float64))
     return (float(n), float(e), float(d))
 
 
-def wxyz_of(yaw: float) -> tuple[float, float, float, float]:
-    """Return the browser's rotation of a yaw (rad, clockwise from above)."""
-    return (math.cos(yaw / 2), 0.0, -math.sin(yaw / 2), 0.0)
-
-
-def turned(attitude: Quat) -> tuple[float, float, float, float]:
-    """Return the browser's rotation of an attitude (FRD → NED) for what stands in its own glTF axes."""
-    w, x, y, z = attitude
-    return (w, y, -z, -x)
-
-
-def turned_to(turn: float | Quat) -> tuple[float, float, float, float]:
-    """Return the browser's rotation of a yaw (rad) or an attitude (FRD → NED)."""
-    return turned(turn) if isinstance(turn, tuple) else wxyz_of(turn)
+def wxyz_of(rotation: float | Quat) -> Quat:
+    """Return the browser's rotation, for objects in glTF axes, of a yaw (rad, clockwise) or attitude (FRD → NED)."""
+    if isinstance(rotation, tuple):
+        w, x, y, z = rotation
+        return (w, y, -z, -x)
+    return (math.cos(rotation / 2), 0.0, -math.sin(rotation / 2), 0.0)
 
 
 def yaw_of(wxyz: tuple[float, ...] | Array) -> float:
@@ -88,43 +83,70 @@ def yaw_of(wxyz: tuple[float, ...] | Array) -> float:
 
 
 def map_glb(scene: Scene) -> bytes:
-    """Return a map as one glTF file with one mesh per material: browsers draw few things faster.
+    """Return a map as one glTF file with one mesh per material, since browsers draw few meshes faster.
 
-    No two share vertices: viser computes the normals of each primitive anew and would write over those of others.
+    No two meshes share vertices: viser recomputes the normals of each primitive and would overwrite those of others.
     """
-    parts: dict[int, list[Mesh]] = {}
-    looks: dict[int, Material] = {}
-    for one in scene.instances:
-        for row in np.unique(one.mesh.material):
-            look = one.mesh.materials[row]
-            looks[id(look)] = look
-            parts.setdefault(id(look), []).append(_standing(one, int(row)))
-    merged = [_joined(parts[key], look) for key, look in looks.items()]
-    things = tuple(
-        Instance(k, mesh.materials[0].name, "map", mesh, (0.0, 0.0, 0.0)) for k, mesh in enumerate(merged, 1)
+    meshes: dict[int, list[Mesh]] = {}  # by the identity of the material
+    for instance in scene.instances:
+        for row in np.unique(instance.mesh.material):
+            material = instance.mesh.materials[row]
+            meshes.setdefault(id(material), []).append(_placed(instance, int(row)))
+    instances = tuple(
+        Instance(k, same[0].materials[0].name, "map", _merged(same), (0.0, 0.0, 0.0))
+        for k, same in enumerate(meshes.values(), 1)
     )
-    return to_bytes(replace(scene, instances=things, terrain=FLAT))
+    return to_bytes(replace(scene, instances=instances, terrain=FLAT))
 
 
-def thing_glb(mesh: Mesh) -> bytes:
-    """Return one thing as a glTF file, its origin at the origin."""
-    thing = Instance(1, "thing", "thing", mesh, (0.0, 0.0, 0.0))
-    return map_glb(Scene("thing", (thing,), FLAT, Sun((0.0, 0.0, -1.0)), 0.0, 0.0, 0.0))
+def mesh_glb(mesh: Mesh) -> bytes:
+    """Return a mesh as a glTF file in the mesh's own axes."""
+    instance = Instance(1, "mesh", "mesh", mesh, (0.0, 0.0, 0.0))
+    return map_glb(Scene("mesh", (instance,), FLAT, Sun((0.0, 0.0, -1.0)), 0.0, 0.0, 0.0))
 
 
 def drone_mesh(color: Vec3) -> Mesh:
-    """Return a small quadrotor to look at, its front arms in a colour; the origin is the vehicle's."""
+    """Return a small quadrotor with front arms in a colour (linear RGB); its origin is the vehicle's."""
     dark, bright = Material("drone-frame", (0.03, 0.03, 0.035)), Material("drone-mark", color)
     blade = Material("drone-rotor", (0.35, 0.36, 0.38))
-    parts = [
+    meshes = [
         g.box((-0.11, -0.06, -0.03), (0.11, 0.06, 0.05), dark),
         g.box((0.09, -0.03, -0.02), (0.15, 0.03, 0.03), bright),
     ]
     for ahead, left in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         tip = (ahead * DRONE_M * 0.71, left * DRONE_M * 0.71, 0.03)
-        parts.append(g.rod((0.0, 0.0, 0.02), tip, (0.015, 0.012), bright if ahead > 0 else dark))
-        parts.append(g.rod((*tip[:2], 0.05), (*tip[:2], 0.058), (0.13, 0.13), blade, 20))
-    return g.assemble(parts)
+        meshes.append(g.rod((0.0, 0.0, 0.02), tip, (0.015, 0.012), bright if ahead > 0 else dark))
+        meshes.append(g.rod((*tip[:2], 0.05), (*tip[:2], 0.058), (0.13, 0.13), blade, 20))
+    return g.assemble(meshes)
+
+
+def add_glb(server: viser.ViserServer, node: str, glb: bytes, **options: Any) -> Any:
+    """Add a glTF file to the browser's scene, without shadows."""
+    return server.scene.add_glb(node, glb, cast_shadow=False, receive_shadow=False, **options)
+
+
+def add_lines(server: viser.ViserServer, node: str, points: Any, color: tuple[int, int, int], width_px: float) -> Any:
+    """Add line segments, (N, 2, 3) in the browser's axes, of one width on the screen."""
+    return server.scene.add_line_segments(node, points, color, thickness=width_px, thickness_units="screen")
+
+
+def add_drone(server: viser.ViserServer, node: str, color: Vec3, camera: CameraModel, label: str) -> tuple[Any, Any]:
+    """Add a drone with its camera and a label ("": none) under a node; return its body and the camera's frustum."""
+    body = add_glb(server, f"{node}/body", mesh_glb(drone_mesh(color)), scale=DRONE_SCALE)
+    frustum = server.scene.add_camera_frustum(
+        f"{node}/camera",
+        fov=2.0 * math.atan(camera.height / 2.0 / camera.focal_px),
+        aspect=camera.width / camera.height,
+        scale=1.1,
+        color=palette.shade(color),
+        wxyz=(0.0, 1.0, 0.0, 0.0),  # its axes are right, down, ahead
+        position=(camera.offset_frd[1], -camera.offset_frd[2], -camera.offset_frd[0]),
+        format="jpeg",
+        cast_shadow=False,
+    )
+    if label:
+        server.scene.add_label(f"{node}/name", label, position=(0.0, 0.55, 0.0), anchor="bottom-center")
+    return body, frustum
 
 
 def ring(terrain: HeightField, centre: tuple[float, float], radius_m: float, count: int = 96) -> Array:
@@ -136,22 +158,21 @@ def ring(terrain: HeightField, centre: tuple[float, float], radius_m: float, cou
 
 
 class Picker:
-    """Finds what lies under a click."""
+    """Finds the point of the map under a click."""
 
     def __init__(self, scene: Scene) -> None:
-        """Take the map, without any target in it."""
-        solid = [one for one in scene.instances if len(one.mesh.triangles)]
+        """`scene`: the map, without any target in it."""
+        self._instances = [i for i in scene.instances if len(i.mesh.triangles)]
         corners = [
-            (one.mesh.vertices @ turn(one.turned).T + np.array(one.position_ned))[one.mesh.triangles] for one in solid
+            (i.mesh.vertices @ turn(i.turned).T + np.array(i.position_ned))[i.mesh.triangles] for i in self._instances
         ]
-        self._instances = solid
-        self._owner = np.repeat(np.arange(len(solid)), [len(c) for c in corners])
+        self._owner = np.repeat(np.arange(len(corners)), [len(c) for c in corners])
         points = np.ascontiguousarray(np.concatenate(corners).reshape(-1, 3), dtype=np.float32)
         self._scene = EmbreeScene()
         TriangleMesh(self._scene, points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))
 
     def pick(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, Instance] | None:
-        """Return the first place (m, NED) that a ray meets and what it belongs to; None when it goes to the sky."""
+        """Return the first point (m, NED) that a ray hits and its instance; None when it hits nothing."""
         way = np.array(direction) / np.linalg.norm(direction)
         hit = self._scene.run(np.array([origin], np.float32), way[None].astype(np.float32), output=1)
         if hit["primID"][0] < 0:
@@ -160,25 +181,28 @@ class Picker:
         return (float(n), float(e), float(d)), self._instances[self._owner[int(hit["primID"][0])]]
 
 
-def _standing(one: Instance, row: int) -> Mesh:
-    """Return the triangles of one material of an instance where they stand on the map."""
-    part = compact(replace(one.mesh, triangles=one.mesh.triangles[one.mesh.material == row]))
-    matrix = turn(one.turned).T
+def _placed(instance: Instance, row: int) -> Mesh:
+    """Return the triangles of one material of an instance, in the map's frame."""
+    triangles = instance.mesh.triangles[instance.mesh.material == row]
+    mesh = compact(replace(instance.mesh, triangles=triangles))
+    matrix = turn(instance.turned).T
     return replace(
-        part,
-        vertices=(part.vertices @ matrix + np.array(one.position_ned)).astype(np.float32),
-        normals=(part.normals @ matrix).astype(np.float32),
+        mesh,
+        material=np.zeros(len(triangles), np.int32),
+        materials=(mesh.materials[row],),
+        vertices=(mesh.vertices @ matrix + np.array(instance.position_ned)).astype(np.float32),
+        normals=(mesh.normals @ matrix).astype(np.float32),
     )
 
 
-def _joined(meshes: list[Mesh], look: Material) -> Mesh:
+def _merged(meshes: list[Mesh]) -> Mesh:
+    """Return meshes of one material as one mesh."""
     first = np.cumsum([0, *(len(m.vertices) for m in meshes)])
-    triangles = np.concatenate([m.triangles + k for m, k in zip(meshes, first, strict=False)]).astype(np.int32)
     return Mesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
         normals=np.concatenate([m.normals for m in meshes]),
         uv=np.concatenate([m.uv for m in meshes]),
-        triangles=triangles,
-        material=np.zeros(len(triangles), np.int32),
-        materials=(look,),
+        triangles=np.concatenate([m.triangles + k for m, k in zip(meshes, first, strict=False)]).astype(np.int32),
+        material=np.concatenate([m.material for m in meshes]),
+        materials=meshes[0].materials,
     )

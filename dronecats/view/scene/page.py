@@ -1,4 +1,4 @@
-"""The server behind a page of this machine: started and stopped without output of its own, closed to everyone else."""
+"""The server of a page: silent, bound to the loopback address, and closed to everyone without its token."""
 
 import contextlib
 import functools
@@ -19,9 +19,9 @@ from websockets.asyncio.server import ServerConnection
 from dronecats.report.kit import palette
 from dronecats.view.scene.page_hosts import LOOPBACK_NAMES
 
-HOST = "127.0.0.1"  # whoever can open a page can do what it offers: this machine only
-REFUSED = (
-    "This page opens only at the whole address that dronecats printed, with its token, on the same machine.\n"
+HOST = "127.0.0.1"  # a page gives its viewer control: this machine only
+FORBIDDEN = (
+    "This page opens only at the full address that dronecats printed, with its token, on the same machine.\n"
     "To open it under another host name, start dronecats with --host NAME (with --view: --view-host NAME).\n"
 )
 _STARTING = threading.Lock()
@@ -30,12 +30,12 @@ ProcessRequest = Callable[[ServerConnection, Request], Response | None]
 
 
 class Gate:
-    """Lets a request in when it comes from this page's own address and knows the page's token.
+    """Admits requests that come from this page's own address with the page's token.
 
-    A web site that is open in the same browser can send requests to a loopback address, and a name of its own can lead
-    to it (DNS rebinding). So the Host must be a loopback name or one of `names`, an Origin must be that very host, and
-    the token must be in the address or in the cookie that the first answer sets. The cookie has the port in its name,
-    since cookies of one host are shared between ports.
+    A web site in the same browser can send requests to a loopback address, and its host name can resolve to it (DNS
+    rebinding). So the Host must be a loopback name or one of `names`, an Origin must be that very host, and the token
+    must be in the address or in the cookie that the first answer sets. The cookie has the port in its name, since
+    cookies of one host are shared between ports.
     """
 
     def __init__(self, names: Sequence[str] = ()) -> None:
@@ -44,7 +44,7 @@ class Gate:
         self._names = frozenset(name.lower() for name in names)
 
     def admits(self, request: Request, port: int) -> bool:
-        """Return whether a request to the server on `port` is let in."""
+        """Return whether a request to the server on `port` is admitted."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or len(origins) > 1:
             return False
@@ -53,15 +53,15 @@ class Gate:
         if not schemes or (origins and origins[0] not in [f"{scheme}://{hosts[0]}" for scheme in schemes]):
             return False
         shown = [*self._in_address(request), *self._in_cookies(request, port)]
-        return any(hmac.compare_digest(one.encode(), self.token.encode()) for one in shown)
+        return any(hmac.compare_digest(value.encode(), self.token.encode()) for value in shown)
 
     def guarded(self, answer: ProcessRequest | None) -> ProcessRequest:
-        """Return `process_request` of a server, for those who are let in; everyone else gets 403."""
+        """Return `process_request` of a server; requests that are not admitted get 403."""
 
         def process(connection: ServerConnection, request: Request) -> Response | None:
             port = int(connection.local_address[1])
             if not self.admits(request, port):
-                body = REFUSED.encode()
+                body = FORBIDDEN.encode()
                 headers = Headers([("Content-Type", "text/plain"), ("Content-Length", str(len(body)))])
                 return Response(http.HTTPStatus.FORBIDDEN, "Forbidden", headers, body)
             response = answer(connection, request) if answer else None
@@ -98,12 +98,12 @@ def _name(host: str) -> str:
 
 
 class LoopbackServer(viser.ViserServer):
-    """viser's server behind a gate, without its way out: a page cannot ask it for a public address."""
+    """viser's server behind a gate. It never requests a public address."""
 
     def __init__(self, label: str, port: int, hosts: Sequence[str] = ()) -> None:
-        """Serve a page of this name on a port, or on the next one that is free. Raises OSError where none is.
+        """Serve a page with this title on a port, or on the next free one. Raises OSError when none is free.
 
-        `hosts`: names beside the loopback ones under which it opens. It listens on the loopback address all the same.
+        `hosts`: host names beside the loopback ones under which it opens. It listens on the loopback address only.
         """
         self._gate = Gate(hosts)
         with contextlib.redirect_stdout(io.StringIO()), _gated(self._gate):
@@ -114,21 +114,21 @@ class LoopbackServer(viser.ViserServer):
 
     @property
     def url(self) -> str:
-        """Where the page is, with its token."""
+        """The address of the page, with its token."""
         return f"http://{HOST}:{self.get_port()}/?token={self._gate.token}"
 
     def request_share_url(self, verbose: bool = True) -> None:
-        """Do nothing."""
+        """Do nothing: a page stays on this machine."""
 
     def stop(self) -> None:
-        """Close the page; browsers that show it say so."""
-        with contextlib.redirect_stdout(io.StringIO()):  # viser says goodbye on standard output
+        """Close the page; browsers show that it is closed."""
+        with contextlib.redirect_stdout(io.StringIO()):  # viser prints to standard output
             super().stop()
 
 
 @contextlib.contextmanager
 def _gated(gate: Gate) -> Iterator[None]:
-    """Put a gate before the server that is started meanwhile: viser has no setting for what it hands to websockets."""
+    """Put a gate in front of the server that starts meanwhile: viser has no option for `process_request`."""
     serve = websocket_server.serve
 
     def guarded_serve(*args: object, process_request: ProcessRequest | None = None, **settings: object) -> object:

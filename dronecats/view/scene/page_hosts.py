@@ -20,5 +20,5 @@ def check(names: Sequence[str], option: str) -> None:
 
 
 def reach(names: Sequence[str]) -> str:
-    """Return, for people, from where a page opens that has these names beside the loopback ones."""
+    """Return a phrase that says from where a page with these names opens."""
     return f"this machine, and as {', '.join(names)}" if names else "this machine only"

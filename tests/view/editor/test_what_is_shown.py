@@ -163,7 +163,7 @@ def test_no_two_pieces_of_a_thing_share_vertices(tmp_path):
 
     mesh: Mesh = assets.build("suv", "cyan")
     path = tmp_path / "suv.glb"
-    path.write_bytes(display.thing_glb(mesh))
+    path.write_bytes(display.mesh_glb(mesh))
     sent = trimesh.load_scene(path)
     assert sum(len(g.vertices) for g in sent.geometry.values()) < 1.3 * len(mesh.vertices)
     assert sum(len(g.faces) for g in sent.geometry.values()) == len(mesh.triangles)

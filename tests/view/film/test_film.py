@@ -17,7 +17,7 @@ from PIL import Image
 
 from dronecats.cli.main import main
 from dronecats.view.film import film as encoders
-from dronecats.view.film.film import MANIFEST, FilmPart, draw_part, folder_beside, make, opened
+from dronecats.view.film.film import MANIFEST, draw_part, folder_beside, make, open_parts
 from dronecats.view.film.plan import FilmPlan, filmable, plan
 from foundation.errors import InfrastructureError, UsageError
 
@@ -66,7 +66,7 @@ def test_pictures_and_times_are_those_that_were_asked_for(flown):
     assert fast.moving == pytest.approx(fast.to_s / 4.0 * 30, abs=1)
     assert fast.closing == 75
     assert fast.time_of(fast.moving - 1) < fast.to_s == fast.time_of(fast.moving) == fast.time_of(fast.pictures - 1)
-    assert [number for part in fast.parts for number in part] == list(range(fast.pictures))
+    assert [number for numbers in fast.part_ranges for number in numbers] == list(range(fast.pictures))
 
 
 def test_what_cannot_be_is_refused(flown):
@@ -118,14 +118,14 @@ def test_the_film_reads_back(whole, composed):
 
 def test_what_is_there_is_not_drawn_again_and_the_film_is_the_same(pictured, composed, whole, tmp_path):
     film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
-    with opened(film, of, "h264") as parts:
-        draw_part(FilmPart(parts, 1))
-        (parts.making(2)).write_bytes(b"torn by a kill")
+    with open_parts(film, of, "h264") as parts:
+        draw_part(parts, 1)
+        (parts.folder / "00002.making.mp4").write_bytes(b"torn by a kill")
         kept = parts.path(1).stat().st_mtime_ns
-    with opened(film, of, "h264") as parts:
+    with open_parts(film, of, "h264") as parts:
         assert parts.missing == [0, 2]
         assert parts.path(1).stat().st_mtime_ns == kept
-        assert not parts.making(2).exists()
+        assert not (parts.folder / "00002.making.mp4").exists()
     already: list[int] = []
 
     def progress(done):
@@ -139,11 +139,11 @@ def test_what_is_there_is_not_drawn_again_and_the_film_is_the_same(pictured, com
 
 def test_parts_of_another_film_are_thrown_away(pictured, composed, tmp_path):
     film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
-    with opened(film, of, "h264") as parts:
+    with open_parts(film, of, "h264") as parts:
         parts.path(0).write_bytes(b"an old one")
-        with pytest.raises(UsageError, match=r"film\.mp4"), opened(film, of, "h264"):
+        with pytest.raises(UsageError, match=r"film\.mp4"), open_parts(film, of, "h264"):
             pass
-    with opened(film, replace(of, speed=2.0), "h264") as parts:
+    with open_parts(film, replace(of, speed=2.0), "h264") as parts:
         assert 0 in parts.missing
         assert json.loads((parts.folder / MANIFEST).read_text())["pictures"] == replace(of, speed=2.0).pictures
 

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from dronecats.report.recorded.tracks import FlightTrack
-from dronecats.view.film.chase import BOOM_M, SHORTEST_M, FilmStage, chase, chase_lens, standing
+from dronecats.view.film.chase import BOOM_M, SHORTEST_M, FilmStage, chase, chase_lens, obstacles_of
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
 from episodes.maps.scene import Instance
@@ -29,7 +29,7 @@ def stage(flight):
 
 @pytest.fixture(scope="module")
 def way(flight):
-    return chase(flight.tracks[0], flight.end_s, standing(flight))
+    return chase(flight.tracks[0], flight.end_s, obstacles_of(flight))
 
 
 def seen_at(pose, place):

@@ -33,7 +33,7 @@ def moment(world: World, t_s: float = 1.0, drones: int = 1, **changes) -> Moment
     one = DroneMoment(
         drone=0, position_ned=(1.0 + t_s, 2.0, -2.0), attitude=(1.0, 0.0, 0.0, 0.0), velocity_ned=(1.0, 0.0, 0.0),
         height_m=2.0, true=True, setpoint_ned=(1.2, 0.0, 0.0), mode="OFFBOARD", armed=True, battery=0.9,
-        said=("Armed",), prompt="fly & see", picture=picture(3), decision=said, decided_on=picture(3),
+        messages=("Armed",), prompt="fly & see", picture=picture(3), decision=said, decided_on=picture(3),
         chosen_ned=(7.0, 2.0, -2.0), lens_ned=(1.5, 2.0, -1.9),
     )  # fmt: skip
     fleet = tuple(

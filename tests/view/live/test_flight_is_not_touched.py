@@ -14,7 +14,7 @@ from dronecats.flight.processes.supervisor import ChildProcess
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.view.live.config import ViewerConfig
-from dronecats.view.live.folder import flown_world
+from dronecats.view.live.folder import load_world
 from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.opening import VIEWER
 from foundation.run_folder import layout
@@ -124,7 +124,7 @@ def test_a_page_that_hangs_is_killed_and_comes_again_changes_no_byte(alone, tmp_
 def test_the_questions_that_are_shown_are_those_that_were_asked(alone):
     out, asked = alone
     folder = out / EPISODE
-    follower = FlightFollower(folder, flown_world(folder), 1)
+    follower = FlightFollower(folder, load_world(folder), 1)
     decided = list(rows(folder / layout.DECISIONS, Decision))
     assert len(decided) > 2
     shown = []

@@ -11,7 +11,7 @@ from dronecats.flight.logger.estimate_process import EstimateRecorder
 from dronecats.flight.logger.logger_process import measured_in
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.sitl.simulation import origin
-from dronecats.view.live.folder import FrameTail, flown_world
+from dronecats.view.live.folder import FrameTail, load_world
 from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.moment import chosen_go, sight
 from episodes.records import catalogue
@@ -104,7 +104,7 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
     assert drone.velocity_ned == pytest.approx((0.5, 0.25, 0.0))
     assert drone.setpoint_ned == pytest.approx((1.0, 0.4, 0.0))
     assert (drone.armed, drone.mode) == (True, "OFFBOARD")
-    assert drone.said == ("Armed",)
+    assert drone.messages == ("Armed",)
     assert moment.t_s == pytest.approx(0.5)
     assert "air" in moment.state
 
@@ -188,13 +188,13 @@ def test_the_judge_tells_distances_declarations_and_the_verdict(writer, follower
     judge = follower.turn().judge
     assert judge.target_ned == pytest.approx(world.target_centre(4.0))
     assert judge.distance_m[0] == pytest.approx(math.dist(place, world.target_centre(4.0)), abs=0.02)
-    (declared,) = judge.said
+    (declared,) = judge.messages
     assert "4.75 m" in declared
     flying = follower.turn().state
     writer.truth.write(End(t=4.6, reason="decided"))
     (writer.folder / layout.VERDICT).write_text(json.dumps({"success": True, "ne_m": 4.75}))
     moment = follower.turn()
-    assert re.search(r"\bsuccess\b.*4\.75 m", moment.judge.said[-1])
+    assert re.search(r"\bsuccess\b.*4\.75 m", moment.judge.messages[-1])
     assert "decided" in moment.state
     assert "decided" not in flying
     assert follower.over
@@ -207,7 +207,7 @@ def test_an_envelope_speaks_between_the_autopilots_words(writer, follower):
     (writer.folder / layout.SAFETY).write_text(json.dumps(line) + "\n")
     writer.flush()
     (drone,) = follower.turn().drones
-    first, between, last = drone.said
+    first, between, last = drone.messages
     assert (first, last) == ("one", "three")
     assert "speed, height" in between
 
@@ -220,7 +220,7 @@ def test_a_limit_that_acts_at_every_step_is_one_line_that_counts(writer, followe
                 file.write(json.dumps({"time_us": T0_US + 2 * k + at, "drone": 0, "limits": limits}) + "\n")
     writer.flush()
     (drone,) = follower.turn().drones
-    first, counted = drone.said
+    first, counted = drone.messages
     assert first == "one"
     assert "climb" in counted
     assert "70" in counted
@@ -264,7 +264,7 @@ def test_without_truth_the_pose_is_the_autopilots_own(tmp_path):
             tlog.write(1000 * time_ms, vehicle.pack(message))
         tlog.flush()
         if north == 1.0:
-            follower = FlightFollower(folder, flown_world(folder), 1)
+            follower = FlightFollower(folder, load_world(folder), 1)
             follower.turn()
     moment = follower.turn()
     (drone,) = moment.drones

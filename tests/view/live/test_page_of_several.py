@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.page_client import CAMERA, PageClient
-from dronecats.view.live.folder import EpisodeList, newest_flown
+from dronecats.view.live.folder import EpisodeList
 from dronecats.view.live.viewer_process import NEWEST, LivePage, WantedView
 from dronecats.view.scene.page import LoopbackServer
 from foundation.run_folder import layout
@@ -44,9 +44,6 @@ def test_flights_are_found_newest_first_and_what_was_broken_off_is_not(bench):
     judged(bench / "run-b/one")
     found = EpisodeList(bench).look()
     assert [(one.name, one.over) for one in found] == [("run-b/one", True), ("run-a/two", False), ("run-a/one", False)]
-    newest = newest_flown(found)
-    assert newest is not None
-    assert newest.name == "run-a/two"
 
 
 def test_a_run_and_an_episode_are_folders_too(bench):

@@ -6,7 +6,7 @@ from typing import Any
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.view.live.folder import FrameTail, LineTail, intact
+from dronecats.view.live.folder import FrameTail, LineTail, is_intact
 from foundation.mavlink import Packer, dialect
 from foundation.run_folder.writing import TelemetryLog
 
@@ -70,7 +70,7 @@ def test_behind_bytes_that_are_no_frames_it_finds_its_way_again(tmp_path_factory
     packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in told]
     data = b"".join(packed[:after]) + noise + b"".join(packed[after:])
     found = read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts)
-    good = [one for one in found if intact(one[1]) and one in told]
+    good = [one for one in found if is_intact(one[1]) and one in told]
     assert good[:after] == told[:after]
     assert told[-10:] == good[-10:]
 
@@ -94,6 +94,6 @@ def test_a_file_that_is_not_there_is_empty_until_it_is(tmp_path):
 
 def test_a_damaged_frame_is_not_intact():
     (frame,) = frames(1)
-    assert intact(frame)
-    assert not intact(frame[:-3] + b"\0\0\0")
-    assert not intact(b"\xfd\x00")
+    assert is_intact(frame)
+    assert not is_intact(frame[:-3] + b"\0\0\0")
+    assert not is_intact(b"\xfd\x00")

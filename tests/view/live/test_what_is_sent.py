@@ -255,12 +255,12 @@ def test_nobodys_words_become_markup(world):
     html = "".join(
         [
             markup.decision_html(replace(drone, decision=said, prompt=evil)),
-            markup.messages_html([replace(drone, said=(evil,))]),
+            markup.messages_html([replace(drone, messages=(evil,))]),
             markup.numbers_html([replace(drone, mode=evil)]),
             markup.numbers_html([replace(drone, mode=evil)] * 2),
             markup.decisions_html([replace(drone, decision=said, prompt=evil)] * 2),
             markup.state_html(replace(moment(world), state=evil, instruction=evil)),
-            markup.judge_html(JudgeMoment(said=(evil,))),
+            markup.judge_html(JudgeMoment(messages=(evil,))),
             markup.frame_html(drone, evil),
         ]
     )
@@ -307,7 +307,7 @@ def test_a_drone_of_which_nothing_is_known_is_shown_too():
 
 
 def test_the_drones_of_a_fleet_are_counted_from_one():
-    fleet = [DroneMoment(drone, said=("Armed",)) for drone in range(2)]
+    fleet = [DroneMoment(drone, messages=("Armed",)) for drone in range(2)]
     shown = (markup.frames_html, markup.decisions_html, markup.numbers_html, markup.messages_html)
     for html in (show(fleet) for show in shown):
         assert re.findall(r"\bdrone (\d)", html) == ["1", "2"], html

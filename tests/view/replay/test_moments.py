@@ -99,9 +99,9 @@ def test_what_the_autopilot_tells_of_itself(flight):
 
 
 def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight):
-    assert flight.moment(0.0).judge.said == ()
+    assert flight.moment(0.0).judge.messages == ()
     end = flight.moment(flight.end_s)
-    assert flight.recorded.verdict.outcome in end.judge.said[-1]
+    assert flight.recorded.verdict.outcome in end.judge.messages[-1]
     assert "cap" in end.state
     assert "air" in flight.moment(1.0).state
     assert flight.moment(1e6) == end
@@ -156,7 +156,7 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
         shown = own.moment(t)
         assert not shown.drones[0].true
         assert shown.judge.target_ned is None
-        assert shown.judge.said == ()
+        assert shown.judge.messages == ()
         assert shown.drones[0].position_ned == own.pose(0, t).position_ned
         flown = np.subtract(own.pose(0, t).position_ned, own.pose(0, 0.0).position_ned)
         truly = np.subtract(flight.pose(0, t).position_ned, flight.pose(0, 0.0).position_ned)
@@ -226,7 +226,7 @@ def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied)
     assert killed.moment(t).drones[0].position_ned == flight.moment(t).drones[0].position_ned
     last = killed.moment(killed.end_s)
     assert "air" in last.state
-    assert not any(flight.recorded.verdict.outcome in said for said in last.judge.said)
+    assert not any(flight.recorded.verdict.outcome in said for said in last.judge.messages)
 
 
 def test_what_is_damaged_or_no_flight_is_refused(copied, tmp_path):

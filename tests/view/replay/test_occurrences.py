@@ -39,14 +39,14 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
     assert declared.drone == 0
     assert "there is no JSON in it" in fault.words
     assert fault.t_s == flight.of(DECISION)[0].t_s
-    said = flight.moment(declared.t_s).judge.said[0]
-    assert flight.moment(declared.t_s - 0.01).judge.said == ()
+    said = flight.moment(declared.t_s).judge.messages[0]
+    assert flight.moment(declared.t_s - 0.01).judge.messages == ()
     frame = rows(folder / layout.TRUTH, "frame")[-1]
     assert f"{frame['distance_m']:.2f} m" in said
-    (line,) = flight.moment(fault.t_s).drones[0].said
+    (line,) = flight.moment(fault.t_s).drones[0].messages
     assert line.startswith(f"{fault.t_s:.1f} s")
     assert line.endswith(fault.words)
-    assert flight.moment(fault.t_s - 0.01).drones[0].said == ()
+    assert flight.moment(fault.t_s - 0.01).drones[0].messages == ()
 
 
 def test_the_envelope(copied):

@@ -9,7 +9,7 @@ import pytest
 
 from dronecats.view.replay.moments import flight_moments
 from dronecats.view.replay.page import ReplayPage
-from dronecats.view.replay.views import NO_WORLD, AgainView
+from dronecats.view.replay.views import NO_WORLD, RedrawnView
 from dronecats.view.scene import display
 from tests.support.ports import free_port
 from tests.support.run_folders import run_folder
@@ -84,9 +84,9 @@ def test_digits_choose_a_drone_and_the_view_goes_with_it(page, sent):
 def test_a_view_of_a_world_that_is_not_known_says_why(page, sent):
     page.next_view()
     assert page.idle(PATIENCE_S)
-    assert page.state.view is AgainView.CHASE
+    assert page.state.view is RedrawnView.CHASE
     assert NO_WORLD in sent.text()
-    for view in (AgainView.TOP, AgainView.ONBOARD, None):
+    for view in (RedrawnView.TOP, RedrawnView.ONBOARD, None):
         page.next_view()
         assert page.state.view is view
 

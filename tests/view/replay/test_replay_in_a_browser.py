@@ -9,7 +9,7 @@ import pytest
 from dronecats.view.replay.moments import OccurrenceKind, flight_moments
 from dronecats.view.replay.page import ReplayPage
 from dronecats.view.replay.player import SPEEDS
-from dronecats.view.replay.views import AgainView
+from dronecats.view.replay.views import RedrawnView
 from dronecats.view.scene import display
 from foundation.run_folder import layout
 from tests.support.json_lines import rows
@@ -209,7 +209,7 @@ def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight
 def test_views_are_drawn_again(browser, opened, flight):
     page, _ = opened([flight], at_s=3.0)
     shown = []
-    for view in AgainView:
+    for view in RedrawnView:
         press(browser, "v")
         until(browser, lambda view=view: page.state.view is view and f"{view.value} at 3.0 s" in text(browser))
         shown.append(until(browser, lambda: picture(browser)))

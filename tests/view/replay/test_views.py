@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dronecats.view.replay.views import NO_WORLD, AgainView, AgainViews, FlightViews, ViewWish, aboard
+from dronecats.view.replay.views import NO_WORLD, FlightViews, RedrawnView, ViewRenderer, ViewRequest, aboard
 from foundation.camera import CameraModel
 
 SMALL = (320, 180)
@@ -16,13 +16,13 @@ def views(flight):
     made.close()
 
 
-@pytest.mark.parametrize("view", list(AgainView))
+@pytest.mark.parametrize("view", list(RedrawnView))
 def test_a_view_shows_the_world_and_who_flies_in_it(views, flight, view):
     stage = views.stage(view)
     seen = stage.view(views.eye(0, view, 3.0), 3.0)
     drone = (seen.ids == stage.ids[0]).sum()
     assert len(np.unique(seen.ids)) > 2
-    if view is AgainView.ONBOARD:
+    if view is RedrawnView.ONBOARD:
         assert drone == 0
     else:
         assert drone > 10
@@ -42,16 +42,16 @@ def test_through_its_camera_is_where_the_frame_was_taken(flight):
 
 def test_only_the_newest_wish_is_drawn_and_what_cannot_be_says_why(flight):
     drawn = []
-    made = AgainViews([flight.recorded, None], lambda wish, picture: drawn.append((wish, picture)))
+    made = ViewRenderer([flight.recorded, None], lambda wish, picture: drawn.append((wish, picture)))
     try:
-        wishes = [ViewWish(0, 0, AgainView.TOP, 0.1 * k) for k in range(30)]
+        wishes = [ViewRequest(0, 0, RedrawnView.TOP, 0.1 * k) for k in range(30)]
         for wish in wishes:
-            made.wish(wish)
+            made.request(wish)
         assert made.idle(60.0)
         assert drawn[-1][0] == wishes[-1]
         assert len(drawn) < len(wishes)
         assert not isinstance(drawn[-1][1], str)
-        made.wish(ViewWish(1, 0, AgainView.TOP, 0.0))
+        made.request(ViewRequest(1, 0, RedrawnView.TOP, 0.0))
         assert made.idle(60.0)
         assert drawn[-1][1] == NO_WORLD
     finally:
