@@ -27,88 +27,88 @@ def _of(description: str) -> Meta:
     return Meta(description=description)
 
 
-RunName = Annotated[str, _of("the run's folder, with as many folders above it as tell it from the others")]
+RunName = Annotated[str, _of("the run's folder, with as many folders above it as make it unique")]
 EpisodeId = Annotated[str, _of("id of the record")]
-DroneIndex = Annotated[int, _of("0 is the drone that people call drone 1")]
+DroneIndex = Annotated[int, _of("0 is drone 1")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunRow:
-    """A run folder: who flew, under which settings."""
+    """A run folder: its pilot and settings."""
 
     run: RunName
     pilot: Annotated[str, _of("built-in pilot, or PROVIDER/NAME of the model")]
-    is_model: Annotated[bool, _of("whether a model flew; a built-in pilot is none")]
+    is_model: Annotated[bool, _of("whether a model flew, not a built-in pilot")]
     command: Annotated[str | None, _of("flat, hierarchical or solo")]
-    latency: Annotated[str | None, _of("what a reply is charged, as `--latency` has it")]
-    parser: Annotated[str | None, _of("how replies are read: strict or lenient")]
-    seed: Annotated[int, _of("tells flights of the same episodes apart")]
-    agent: Annotated[str | None, _of("who decides: paper, another that ships, or MODULE:NAME")]
+    latency: Annotated[str | None, _of("latency policy, as in `--latency`")]
+    parser: Annotated[str | None, _of("parser of replies: strict or lenient")]
+    seed: Annotated[int, _of("distinguishes flights of the same episodes")]
+    agent: Annotated[str | None, _of("paper, another built-in agent, or MODULE:NAME")]
     prompt_sha256: Annotated[str | None, _of("digest of the prompt")]
-    dronecats: Annotated[str | None, _of("version that flew it")]
-    episodes: Annotated[int, _of("how many stand in it")]
+    dronecats: Annotated[str | None, _of("version of dronecats that flew it")]
+    episodes: Annotated[int, _of("number of episodes")]
     configuration: Annotated[str, _of("run.json, as JSON: `configuration->>'$.flight.model.temperature'`")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeRow:
-    """One flight of one episode: its verdict, derived anew from the logs, and every metric of the whole episode."""
+    """One flight of one episode: its verdict, computed again from the logs, and every metric of the episode."""
 
     run: RunName
     episode: EpisodeId
     map: Annotated[str | None, _of("the map's name")]
     cell: Annotated[str | None, _of("approaching, searching, tracking, search-and-track or commanding")]
-    instruction: Annotated[str | None, _of("what was asked for")]
-    drones: Annotated[int | None, _of("how many flew; null: nothing was logged of any")]
+    instruction: Annotated[str | None, _of("instruction to the pilot")]
+    drones: Annotated[int | None, _of("number of drones; null: none was logged")]
     outcome: Annotated[str | None, _of("success, failure, error, censored, unknown or distance only; null: damaged")]
-    scored: Annotated[bool, _of("whether it is a success or a failure; the others are nobody's score")]
-    error: Annotated[str | None, _of("why it is nobody's score, or what is damaged; null: it is scored")]
-    note: Annotated[str | None, _of("what the verdict leaves open though it stands")]
-    censored: Annotated[bool | None, _of("whether the flight was not seen to its cap though its outcome stands")]
+    scored: Annotated[bool, _of("whether it is a success or a failure; other outcomes are not scored")]
+    error: Annotated[str | None, _of("why it is not scored, or what is damaged; null: it is scored")]
+    note: Annotated[str | None, _of("what remains uncertain in the verdict")]
+    censored: Annotated[bool | None, _of("whether the flight ended before its cap, with a final outcome")]
     ended: Annotated[str | None, _of("cap, decided, budget, rejected, interrupted, takeover or error")]
     ended_s: Annotated[float | None, _of("s of vehicle time")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepRow:
-    """One decision of one drone, with what was true when its picture was taken."""
+    """One decision of one drone, with the truth at its picture."""
 
     run: RunName
     episode: EpisodeId
     drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision, from 0")]
     frame_id: Annotated[int, _of("number of the picture")]
-    t_frame_s: Annotated[float, _of("s since the episode began, when the picture was taken")]
-    t_decided_s: Annotated[float, _of("s, when the reply was there")]
+    t_frame_s: Annotated[float, _of("s since the episode began, of the picture")]
+    t_decided_s: Annotated[float, _of("s since the episode began, of the reply")]
     action: Annotated[str | None, _of("go, rotate, think or finished; null: the reply holds no valid action")]
     point_x: Annotated[float | None, _of("of a go: 0 the picture's left edge, 1000 its right one")]
     point_y: Annotated[float | None, _of("of a go: 0 the picture's upper edge, 1000 its lower one")]
-    depth_m: Annotated[float | None, _of("m, of a go, as the pilot told it")]
-    angle_deg: Annotated[float | None, _of("°, of a rotate, + right, as the pilot told it")]
+    depth_m: Annotated[float | None, _of("m, of a go, as in the reply")]
+    angle_deg: Annotated[float | None, _of("°, of a rotate, + right, as in the reply")]
     reply: Annotated[str | None, _of("as received")]
     error: Annotated[str | None, _of("why there is no action")]
-    mended: Annotated[str | None, _of("what was mended in the reply, codes with commas between them; null: nothing")]
+    mended: Annotated[str | None, _of("repairs of the reply, codes with commas between them; null: none")]
     latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")]
     tokens_in: Annotated[int | None, _of("tokens of the question")]
     tokens_out: Annotated[int | None, _of("tokens of the reply")]
-    thinking: Annotated[bool | None, _of("whether the model was let to reason at length")]
+    thinking: Annotated[bool | None, _of("whether extended reasoning was on")]
     rate_hz: Annotated[float | None, _of("Hz, decisions per s of vehicle time since the last; null: the first")]
-    finish: Annotated[str | None, _of("why the reply ends: length, filtered, refusal, …; null: it was done")]
+    finish: Annotated[str | None, _of("why the reply ends: length, filtered, refusal, …; null: it is complete")]
     north_m: Annotated[float | None, _of("m, NED, of the body at the picture")]
     east_m: Annotated[float | None, _of("m, NED, likewise")]
     down_m: Annotated[float | None, _of("m, NED, likewise")]
     yaw_deg: Annotated[float | None, _of("° of the nose from north, + east, at the picture")]
     distance_m: Annotated[float | None, _of("m to the target's centre, at the picture")]
     distance_box_m: Annotated[float | None, _of("m to the nearest point of the target's box, at the picture")]
-    visible: Annotated[bool | None, _of("whether the target was in view; null: nobody measured it")]
-    visible_fraction: Annotated[float | None, _of("share of the target's silhouette that is open to view, 0 … 1")]
+    visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
+    visible_fraction: Annotated[float | None, _of("visible share of the target's silhouette, 0 … 1")]
     bearing_deg: Annotated[float | None, _of("° of the target's centre from the nose, + right")]
     oracle_depth_m: Annotated[float | None, _of("m along the optical axis, to the target's centre")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseRow:
-    """Where one drone was, every half second."""
+    """The pose of one drone, every half second."""
 
     run: RunName
     episode: EpisodeId
@@ -122,23 +122,23 @@ class PoseRow:
     target_east_m: Annotated[float | None, _of("m, NED, likewise")]
     target_down_m: Annotated[float | None, _of("m, NED, likewise")]
     distance_m: Annotated[float | None, _of("m, body to the target's centre in three dimensions")]
-    visible: Annotated[bool | None, _of("whether the target was in view; null: nobody measured it")]
+    visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeclarationRow:
-    """One declaration of arrival, as Algorithm 1 takes it."""
+    """One declaration of arrival, as in Algorithm 1."""
 
     run: RunName
     episode: EpisodeId
     number: Annotated[int, _of("of the episode's declarations in the order of time, from 1")]
     drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision")]
-    t_s: Annotated[float, _of("s of vehicle time, when it was decided")]
+    t_s: Annotated[float, _of("s of vehicle time, of the decision")]
     counts: Annotated[bool, _of("whether it was made within the cap")]
     distance_m: Annotated[float | None, _of("m to the target's centre, at its own picture; null: not measured")]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
-    qualifies: Annotated[bool | None, _of("whether it is a success, if it counts; null: not known")]
+    qualifies: Annotated[bool | None, _of("whether it is a success if it counts; null: not known")]
     unmeasured: Annotated[str | None, _of("why it was not measured; null: it was")]
 
 
