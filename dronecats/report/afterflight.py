@@ -104,7 +104,7 @@ Array = NDArray[np.float64]
 CORRELATION_S = 300.0  # s, a flight's length: longer than what a receiver's error stays the same in the open
 POSITION_NOISE_M = 0.05  # m, white, of one report: the estimator's small corrections
 ACCELERATION_PSD = 1.0  # (m/s²)²/Hz: a multirotor at the speeds that are flown here
-UNREPORTED_M = 1.0  # m, weight of a position whose accuracy nobody reported; its smoothed accuracy is not told
+UNREPORTED_M = 1.0  # m, weight of a position without a reported accuracy; its smoothed accuracy is NaN
 THINNED_US = 90_000  # µs: reports nearer to one another tell the same
 _H = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
 

@@ -165,7 +165,7 @@ def decomposition(table: ReportTable) -> Any:
     drawing, axis = _stacked(table, [BarSegment(o.column, o.title, colour) for o, colour in colours])
     rows, _ = lines(table)
     won = [number(cell(table, line.row, "commanding_success_percent")) for line in rows]
-    below = [line.y + 0.36 for line in rows]  # on the bar's edge, where no number stands
+    below = [line.y + 0.36 for line in rows]  # on the bar's edge, beside its number
     axis.plot(won, below, "D", color="white", markeredgecolor=INK, markersize=4.5, label="Episodes won",
               linestyle="", clip_on=False, zorder=5)  # fmt: skip
     _percent(axis, "% of the drones; diamonds: % of the episodes")

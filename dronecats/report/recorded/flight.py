@@ -195,7 +195,7 @@ class RecordedFlight(JudgedFlight):
         if track := tracks.true_track(samples, self.t0_us):
             return track
         kept = tracks.kept_ulog(self.folder, drone)
-        with suppress(UsageError):  # a torn log: truth.jsonl stands
+        with suppress(UsageError):  # a damaged log: truth.jsonl is used
             return tracks.onboard_true_track(kept, self.t0_us, map_origin) if kept else None
         return None
 
@@ -211,7 +211,7 @@ class RecordedFlight(JudgedFlight):
         for drone in range(max(self.telemetry, default=0) + 1):
             track = tracks.estimated_track(self.telemetry[drone]) if drone in self.telemetry else None
             kept = tracks.kept_ulog(self.folder, drone)
-            with suppress(UsageError):  # a torn log: telemetry stands
+            with suppress(UsageError):  # a damaged log: telemetry is used
                 track = (tracks.onboard_estimated_track(kept, self.t0_us) if kept else None) or track
             if track is not None:
                 estimated[drone] = track
