@@ -29,25 +29,11 @@ Array = NDArray[np.float64]
 BOOM_M = 3.4  # from the drone to the camera
 SHORTEST_M = 0.9  # at which an x500 fills the picture without being clipped
 STEP_S = 0.25
-PLACE_S, HEADING_S, SWING_S, BOOM_S = (
-    0.35,
-    1.0,
-    0.6,
-    0.3,
-)  # σ of the smoothing
+PLACE_S, HEADING_S, SWING_S, BOOM_S = 0.35, 1.0, 0.6, 0.3  # σ of the smoothing
 AHEAD_M = 4.0  # distance ahead of the drone of the point at which the camera looks
 ROOM_M = 0.35  # free space on each side of the camera
 # candidate places of the camera: azimuth from behind the drone, elevation, share of the boom length
-AZIMUTHS_DEG = (
-    15.0,
-    -15.0,
-    38.0,
-    -38.0,
-    68.0,
-    -68.0,
-    100.0,
-    -100.0,
-)  # never straight behind: it hides its goal
+AZIMUTHS_DEG = (15.0, -15.0, 38.0, -38.0, 68.0, -68.0, 100.0, -100.0)  # never straight behind: it hides its goal
 ELEVATIONS_DEG = (20.0, 34.0, 52.0, 70.0)
 LENGTHS = (1.0, 0.65, 0.4)
 BLOCKED = 30.0  # cost of a place from which the drone is hidden; more than a path around the drone

@@ -283,14 +283,7 @@ def _join_gif(paths: Sequence[Path], out: Path, plan: FilmPlan) -> None:
     first = next(frames)
     duration_ms = round(100 / plan.fps) * 10
     first.save(
-        out,
-        "GIF",
-        save_all=True,
-        append_images=frames,
-        duration=duration_ms,
-        loop=0,
-        optimize=False,
-        disposal=1,
+        out, "GIF", save_all=True, append_images=frames, duration=duration_ms, loop=0, optimize=False, disposal=1
     )
 
 
