@@ -82,7 +82,7 @@ class Impairment:
 
 @dataclass(slots=True)
 class Counts:
-    """What has become of the units."""
+    """Counts of the fates of the units."""
 
     taken: int = 0
     arrived: int = 0  # duplicates count twice
@@ -213,7 +213,7 @@ def _frame_length(data: bytes, at: int) -> int | None:
 
 
 class OneWay:
-    """Impaired as it is told to be, from the beginning or for a while. Times are seconds of any clock that rises."""
+    """One direction of a wire, impaired from the beginning or for a while. Times are seconds of any rising clock."""
 
     def __init__(self, impairment: Impairment, seed: int, direction: str) -> None:
         self.channel = Channel(impairment, seed, direction)
@@ -331,7 +331,7 @@ class ImpairedWire:
 
 
 class SteppedWire(Transport):
-    """The agent's end of a wire that is perfect until it is impaired. Whoever reads from it when it is dry `pump`s.
+    """The agent's end of a wire that is perfect until it is impaired. A read of a dry wire calls `pump`.
 
     It carries at ticks: so a delay is lengthened to whole ones.
     """
@@ -364,7 +364,7 @@ class SteppedWire(Transport):
 
     @property
     def counts(self) -> tuple[Counts, Counts]:
-        """What has become of the frames, to the vehicle and from it, since the wire was last impaired or mended."""
+        """Counts of frames, to the vehicle and from it, since the wire was last impaired or mended."""
         return self._up.channel.counts, self._down.channel.counts
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:

@@ -91,7 +91,7 @@ def gps_message(sensors: Any) -> dialect.MAVLink_hil_gps_message:
 
 
 def sent_now(sensors: Any) -> Sent:
-    """Return what the autopilot has been told once everything in `sensors` was sent."""
+    """Return the times of the newest samples of `sensors`, as sent."""
     return Sent(
         int(sensors["imu_time_us"]),
         int(sensors["mag_time_us"]),
@@ -163,7 +163,7 @@ class SimulatorServer:
 
     @property
     def connected(self) -> bool:
-        """Whether a PX4 is there, as far as has been noticed."""
+        """Whether a PX4 is connected, as far as is known."""
         return self._peer is not None
 
     def accept(self) -> bool:
@@ -256,12 +256,12 @@ class BoardLine:
 
     @property
     def present(self) -> bool:
-        """Whether the autopilot's heartbeat is heard."""
+        """Whether the autopilot sends heartbeats."""
         return self._transport is not None and time.monotonic() - self._alive_s < FORGET_S
 
     @property
     def in_hil(self) -> bool:
-        """Whether the board says that it takes simulated sensors."""
+        """Whether the board takes simulated sensors, by its heartbeat."""
         return self.present and self._hil
 
     def exchange(self) -> None:
@@ -297,7 +297,7 @@ class BoardLine:
                 self._lose()
 
     def take(self) -> bytes:
-        """Return what the board has said to the clients since the last call: everything but the motor outputs."""
+        """Return the board's bytes for the clients since the last call: everything but the motor outputs."""
         data = bytes(self._clients)
         self._clients.clear()
         return data

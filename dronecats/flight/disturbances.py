@@ -1,4 +1,4 @@
-"""What is done to a simulated flight on purpose: to its pictures, its wire and its vehicle. Seeded, in vehicle time.
+"""Disturbances of a simulated flight: of its pictures, its wire and its vehicle. Seeded, in vehicle time.
 
 A disturbance is declared once, on the field that holds it. From the declaration come its option on the command line,
 its word in a bench.toml, its factor in a study, its bounds, its words in run.json and its row in docs/disturbances.md.
@@ -95,7 +95,7 @@ def _pair(name: str, text: str, wanted: str) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameFaults:
-    """What becomes of a picture between the camera and the agent."""
+    """Faults of pictures between the camera and the agent."""
 
     delay_s: float = _disturbance(
         0.0, "frame_delay", "time from the shutter until the agent has the picture", high=60.0, unit="s",
@@ -125,7 +125,7 @@ class FrameFaults:
 
     @property
     def reach_s(self) -> float:
-        """How long ago (s) a picture may be taken for which nobody has asked then; 0 where there is no rate."""
+        """The greatest age (s) of a picture when it is requested; 0 without a rate."""
         return 0.0 if self.rate_hz is None else self.delay_s + 1.0 / self.rate_hz
 
 
@@ -177,7 +177,7 @@ def _wire_level(name: str) -> DisturbanceLevel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkFaults:
-    """What the MAVLink wire between agent and autopilot does, each way."""
+    """Faults of the MAVLink wire between agent and autopilot, each way."""
 
     to_vehicle: Impairment = declared(  # noqa: RUF009  # a field
         PERFECT,
@@ -201,7 +201,7 @@ class LinkFaults:
 
     @property
     def words(self) -> Iterator[str]:
-        """What it does, in words: once where both ways are the same."""
+        """The faults in words: once where both ways are the same."""
         ways = {"to the vehicle": self.to_vehicle, "from the vehicle": self.from_vehicle}
         for way, wire in {"both ways": self.to_vehicle}.items() if len({*ways.values()}) == 1 else ways.items():
             if words := " and ".join(words_of(wire)):
@@ -236,7 +236,7 @@ STALLS = "a share of seconds and how long each lasts, for example 0.1,0.5"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFaults:
-    """What makes the vehicle harder to fly, whether our autopilot flies it or a PX4."""
+    """Disturbances of the vehicle, under our autopilot or a PX4."""
 
     wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady, the direction that the air moves to
         (0.0, 0.0, 0.0),
@@ -324,7 +324,7 @@ class Disturbances:
 
     @property
     def words(self) -> str | None:
-        """What is done, several things joined by commas, for run.json and reports; None where it is nothing."""
+        """The disturbances in words, joined by commas, for run.json and reports; None without any."""
         return ", ".join([*words_of(self.frame), *self.link.words, *words_of(self.vehicle)]) or None
 
     def with_options(self, options: Mapping[str, Any]) -> "Disturbances":

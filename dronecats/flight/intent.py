@@ -1,4 +1,4 @@
-"""What the pilot meant: each decision drawn into the frame it was made on, with the setpoints that fly it."""
+"""Draws each decision into the frame it was made on, with the setpoints that fly it."""
 
 import math
 from pathlib import Path

@@ -22,7 +22,7 @@ class Address:
 
 
 def parse(url: str) -> Address:
-    """Return what an address means. Raises UsageError when it is none."""
+    """Return the parts of an address. Raises UsageError when it is none."""
     scheme, _, rest = url.partition("://")
     scheme = scheme.lower()
     if rest and scheme in ("http", "https"):

@@ -50,7 +50,7 @@ def open_camera(
 
 
 def _source(address: Address, lens: Lens) -> Source | None:
-    """Return what sends pictures by itself at an address; None for one that has to be asked for each."""
+    """Return the source that sends pictures by itself at an address; None for one that needs a request for each."""
     allowed = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
     if stray := set(address.options) - allowed:
         raise UsageError(f"camera option {sorted(stray)[0]!r} is unknown for a {address.kind} camera")

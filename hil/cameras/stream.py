@@ -26,7 +26,7 @@ class StreamEndedError(CameraError):
 
 
 class Source(Protocol):
-    """Where pictures come from. Used by one thread at a time."""
+    """A source of pictures. One thread uses it at a time."""
 
     def open(self) -> None:
         """Raises CameraError when nothing can be had."""
@@ -90,7 +90,7 @@ class StreamCamera:
 
     @property
     def age_s(self) -> float | None:
-        """Return how long ago (s) the newest picture came, None while there is none."""
+        """Age (s) of the newest picture, None while there is none."""
         shot = self._shot
         return None if shot is None else time.monotonic() - shot.taken_s
 
@@ -293,7 +293,7 @@ FOLDER_HZ = 10.0  # pictures per second of a folder, which does not say
 
 
 class VideoSource:
-    """A video file. Whoever is late for a picture gets the one whose time it is."""
+    """A video file at its own pace: a late reader gets the picture of the present time."""
 
     def __init__(self, path: str) -> None:
         self._path = path

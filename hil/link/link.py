@@ -156,7 +156,7 @@ class Link(Conversation):
 
     @property
     def taken_by(self) -> str | None:
-        """The mode into which somebody else has switched the vehicle, None while nobody has."""
+        """The mode into which another hand has switched the vehicle, None before."""
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
@@ -244,7 +244,7 @@ class Link(Conversation):
 
     @property
     def streaming(self) -> bool:
-        """Whether something is being flown."""
+        """Whether setpoints are streamed."""
         return self._stream.setpoint is not None
 
     def sight(self, time_us: int) -> Sight:
@@ -309,7 +309,7 @@ class Link(Conversation):
     def give_up(self, then: str = "land") -> None:
         """End a flight in order: stand still, then the autopilot's own hold, then `then`: land, return or hold.
 
-        Nothing is ordered of a vehicle that somebody else has taken. Raises LinkError when the last order is refused.
+        A vehicle that another hand has taken gets no order. Raises LinkError when the last order is refused.
         """
         if self._taken_by is not None or self.dry:
             self.stop_stream()

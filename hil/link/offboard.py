@@ -1,4 +1,4 @@
-"""What is streamed in offboard for the agent's setpoints, with the height and place loops that PX4 leaves to us.
+"""The offboard stream of the agent's setpoints, with the height and place loops that PX4 leaves to us.
 
 A body velocity of vz = 0 drifts 0.1–0.3 m/s on a real PX4, so whatever holds a height or a place here closes that loop.
 """
@@ -136,7 +136,7 @@ class OffboardStream:
         return there and abs(yaw_rate) <= YAW_RATE_STILL
 
     def streamed(self, position: Vec3, velocity: Vec3, yaw: float, time_us: int) -> OffboardSetpoint | None:
-        """Return what flies the setpoint from here (m, m/s, rad, µs), None when nothing is streamed."""
+        """Return the offboard setpoint for this state (m, m/s, rad, µs), None when nothing is streamed."""
         if self.setpoint is not None and self._ends_us is not None and time_us > self._ends_us:
             self.fly(Hold(), starts_us=time_us)
         if self.setpoint is None:

@@ -1,1 +1,1 @@
-"""What an experienced pilot looks at before a vehicle flies by offboard setpoints. Nothing here arms a vehicle."""
+"""Checks of a vehicle before it flies by offboard setpoints. Nothing here arms a vehicle."""

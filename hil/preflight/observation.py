@@ -1,4 +1,4 @@
-"""What the autopilot says of itself while a check listens to it, and the rows that a check makes of it."""
+"""The messages of an autopilot while a check listens, and the rows of the check."""
 
 import time
 from collections import Counter

@@ -1,4 +1,4 @@
-"""The logger of a flight whose truth nobody knows, as a process: the autopilot's own estimate as truth.jsonl."""
+"""The logger of a flight without truth, as a process: it writes the autopilot's own estimate as truth.jsonl."""
 
 import math
 from dataclasses import dataclass

@@ -66,7 +66,7 @@ class Recorder:
 
     @property
     def drones(self) -> int:
-        """How many drones have been heard."""
+        """The number of drones that have sent a truth sample."""
         return len(self._samples)
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:

@@ -23,13 +23,13 @@ from foundation.errors import DronecatsError
 
 
 class Part(Protocol):
-    """What a child process does. Its module offers `create(config) -> Part`, the type of whose argument is declared.
+    """The work of a child process. Its module offers `create(config) -> Part`, the type of whose argument is declared.
 
     A part whose commands take long may also have `orphaned()`: called, from another thread, when the parent is gone.
     """
 
     def ready(self) -> dict[str, Any]:
-        """Return what the parent has to know, such as the ports that were bound."""
+        """Return facts for the parent, such as the ports that were bound."""
         ...
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:

@@ -1,4 +1,4 @@
-"""Runs somebody else's program that must not outlive us: its process group ends when our standard input does.
+"""Runs a foreign program that must not outlive us: its process group ends when our standard input does.
 
     python -m dronecats.flight.processes.guard COMMAND [ARGUMENT …]
 

@@ -63,7 +63,7 @@ class Heartbeat:
 
     @property
     def is_pending(self) -> bool:
-        """Whether an answer is owed."""
+        """Whether an answer is pending."""
         return self._is_pending
 
 
@@ -81,7 +81,7 @@ C = TypeVar("C")
 
 @dataclass(frozen=True, slots=True)
 class ChildKind(Generic[C]):
-    """What a child process is."""
+    """A kind of child process."""
 
     name: str  # in sentences, and of its log
     module: str  # with `create(config) -> Part`; by name, since only the child imports it

@@ -25,7 +25,7 @@ LEVELLINGS = 4
 
 @dataclass(frozen=True, slots=True)
 class StartOffset:
-    """Where a drone begins its episode, relative to where it stands at boot."""
+    """The start of a drone's episode, relative to its place at boot."""
 
     offset_ned: Vec3  # m, start pose less the place of the body's origin as it stands below it
     yaw: float | None  # rad; None: as it stands
@@ -38,7 +38,7 @@ def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) ->
 
 
 def unchecked(links: Sequence[Link]) -> None:
-    """Let drones take off whose truth nobody knows."""
+    """Check nothing: the truth is not known."""
 
 
 def ascend(
@@ -90,7 +90,7 @@ def ascend(
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """Where a drone stands before it takes off."""
+    """The place of a drone before it takes off."""
 
     position_ned: Vec3  # m, local frame
     range_m: float | None  # m, by its rangefinder
@@ -146,7 +146,7 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 
 
 def _on_the_ground(link: Link) -> None:
-    """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is in somebody's hand."""
+    """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is flown by another."""
     if link.state.armed or link.state.landed is False:
         condition = "is armed already" if link.state.armed else "is in the air"
         raise LinkError(f"the vehicle {condition}, so it is not ours to arm; leave --arm out and hand it over in Hold")

@@ -56,7 +56,7 @@ SILENCE_S = 6.0
 
 
 class VehicleFlight(FlightSetup):
-    """A flight of somebody else's vehicle."""
+    """A flight of a vehicle that we did not start."""
 
     def __init__(self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]) -> None:
         """`link` is open, and closed with the flight."""
@@ -123,7 +123,7 @@ class ConnectedFlight(VehicleFlight):
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:
-    """Return the link to somebody else's vehicle, whose cable may come and go. Raises UsageError, LinkError."""
+    """Return the link to a vehicle that we did not start, whose cable may come and go. Raises UsageError, LinkError."""
     key = load_key(Path(vehicle.sign)) if vehicle.sign else b""
     wire = Reopening(lambda: connect(vehicle.url))
     return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, dry=vehicle.authority.dry)

@@ -43,7 +43,7 @@ class StartCheck(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class EpisodeEnd:
-    """How the episode ended."""
+    """The end of an episode."""
 
     reason: str  # cap, decided, budget, rejected, interrupted, takeover, error
     error: DronecatsError | None

@@ -1,4 +1,4 @@
-"""What makes two flights of one kind: the sources that flew and judged them, the protocol, the very record and frames.
+"""The identity of a flight: digests of the sources that flew and judged it, the protocol, its record and frames.
 
 Digests are SHA-256 in hexadecimal. A report does not pool what differs in them (docs/run-folder.md).
 """
@@ -41,7 +41,7 @@ def code_digest() -> str:
 
 
 def protocol_numbers() -> dict[str, float | str]:
-    """Return what `foundation.protocol` fixes, by name."""
+    """Return the constants of `foundation.protocol` by name."""
     values: Mapping[str, object] = vars(protocol)
     return {
         name: value for name, value in sorted(values.items()) if name.isupper() and isinstance(value, float | int | str)
@@ -57,7 +57,7 @@ def suite_digest(records: Iterable[tuple[str, str]]) -> str:
 
 
 def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
-    """Return what was flown in an episode folder. `pace`: of a flight in real time. Raises OSError."""
+    """Return the identity of the flight in an episode folder. `pace`: of a flight in real time. Raises OSError."""
     pictures = sorted((folder / layout.FRAMES).glob("*.jpg"))
     frames = hashlib.sha256()
     for picture in pictures:

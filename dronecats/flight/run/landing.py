@@ -1,4 +1,4 @@
-"""How every flight ends, whatever came of it: the vehicles are told to come down before anything else is done."""
+"""The end of every flight: the vehicles get the order to land before anything else is done."""
 
 import contextlib
 import signal
@@ -48,7 +48,7 @@ def finish(
 
 
 def notify_safely(notify: Callable[[str], None], line: str) -> None:
-    """Say a line to somebody who may be gone."""
+    """Print a line; a terminal that is gone is no error."""
     with contextlib.suppress(OSError, ValueError):
         notify(line)
 
@@ -127,7 +127,7 @@ def tending(
 
 
 def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
-    """Say what a vehicle does that we have left in offboard without setpoints."""
+    """Print the failsafe of a vehicle that is left in offboard without setpoints."""
     if link.is_left_to_failsafe and link.failsafe:
         notify(
             f"no setpoints are sent any more; a vehicle that still flies in offboard does by itself: {link.failsafe}"
@@ -148,7 +148,7 @@ def await_landing(
 
 
 def _labels(links: Sequence[Link]) -> list[str]:
-    """Return what stands before a line about each drone: its name in a fleet, nothing for one alone."""
+    """Return the prefix of a line about each drone: its name in a fleet, empty for a single one."""
     return [f"{drone_label(drone)}: " if len(links) > 1 else "" for drone in range(len(links))]
 
 

@@ -99,7 +99,7 @@ def fly_and_judge(
 
 
 def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
-    """Write something of a flight that is over; a disk that refuses it is told, and costs nothing else."""
+    """Write a file of a flight that is over; return the error of a disk that refuses it."""
     try:
         return write(), None
     except InfrastructureError as fault:
@@ -125,7 +125,7 @@ class Instruments:
         return model
 
     def agent(self, make: AgentFactory) -> AgentFactory:
-        """Return what makes the agent."""
+        """Return the maker of the agent."""
         return make
 
 
@@ -163,11 +163,11 @@ class FlightSetup(ABC):
         """Start everything that the episode needs, and end it afterwards. Raises UsageError, InfrastructureError."""
 
     def agent(self, pilot: OpenPilot) -> AgentFactory:
-        """Return what makes the agent that flies."""
+        """Return the maker of the agent that flies."""
         return pilot.agent(self.flight)
 
     def facts(self) -> dict[str, Any]:
-        """Return what run.json says that only the flight could tell."""
+        """Return the entries of run.json that are known after the flight."""
         return {} if self.pace is None else {"pace": self.pace}
 
     @abstractmethod

@@ -63,7 +63,7 @@ def _knowing(name: str, flight: Flight) -> TruthPilot:
 
 
 def _kept(flight: Flight) -> int:
-    """Return how many samples of the truth are remembered: of pictures that may be late, a minute and a half."""
+    """Return the number of truth samples to keep: a minute and a half where pictures may be late."""
     return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
 
 
@@ -73,7 +73,7 @@ DOWN = (0.0, 0.0, 1.0)
 
 
 class TrueStart:
-    """Knows the truth of a stage. It speaks to nobody but by raising."""
+    """Compares the drones of a stage with the truth. It only raises, and sends nothing."""
 
     def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
         """`placement` moves what the autopilot says onto the map; None: it is there."""

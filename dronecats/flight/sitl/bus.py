@@ -22,7 +22,7 @@ class Tap:
         return data
 
     def receive(self, data: bytes) -> None:
-        """Say something to everybody else."""
+        """Send bytes to all other subscribers."""
         self._bus.publish(data, but=self)
 
     def put(self, data: bytes) -> None:
@@ -42,7 +42,7 @@ class TruthBus:
 
     @property
     def has_listeners(self) -> bool:
-        """Whether anybody listens."""
+        """Whether it has a subscriber."""
         return bool(self._taps)
 
     def publish(self, data: bytes, but: Tap | None = None) -> None:

@@ -99,7 +99,7 @@ class WorldCamera:
         self._t0_us = t0_us
 
     def warm_up(self) -> None:
-        """Render once, for nobody: what has to be compiled is compiled now, once for all cameras of a process."""
+        """Render once and drop the picture, so that the kernels are compiled, once for all cameras of a process."""
         with _warm_lock:
             kind = type(self._renderer)
             if kind in _warm:
@@ -145,7 +145,7 @@ class WorldCamera:
     def _picture(
         self, sample: TruthSample, fleet: Mapping[int, TruthSample], t_s: float, frame_id: int
     ) -> NDArray[np.uint8]:
-        """Return what the camera sees from `sample` with the other drones where they are and the target at `t_s`."""
+        """Return the picture from `sample` with the other drones where they are and the target at `t_s`."""
         if self._renderer is None:
             return self._grey
         if isinstance(self._renderer, Renderer):
@@ -166,7 +166,7 @@ class WorldCamera:
 
 
 def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, DronePose]:
-    """Return where drones are a little later, at constant velocity."""
+    """Return the poses of drones after some seconds at constant velocity."""
     poses = {}
     for number, sample in drones.items():
         (n, e, d), (vn, ve, vd) = sample.position_ned, sample.velocity_ned

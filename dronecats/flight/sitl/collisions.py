@@ -1,4 +1,4 @@
-"""What a fleet can run into beside the standing map: the moving target and one another; and the word that it did."""
+"""Collisions of a fleet with the moving target and with one another, and the reports of all hits."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -25,7 +25,7 @@ class Traffic:
         self._next_us = 0
 
     def begin(self, t0_us: int) -> None:
-        """From this vehicle time on the target moves; before, nobody knows where it is and it is not there."""
+        """From this vehicle time on the target moves; before, it is not there."""
         self._t0_us = t0_us
 
     def place(self, vehicles: Sequence[Multirotor]) -> None:

@@ -1,4 +1,4 @@
-"""What the simulator's processes are told when they start: what is flown, in which air, on which host."""
+"""Configurations of the simulator's processes."""
 
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -18,7 +18,7 @@ class SimulatorConfig:
     episode: str  # id, or a record's file; drones stand on the ground below its starts
     airframe: str = AIRFRAME
     seed: int = 0  # tells flights of one episode apart
-    speed: float | None = 1.0  # × real time; None: nobody paces it
+    speed: float | None = 1.0  # × real time; None: as fast as it can
     instance: int | None = None  # added to every port; None: ports that the system chose
     count: int | None = None  # vehicles; None: as many as the record has starts
     least_charge: float | None = None  # 0 … 1, below which no battery is drained; None: as real ones

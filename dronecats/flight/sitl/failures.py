@@ -34,7 +34,7 @@ DELAY_S = 0.3
 
 
 class Failures:
-    """What has been injected into one vehicle since boot, beside the script it was given."""
+    """The failures injected into one vehicle since boot, beside its fault script."""
 
     def __init__(self, plant: Multirotor, scripted: Iterable[Fault] = ()) -> None:
         self._plant = plant

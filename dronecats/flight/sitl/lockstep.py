@@ -1,4 +1,4 @@
-"""Lockstep: the vehicle's time advances only while somebody waits for it, so a run is deterministic and never idle.
+"""Lockstep: the vehicle's time advances only while a client waits for it, so a run is deterministic and never idle.
 
 Every message is still encoded to MAVLink bytes and decoded again; only the sockets are left out.
 """

@@ -1,4 +1,4 @@
-"""Holds a simulation to the wall clock and says how well that went. Here wall time is the subject."""
+"""Holds a simulation to the wall clock, reports its lag, and stalls it on purpose. Wall time is the subject here."""
 
 import random
 import time
@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dronecats.flight.disturbances import VehicleFaults
 
 LATE_S = 0.002
-LATE_SHARE = 0.001  # of the ticks, above which somebody should know
+LATE_SHARE = 0.001  # of the ticks, above which it is reported
 REPORT_S = 60.0
 RESYNC_S = 0.5  # further behind than this the lost time is given up rather than caught up in a burst
 # The scheduler wakes a sleeper late, mostly by less than a tenth of a millisecond: so the sleep ends a little early,
@@ -92,7 +92,7 @@ class PaceReport:
 
 
 class Staller:
-    """Stops whoever calls it, from `begin` on: which seconds those are is the seed's."""
+    """Stops its caller in random seconds of vehicle time from `begin` on, drawn from the seed."""
 
     def __init__(
         self, disturbances: VehicleFaults | None, seed: int, stop: Callable[[float], None] = time.sleep

@@ -286,7 +286,7 @@ def _free_server(instance: int) -> SimulatorServer | None:
 
 
 def _servers(config: SimulatorConfig, count: int) -> list[SimulatorServer]:
-    """Return where the PX4s connect. Raises UsageError."""
+    """Return the servers to which the PX4s connect. Raises UsageError."""
     if config.instance is None and INSTANCE in (config.px4 or ""):
         return free_servers(count)
     instead = f"write {INSTANCE} into --px4" if config.instance is None else "choose another --instance"
@@ -379,7 +379,7 @@ class Px4Simulator:
         self._began_s, self._began_us = time.monotonic(), self.simulation.time_us
 
     def summary(self) -> str:
-        """Return how much vehicle time has passed since PX4 came, and how fast."""
+        """Return the vehicle time since PX4 connected, and its speed, in words."""
         seconds, wall_s = (self.simulation.time_us - self._began_us) / 1e6, time.monotonic() - self._began_s
         return f"{seconds:.1f} s of vehicle time at {seconds / max(wall_s, 1e-3):.1f} × real time"
 
@@ -420,7 +420,7 @@ class Px4Simulator:
             self._keeper.wait()
 
     def orphaned(self) -> None:
-        """Give up every wait: nobody needs this any more."""
+        """Give up every wait: the parent process is gone."""
         for vehicle in self.vehicles:
             vehicle.released = True
 

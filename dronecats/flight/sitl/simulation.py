@@ -43,14 +43,14 @@ TICK_US = 10_000  # commander, MAVLink and truth
 
 @dataclass(frozen=True, slots=True)
 class BootPose:
-    """Where a vehicle stands at boot."""
+    """The pose of a vehicle at boot."""
 
     position_ned: Vec3  # m, map frame, on the ground
     yaw: float  # rad
 
 
 class Physics(TypedDict, total=False):
-    """What else a plant is made with; what is left out is as `Multirotor` has it."""
+    """Further arguments of a plant; the defaults are `Multirotor`'s."""
 
     seed: Required[int]  # of all that is random about the vehicle
     origin: Required[Origin]
@@ -62,7 +62,7 @@ class Physics(TypedDict, total=False):
 
 
 class Vehicle:
-    """A plant that tells its truth. Who flies it is added by those that inherit, in `advance`."""
+    """A plant that reports its truth. Subclasses add the autopilot in `advance`."""
 
     def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
         """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
@@ -88,7 +88,7 @@ class Vehicle:
         self._collisions = CollisionReport(self.plant)
 
     def meet(self, disturbances: VehicleFaults) -> None:
-        """From now on be disturbed by wind, gusts and worse sensors. Raises UsageError for sensors that cannot be."""
+        """Apply wind, gusts and worse sensors from now on. Raises UsageError for sensors that cannot be."""
         self.plant.meet(Wind(disturbances.wind_ned, disturbances.gusts_w20))
         self.plant.sense(
             self._suite.worsened(
@@ -134,7 +134,7 @@ class VehiclePort:
         self._last_words = b""
 
     def take(self) -> bytes:
-        """Return what the vehicle has sent since the last call."""
+        """Return the bytes of the vehicle since the last call."""
         data, self._last_words = self._last_words, b""
         return data + self._port.take()
 
@@ -299,7 +299,7 @@ def origin(world: World) -> Origin:
 
 
 def boot_poses(world: World) -> list[BootPose]:
-    """Return where each drone of the record stands before it takes off: on the ground below its start pose."""
+    """Return the boot pose of each drone of the record: on the ground below its start pose."""
     poses = []
     for start in world.record.starts:
         north, east, _ = start.position_ned

@@ -1,4 +1,4 @@
-"""What a spec comes to: everything that it names looked up and checked, before anything is started."""
+"""Looks up and checks everything that a spec names, before anything is started."""
 
 import json
 import math
@@ -32,22 +32,22 @@ CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.
 
 @dataclass(frozen=True, slots=True)
 class Flight:
-    """A flight that can be flown as far as anybody knows."""
+    """A flight whose spec has been looked up and checked."""
 
     spec: FlightSpec
     record: EpisodeRecord | None  # None: a connected vehicle without our world
     prompt: Prompt
     optics: Optics | None
-    outside: Model | None = None  # who answers, where that is somebody outside
+    outside: Model | None = None  # answers the questions of a spec with `outside`
 
     @property
     def instruction(self) -> str:
-        """What the pilot is told."""
+        """The instruction of the pilot."""
         return self.record.instruction if self.record else self.spec.instruction or ""
 
     @property
     def scored(self) -> bool:
-        """Whether the truth is measured, and a verdict is to be had."""
+        """Whether the truth is measured, so that there is a verdict."""
         return not self.spec.connected or self.spec.connected.truth is not None
 
     @property
@@ -57,7 +57,7 @@ class Flight:
 
     @property
     def camera(self) -> dict[str, Any] | None:
-        """What run.json says of a camera of our world: its geometry, and what is not as in the benchmark."""
+        """The camera of our world for run.json: its geometry, and its optics where they are not the benchmark's."""
         if self.spec.simulated and not self.spec.simulated.rendered:
             return None
         return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
@@ -66,7 +66,7 @@ class Flight:
 def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     """Return the flight of a spec; no model is asked anything yet. Raises UsageError.
 
-    `outside` answers where the spec says that somebody outside does.
+    `outside` answers the questions of a spec with `outside`.
     """
     if spec.outside is not None and outside is None and not spec.replay:
         raise UsageError(f"only {spec.outside.harness} can ask {spec.outside.name}; --model replay:RUN flies it again")
@@ -169,5 +169,5 @@ def _free_flight(name: str, instruction: str) -> EpisodeRecord:
 
 
 def map_digest(record: EpisodeRecord | None) -> str | None:
-    """Return what a map of one's own is told by, None for one that ships."""
+    """Return the digest of a map of one's own, None for one that ships."""
     return maps.digest(record.map) if record else None

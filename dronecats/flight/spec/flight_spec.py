@@ -32,7 +32,7 @@ from foundation.run_folder.rows import Decision
 from hil.cameras.lens import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
-SCRIPTED = "scripted:divide"  # who commands built-in pilots unless somebody is named
+SCRIPTED = "scripted:divide"  # the default commander of built-in pilots
 ON_CLUSTER = "ray:"  # before the name of a ledger that an actor of a cluster keeps
 LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
 DEFAULT_LATENCY = LatencyPolicy.parse(LATENCY)
@@ -61,7 +61,7 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Authority:
-    """What we may do to a vehicle besides flying it. A simulated one of our own: everything."""
+    """The permissions on a vehicle besides flying it. On our own simulated vehicles: all."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
     then: Literal["land", "return", "hold"] = "land"  # what follows the hold at the end
@@ -70,7 +70,7 @@ class Authority:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Connected:
-    """A vehicle that somebody else started: a real one, or one that simulates itself and tells us its true poses."""
+    """A vehicle that we did not start: a real one, or one that simulates itself and sends its true poses."""
 
     url: str  # of its MAVLink
     camera: str | None = None  # address of its camera; None: our world, drawn where `truth` says that the vehicle is
@@ -82,7 +82,7 @@ class Connected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accounts:
-    """What a model may cost, and the files of this machine on which its questions are booked."""
+    """The limits of a model's cost, and the files of this machine on which its questions are booked."""
 
     cost_limit_usd: float | None = None  # $, of all that the ledger holds; None: no limit
     token_limit: int | None = None  # of questions and replies, likewise
@@ -189,7 +189,7 @@ class FlightSpec:
 
     @property
     def scripted_commander(self) -> str | None:
-        """The built-in commander of a hierarchy, None where a model commands, or nobody."""
+        """The built-in commander of a hierarchy, None without one or with a model."""
         if self.command != "hierarchical" or self.commander or (self.model and not self.scripted):
             return None
         return self.scripted or SCRIPTED

@@ -1,1 +1,1 @@
-"""What an episode is flown on: vehicles, a camera, a clock and a logger; in one process, or in several."""
+"""Stages, on which episodes are flown: vehicles, a camera, a clock and a logger; in one process, or in several."""

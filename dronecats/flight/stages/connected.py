@@ -1,4 +1,4 @@
-"""A vehicle that somebody else started: its link, its camera, and a logger of what it says of itself."""
+"""The stage of a vehicle that we did not start: its link, its camera, and a logger of its estimate."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from hil.link.transport import connect
 
 
 class VehicleStage:
-    """What the stages of a vehicle that we did not start share: a clock of its own, and child processes."""
+    """Base of the stages of a vehicle that we did not start: it has a clock of its own and child processes."""
 
     lockstep = False
     speed = 1.0

@@ -1,4 +1,4 @@
-"""Everything in one process on one clock that waits for whoever is slowest."""
+"""The lockstep stage: everything in one process, on one clock that waits for the slowest part."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -86,7 +86,7 @@ class LockstepStage:
         self._recorder.telemetry(bytes(message.get_msgbuf()), drone)
 
     def tap(self, feed: Callable[[bytes], None]) -> "FedTap":
-        """Have the truth bus fed to somebody after every tick."""
+        """Feed the truth bus to a function after every tick."""
         self._clock.follow(feed)
         return FedTap()
 

@@ -106,7 +106,7 @@ class RealtimeStage:
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         far = connect(f"udpout://127.0.0.1:{ends.port}")
-        # whoever speaks first on the vehicle's own port does so on ours
+        # the side that speaks first on the vehicle's own port does so on ours
         agent, near = (ends, far) if speaks_first else (far, ends)
         speed = self.speed or 1.0
         seed = self._disturbed.seed(drone)
@@ -115,7 +115,7 @@ class RealtimeStage:
         return agent
 
     def tap(self, feed: Callable[[bytes], None]) -> Listener:
-        """Have the truth bus fed to somebody, who reads it."""
+        """Return a listener that feeds the truth bus to a function."""
         return Listener(self._truth, feed)
 
     def _await_px4(self, ports: list[int], notify: Callable[[str], None]) -> None:
@@ -175,7 +175,7 @@ class Copy:
 
     @property
     def port(self) -> int:
-        """Where the logger has to say hello."""
+        """The port to which the logger has to send first."""
         return self._socket.port
 
     def begin(self) -> None:
@@ -259,7 +259,7 @@ class WorldStage(VehicleStage):
             link.listeners.append(lambda message: self._wire.send(bytes(message.get_msgbuf())))
 
     def tap(self, feed: Callable[[bytes], None]) -> Listener:
-        """Have the truth bus fed to somebody, who reads it."""
+        """Return a listener that feeds the truth bus to a function."""
         return Listener(self._bus, feed)
 
     def begin(self, t0_us: int, cap_s: float) -> None:

@@ -28,17 +28,17 @@ from hil.link.link import Link
 
 
 class TruthTap(Protocol):
-    """Somebody's end of the truth bus, who is not the agent."""
+    """A subscription to the truth bus. The agent never has one."""
 
     def drain(self) -> None:
-        """Take in what has come."""
+        """Process what has come."""
         ...
 
     def close(self) -> None: ...
 
 
 class Stage(Protocol):
-    """Lockstep in one process, or real time over sockets: the episode does not know which. Nor does it decide here."""
+    """Vehicles, camera, clock and logger of an episode, in lockstep in one process or in real time over sockets."""
 
     @property
     def links(self) -> Sequence[Link]: ...
@@ -48,7 +48,7 @@ class Stage(Protocol):
     def camera_model(self) -> CameraModel: ...
     @property
     def executor(self) -> Executor:
-        """Where what may take long is called."""
+        """Runs calls that may take long."""
         ...
 
     @property
@@ -69,7 +69,7 @@ class Stage(Protocol):
         ...
 
     def mend(self) -> None:
-        """What is disturbed on purpose between agent and vehicles is not from now on: they are told to land."""
+        """End the disturbances between agent and vehicles, before the order to land."""
         ...
 
     def end(self, reason: str, error: str | None = None) -> None:
@@ -77,15 +77,15 @@ class Stage(Protocol):
         ...
 
     def check(self) -> None:
-        """Raise InfrastructureError if something the flight stands on is gone."""
+        """Raise InfrastructureError if a part of the stage is gone."""
         ...
 
     def check_vehicles(self) -> None:
-        """Raise InfrastructureError if what simulates the vehicles is gone: then none of them can be told to land."""
+        """Raise InfrastructureError if the simulator of the vehicles is gone: then none of them can land."""
         ...
 
     def cause(self, error: DronecatsError) -> DronecatsError:
-        """Return what has brought an error about: the error of a process that is gone or hangs, else `error` itself.
+        """Return the cause of an error: the error of a process that is gone or hangs, else `error` itself.
 
         May take some seconds.
         """
@@ -98,7 +98,7 @@ class TruthfulStage(Stage, Protocol):
     """A stage on which the truth is known."""
 
     def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
-        """Have the truth bus fed to somebody, for instance the oracle."""
+        """Feed the truth bus to a function, for instance the oracle's."""
         ...
 
 
@@ -126,12 +126,12 @@ def simulator_config(spec: FlightSpec, simulated: Simulated, folder: Path) -> Si
 
 
 def truth_kept(faults: FrameFaults) -> int:
-    """Return how many samples of the truth a camera remembers, so that it can show what was to be seen a moment ago."""
+    """Return the number of truth samples that a camera keeps, so that it can draw late pictures."""
     return KEPT + math.ceil(faults.reach_s * TRUTH_HZ)
 
 
 class ImpairableWire(Protocol):
-    """Perfect until it is told otherwise."""
+    """A wire that is perfect until `impair`."""
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
         """From now on and for so long (s of vehicle time) be impaired: `up` to the vehicle, `down` from it."""
