@@ -67,7 +67,7 @@ def _on_board(args: argparse.Namespace) -> int:
 
 def _trace(args: argparse.Namespace) -> int:
     """Write estimate.jsonl and judge the flight by it. If the truth is known, print the error of the trace instead."""
-    from dronecats.judge.distances import sentence
+    from dronecats.judge.diagnostics import distances_sentence
     from dronecats.judge.episode import write_verdict
     from dronecats.report.afterflight import against_truth, derive, target_from
     from foundation.run_folder.layout import EPISODE
@@ -91,7 +91,7 @@ def _trace(args: argparse.Namespace) -> int:
         verdict = write_verdict(folder)
         distances = verdict.distances or None
         result |= {"outcome": verdict.outcome, "distances": as_json(distances)}
-        summary = sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
+        summary = distances_sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
     print(json.dumps(result) if args.json else f"{file}\n{summary}")
     return 0
 

@@ -108,7 +108,7 @@ def _verdict(result: dict[str, Any]) -> str:
 
 def _incidents(run: Path) -> list[str]:
     """Return a line about collisions and one about estimator resets, each only if there were any."""
-    from dronecats.judge.incidents import contacts, estimator_resets, hits_of, resets_of
+    from dronecats.judge.diagnostics import contacts, estimator_resets, hits_of, resets_of
     from dronecats.judge.judged_flight import JudgedFlight
 
     flight = JudgedFlight.read(run)

@@ -14,8 +14,7 @@ from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.judge.episode import Judged
-    from dronecats.judge.metrics.audit import Audit
-    from dronecats.judge.metrics.deliberation import Followed
+    from dronecats.judge.metrics.audit import Audit, Followed
     from dronecats.judge.metrics.judging import JudgedEpisode
     from dronecats.judge.metrics.metric import MetricValue
     from dronecats.report.recorded.run import RecordedRun
@@ -103,16 +102,16 @@ def _line(name: str, episode: "JudgedEpisode") -> "tuple[CellValue, ...]":
 
 
 def _remarks(episode: "JudgedEpisode") -> list[str]:
-    from dronecats.judge.commanding import sentence as of_commanding
-    from dronecats.judge.distances import sentence as of_distances
+    from dronecats.judge.commanding import commanding_sentence
+    from dronecats.judge.diagnostics import distances_sentence
 
     verdict = episode.judged.verdict
     remarks = [
         "cut off at its first success: whether it succeeds at this radius is not known"
         if verdict.outcome == "censored"
         else None,
-        of_distances(verdict.distances, verdict.delta_m) if verdict.distances else None,
-        of_commanding(verdict.commanding) if verdict.commanding else None,
+        distances_sentence(verdict.distances, verdict.delta_m) if verdict.distances else None,
+        commanding_sentence(verdict.commanding) if verdict.commanding else None,
         *(f"{name} {_value(value)}" for name, value in episode.values.items()),
         verdict.error,
         verdict.note,
@@ -149,12 +148,12 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
 def _audit(args: argparse.Namespace) -> int:
     """Print the audit of all episodes together."""
     from dronecats.judge.metrics.audit import audit, audited_episode
-    from dronecats.judge.metrics.judging import Judging, of_each
+    from dronecats.judge.metrics.judging import Judging, parallel_map
     from dronecats.report.recorded.run import recorded_runs
 
     Judging(delta_m=args.delta, cap_s=args.cap).check()
     folders = [folder for run in recorded_runs(args.runs) for folder in run.episodes]
-    result = audit(of_each(partial(audited_episode, delta_m=args.delta, cap_s=args.cap), folders))
+    result = audit(parallel_map(partial(audited_episode, delta_m=args.delta, cap_s=args.cap), folders))
     if args.json:
         print(json.dumps(asdict(result)))
     else:

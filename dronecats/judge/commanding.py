@@ -1,7 +1,7 @@
-"""How a fleet was commanded, step by step: one point for all, how far apart they were sent, which candidate each nears.
+"""Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones near.
 
-Paper, "Commanding Several Drones". None of it enters the verdict. A place is a point of a frame at the depth that was
-told with it, seen from where the drone truly was when the frame was taken, level, by the declared camera.
+Paper, "Commanding Several Drones". They do not enter the verdict. A place is a point of a frame at its declared depth,
+seen by the declared camera, level, from the true place of the drone at the frame.
 """
 
 import itertools
@@ -22,17 +22,17 @@ _FOCAL_PX = _CAMERA.focal_px
 
 
 def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None:
-    """Return how the drones of a commanding episode were told to fly, within the cap; None of any other episode."""
+    """Return the diagnostics of a commanding episode within the cap; None for other episodes."""
     record = logs.record
     if record is None or record.cell != COMMANDING or not logs.true:
         return None
-    things = (record.target, *record.candidates)
-    candidates = [thing.position_ned for thing in things if thing.position_ned is not None]
-    if len(candidates) < len(things):
+    candidates = [c.position_ned for c in (record.target, *record.candidates) if c.position_ned is not None]
+    if len(candidates) < 1 + len(record.candidates):
         return None
     acted = sorted((d for d in logs.decisions if d.t_decided <= cap_s), key=lambda d: (d.step, d.drone))
     steps = [
-        _step(step, list(told), logs.frames, candidates) for step, told in itertools.groupby(acted, lambda d: d.step)
+        _step(step, list(decisions), logs.frames, candidates)
+        for step, decisions in itertools.groupby(acted, lambda d: d.step)
     ]
     all_go = [step for step in steps if step.identical_point is not None]
     identical = sum(step.identical_point is True for step in all_go)
@@ -50,31 +50,31 @@ def commanding(logs: Logs, cap_s: float = CAP_S) -> CommandingDiagnostics | None
 
 def _step(
     step: int,
-    told: Sequence[Decision],
+    decisions: Sequence[Decision],
     frames: Mapping[tuple[int, int], FrameTruth],
     candidates: Sequence[Vec3],
 ) -> CommandedStep:
-    """Return what one question had its drones do."""
-    gos = [decision.go for decision in told]
-    seen = [frames.get((decision.drone, decision.frame_id)) for decision in told]
+    """Return the commands of one step."""
+    gos = [decision.go for decision in decisions]
+    seen = [frames.get((decision.drone, decision.frame_id)) for decision in decisions]
     places = [place(go, frame) if go and frame else None for go, frame in zip(gos, seen, strict=True)]
-    sent = [one for one in places if one is not None]
+    sent = [p for p in places if p is not None]
     points = {(go.x, go.y) for go in gos if go}
     return CommandedStep(
         step=step,
-        drones=tuple(decision.drone for decision in told),
+        drones=tuple(decision.drone for decision in decisions),
         identical_point=len(points) == 1 if len(gos) > 1 and None not in gos else None,
         spread_m=round(spread(sent), 3) if len(sent) > 1 else None,
-        places_ned=tuple(None if one is None else _rounded(one) for one in places),
+        places_ned=tuple(None if p is None else _rounded(p) for p in places),
         nears=tuple(
-            nears(frame.position_ned, one, candidates) if frame and frame.position_ned and one else None
-            for frame, one in zip(seen, places, strict=True)
+            nears(frame.position_ned, p, candidates) if frame and frame.position_ned and p else None
+            for frame, p in zip(seen, places, strict=True)
         ),
     )
 
 
 def place(go: PointedGo, frame: FrameTruth) -> Vec3 | None:
-    """Return where in the world (m, NED) a point of a frame is, at its depth; None where the pose is not known."""
+    """Return the place (m, NED) of a point of a frame at its depth; None if the pose is unknown."""
     if frame.position_ned is None or frame.yaw_deg is None:
         return None
     ahead, aside, below = _CAMERA.offset_frd
@@ -90,31 +90,31 @@ def place(go: PointedGo, frame: FrameTruth) -> Vec3 | None:
 
 
 def spread(places: Sequence[Vec3]) -> float:
-    """Return the mean distance (m) between each two of these places."""
+    """Return the mean distance (m) between each two places."""
     return statistics.fmean(math.dist(a, b) for a, b in itertools.combinations(places, 2))
 
 
 def nears(here: Vec3, there: Vec3, candidates: Sequence[Vec3]) -> int | None:
-    """Return which candidate a stride from here towards there comes nearer to than to any other, horizontally.
+    """Return the candidate that a stride from here towards there approaches most, horizontally.
 
-    A stride ends there, or 3 m on the way. None where it comes nearer to none.
+    A stride ends there, or after 3 m. None if it approaches none.
     """
     way_m = math.dist(here[:2], there[:2])
     if way_m == 0.0:
         return None
     part = min(1.0, STRIDE_MAX_M / way_m)
     after = (here[0] + part * (there[0] - here[0]), here[1] + part * (there[1] - here[1]))
-    closed = [math.dist(here[:2], one[:2]) - math.dist(after, one[:2]) for one in candidates]
+    closed = [math.dist(here[:2], candidate[:2]) - math.dist(after, candidate[:2]) for candidate in candidates]
     best = max(range(len(closed)), key=closed.__getitem__)
     return best if closed[best] > 0.0 else None
 
 
-def sentence(told: CommandingDiagnostics) -> str:
-    """Return the summary for a person."""
-    apart = "" if told.spread_m is None else f", sent {told.spread_m:.1f} m apart (median)"
+def commanding_sentence(diagnostics: CommandingDiagnostics) -> str:
+    """Return the diagnostics in a sentence."""
+    apart = "" if diagnostics.spread_m is None else f", sent {diagnostics.spread_m:.1f} m apart (median)"
     return (
-        f"commanded: one point for all on {told.identical_points} of {told.all_go_steps} steps on which all were told"
-        f" to go; {told.candidates_neared} candidates neared{apart}"
+        f"commanded: one point for all on {diagnostics.identical_points} of {diagnostics.all_go_steps} steps on which"
+        f" all were told to go; {diagnostics.candidates_neared} candidates neared{apart}"
     )
 
 

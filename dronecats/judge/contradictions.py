@@ -1,4 +1,4 @@
-"""Where the logs of an episode do not hold together: with one another, with themselves, with the folder's name."""
+"""Contradictions in the logs of an episode: with each other, within a log, and with the folder's name."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
@@ -13,26 +13,26 @@ from foundation.run_folder.layout import COMMANDER, DECISIONS, EPISODE
 from foundation.run_folder.reading import Logs
 from foundation.run_folder.rows import Decision, Exchange, FrameTruth, Pose, drone_label
 
-# s before its cap at which a flight may have ended by it: the logger's clock is the newest truth that it has heard, and
-# behind that by no more than a process of a busy machine stands still
+# s before its cap at which a flight may end by it: the logger's clock is the newest truth it received, which is late by
+# no more than the stall of a process on a busy machine
 LATE_S = 5.0
 
-# (reply, drones, whether it was mended) -> what it may be read as, one way after the other: an action for each drone
+# (reply, drones, whether it was mended) -> possible readings, each with an action per drone
 Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 
 
 def ending(logs: Logs) -> str | None:
-    """Return what keeps the end of the log from being the end of an episode, None when it is one.
+    """Return the reason why the log does not end with the end of an episode; None if it does.
 
-    It must have begun, something of it have been measured, and the logger have seen it end: at its cap, with decisions
-    made, or as decided, by a declaration that qualifies at the radius that flights are watched with.
+    The episode must have begun, something must be measured, and the logger must have seen the end: at the cap, with
+    decisions, or as decided, by a declaration that qualifies at the radius at which flights are watched.
     """
     if logs.begin is None:
         return "the episode never began"
     if logs.end is None:
         return "the log breaks off: the logger did not see the episode end"
-    told: list[Pose | FrameTruth] = [*logs.poses, *logs.frames.values()]
-    if logs.true and not any(row.distance_m is not None for row in told):
+    rows: list[Pose | FrameTruth] = [*logs.poses, *logs.frames.values()]
+    if logs.true and not any(row.distance_m is not None for row in rows):
         return "the logger measured nothing"
     reason, ended_s = logs.end.reason, logs.end.t
     if reason == "decided":
@@ -49,7 +49,7 @@ def ending(logs: Logs) -> str | None:
 
 
 def gaps(logs: Logs) -> str | None:
-    """Return what is wrong with the numbers of the decisions: a step is missing, or a drone took one twice."""
+    """Return the fault in the step numbers: a step is missing, or a drone has one twice; None: no fault."""
     taken = Counter((d.step, d.drone) for d in logs.decisions)
     twice = next((key for key, count in sorted(taken.items()) if count > 1), None)
     if twice:
@@ -59,44 +59,46 @@ def gaps(logs: Logs) -> str | None:
     return None if missing is None else f"{DECISIONS} lacks step {missing}"
 
 
-def of_logs(logs: Logs) -> list[str]:
+def log_contradictions(logs: Logs) -> list[str]:
     """Return the contradictions within the logs, a sentence each."""
-    told = [fault] if (fault := gaps(logs)) else []
+    sentences = [fault] if (fault := gaps(logs)) else []
     late = [d for d in logs.decisions if (f := _frame(d, logs)) and abs(f.t - d.t_frame) > SAME_S]
     if late:
-        said, heard = late[0].t_frame, logs.frames[late[0].drone, late[0].frame_id].t
-        told.append(f"step {late[0].step} names a frame of {said:g} s that was taken at {heard:g} s{_more(late)}")
+        named_s, logged_s = late[0].t_frame, logs.frames[late[0].drone, late[0].frame_id].t
+        sentences.append(
+            f"step {late[0].step} names a frame of {named_s:g} s that was taken at {logged_s:g} s{_more(late)}"
+        )
     for kind, rows in (("pose", logs.poses), ("frame", logs.frames.values())):
         off = [row for row in rows if not consistent(row)]
         if off:
-            told.append(
+            sentences.append(
                 f"the {kind} of {drone_label(off[0].drone)} at {off[0].t:g} s is not as far from the target as its"
                 f" positions are{_more(off)}"
             )
-    return told
+    return sentences
 
 
-def of_replies(logs: Logs, reread: Rereading) -> list[str]:
-    """Return the decisions whose action is not what their reply says, in one sentence.
+def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
+    """Return the decisions whose action differs from their reply, in one sentence.
 
-    A reply is for the drones that are decided for together, in the order of their numbers.
+    A reply is for all drones of its steps, in the order of their numbers.
     """
-    group = asked_together(logs)
-    told = [(d, d.reply, group[d.drone]) for d in logs.decisions if d.reply is not UNSET]
-    other = [
+    group = reply_groups(logs)
+    replies = [(d, d.reply, group[d.drone]) for d in logs.decisions if d.reply is not UNSET]
+    differing = [
         d
-        for d, reply, drones in told
+        for d, reply, drones in replies
         if not any(
             read[drones.index(d.drone)] == d.action for read in reread(reply, len(drones), d.mended is not UNSET)
         )
     ]
-    if not other:
+    if not differing:
         return []
-    return [f"the reply of step {other[0].step} does not say the action that was taken{_more(other)}"]
+    return [f"the reply of step {differing[0].step} does not say the action that was taken{_more(differing)}"]
 
 
-def asked_together(logs: Logs) -> dict[int, list[int]]:
-    """Return by drone those that a reply is for together with it, in the order of their numbers."""
+def reply_groups(logs: Logs) -> dict[int, list[int]]:
+    """Return for each drone the drones of its replies, itself included, in the order of their numbers."""
     together: dict[int, set[int]] = {}  # by step
     for decision in logs.decisions:
         together.setdefault(decision.step, set()).add(decision.drone)
@@ -107,18 +109,21 @@ def asked_together(logs: Logs) -> dict[int, list[int]]:
     return {drone: sorted(drones) for drone, drones in group.items()}
 
 
-def of_commander(logs: Logs, exchanges: Sequence[Exchange]) -> list[str]:
-    """Return the declarations by a commander that are not what it is logged to have confirmed, in one sentence."""
-    said = {
-        (one.number, drone, one.frames[drone]) for one in exchanges for drone in one.confirms if drone < len(one.frames)
+def commander_contradictions(logs: Logs, exchanges: Sequence[Exchange]) -> list[str]:
+    """Return the declarations by a commander that its log does not confirm, in one sentence."""
+    confirmed = {
+        (exchange.number, drone, exchange.frames[drone])
+        for exchange in exchanges
+        for drone in exchange.confirms
+        if drone < len(exchange.frames)
     }
     made = [d for d in logs.decisions if d.confirmed_by is not UNSET]
-    other = [d for d in made if (d.confirmed_by, d.drone, d.frame_id) not in said]
-    return [f"step {other[0].step} was not confirmed in {COMMANDER}{_more(other)}"] if other else []
+    unconfirmed = [d for d in made if (d.confirmed_by, d.drone, d.frame_id) not in confirmed]
+    return [f"step {unconfirmed[0].step} was not confirmed in {COMMANDER}{_more(unconfirmed)}"] if unconfirmed else []
 
 
-def of_folder(name: str, record: Mapping[str, Any] | None) -> list[str]:
-    """Return that the folder's name is not the id of the episode in it, if so."""
+def folder_contradictions(name: str, record: Mapping[str, Any] | None) -> list[str]:
+    """Return a sentence if the folder's name is not the id of its episode."""
     identity = (record or {}).get("id", name)
     return [] if identity == name else [f"{EPISODE} is of {identity}, and its folder is named {name}"]
 

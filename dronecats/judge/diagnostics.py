@@ -1,7 +1,7 @@
-"""What the logs say beside the verdict. None of it enters the verdict. Paper, "Metrics"; table in docs/run-folder.md.
+"""The diagnostics of an episode beside its verdict: of the trace, contacts, resets, delays, and estimated distances.
 
-Poses and frames of a drone are samples of the same truth. Each holds until the next, or tells nothing of what follows
-when that is more than GAP_S later.
+None of them enters the verdict. Paper, "Metrics"; table in docs/run-folder.md. Poses and frames of a drone are samples
+of the same truth. Each holds until the next one, or for no time if that is more than GAP_S later.
 """
 
 import math
@@ -10,36 +10,39 @@ from itertools import pairwise
 from operator import attrgetter
 from typing import Any, NamedTuple, TypeVar
 
-from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M, ROTATE
-from foundation.run_folder.reading import Logs
-from foundation.run_folder.results import Diagnostics
-from foundation.run_folder.rows import Decision, FrameTruth, Pose
+from msgspec import UNSET
 
-GAP_S = 1.5 * POSE_PERIOD_S  # s between samples beyond which one of the trace is missing
-ASKED_DEG = 90.0  # either way: no further is a pilot asked to turn in one step
+from dronecats.judge.verdict import finished
+from foundation.protocol import CAP_S, POSE_PERIOD_S, RADIUS_M, ROTATE
+from foundation.run_folder.reading import Estimate, Logs
+from foundation.run_folder.results import Contacts, DecidedNear, Diagnostics, Distances, Nearness
+from foundation.run_folder.rows import Clear, Decision, EstimatedFrame, EstimatedPose, FrameTruth, Hit, Pose, Reset
+
+GAP_S = 1.5 * POSE_PERIOD_S  # s between samples; beyond it a sample is missing
+TURN_MAX_DEG = 90.0  # either way: limit of one rotation in the prompt
 
 Sample = Pose | FrameTruth
 Kind = TypeVar("Kind", bound=Sample)
 
 
 class Stretch(NamedTuple):
-    """A time that a sample speaks for."""
+    """A time span for which a sample holds."""
 
     begins: float  # s
     ends: float  # s
     sample: Sample
 
 
-def of_drones(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> dict[int, Diagnostics]:
-    """Return the diagnostics of every drone of which anything was measured, by its number."""
+def drone_diagnostics(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> dict[int, Diagnostics]:
+    """Return the diagnostics of every measured drone, by its number."""
     samples, poses, ended_s = _samples(logs, cap_s)
     return {
-        drone: _of_drone(_of(samples, drone), _of(poses, drone), ended_s, delta_m)
+        drone: _drone_diagnostics(_of(samples, drone), _of(poses, drone), ended_s, delta_m)
         for drone in sorted({row.drone for row in samples})
     }
 
 
-def hold(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> float | None:
+def hold_s(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> float | None:
     """Return the longest unbroken time (s) of a drone within delta with the target in view; None: not measured."""
     samples, _, ended_s = _samples(logs, cap_s)
     drones = {row.drone for row in samples}
@@ -47,43 +50,49 @@ def hold(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> float |
 
 
 def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]:
-    """Return all that something was measured at until the cap, the poses, and when the episode ended (s)."""
+    """Return the measured samples until the cap, the poses, and the end of the episode (s)."""
     acted = {(d.drone, d.frame_id) for d in logs.decisions if d.t_decided <= cap_s}
     frames = [row for key, row in logs.frames.items() if row.t <= cap_s or key in acted]
     poses = [pose for pose in logs.poses if pose.t <= cap_s]
-    samples: list[Sample] = [*poses, *frames]  # in this order, which stays that of one instant
-    told = [row for row in samples if row.distance_m is not None or row.visible is not None]
-    last_s = max((row.t for row in told), default=0.0)
-    return told, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))
+    samples: list[Sample] = [*poses, *frames]  # in this order, which is kept for samples of one instant
+    measured = [row for row in samples if row.distance_m is not None or row.visible is not None]
+    last_s = max((row.t for row in measured), default=0.0)
+    return measured, poses, min(cap_s, max(last_s, logs.end.t if logs.end else 0.0))
 
 
-def of_fleet(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
-    """Return the diagnostics of an episode: of each what the best drone did, and the paths added up.
+def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
+    """Return the diagnostics of an episode: each value of the best drone, and the sum of the paths.
 
-    The criterion wants one drone to arrive, and so do these. None when nothing was measured.
+    As in the criterion, one drone has to arrive. None if nothing was measured.
     """
     if not drones:
         return None
-    each = list(drones.values())
+    all_drones = list(drones.values())
     return Diagnostics(
-        min_distance_m=min(_known(d.min_distance_m for d in each), default=None),
-        start_distance_m=min(_known(d.start_distance_m for d in each), default=None),
-        approach_ratio=max(_known(d.approach_ratio for d in each), default=None),
-        oracle_success=max(_known(d.oracle_success for d in each), default=None),
-        first_seen_s=min(_known(d.first_seen_s for d in each), default=None),
-        dwell_s=max(_known(d.dwell_s for d in each), default=None),
-        longest_loss_s=min(_known(d.longest_loss_s for d in each), default=None),
-        path_m=round(sum(d.path_m for d in each), 3),
-        flown_s=max(d.flown_s for d in each),
-        untraced_s=max(d.untraced_s for d in each),
+        min_distance_m=min(_values(d.min_distance_m for d in all_drones), default=None),
+        start_distance_m=min(_values(d.start_distance_m for d in all_drones), default=None),
+        approach_ratio=max(_values(d.approach_ratio for d in all_drones), default=None),
+        oracle_success=max(_values(d.oracle_success for d in all_drones), default=None),
+        first_seen_s=min(_values(d.first_seen_s for d in all_drones), default=None),
+        dwell_s=max(_values(d.dwell_s for d in all_drones), default=None),
+        longest_loss_s=min(_values(d.longest_loss_s for d in all_drones), default=None),
+        path_m=round(sum(d.path_m for d in all_drones), 3),
+        flown_s=max(d.flown_s for d in all_drones),
+        untraced_s=max(d.untraced_s for d in all_drones),
     )
 
 
 def wide_rotations(decisions: Iterable[Decision], cap_s: float = CAP_S) -> int:
-    """Return how many turns within the cap were of more than the ±90° that the prompt asks for. They are flown."""
-    turns = [d.action for d in decisions if d.action and d.kind == ROTATE and d.t_decided <= cap_s]
-    angles = [turn.get("angle_deg") for turn in turns]
-    return sum(isinstance(angle, int | float) and abs(angle) > ASKED_DEG for angle in angles)
+    """Return the number of rotations within the cap beyond the ±90° of the prompt. They are flown."""
+    return sum(is_wide_rotation(d) is True for d in decisions if d.t_decided <= cap_s)
+
+
+def is_wide_rotation(decision: Decision) -> bool | None:
+    """Return whether a rotation is beyond the ±90° of the prompt; None for other actions."""
+    if decision.kind != ROTATE or decision.action is None:
+        return None
+    angle_deg = decision.action.get("angle_deg")
+    return abs(angle_deg) > TURN_MAX_DEG if isinstance(angle_deg, int | float) else None
 
 
 def dwell(stretches: Iterable[Stretch], delta_m: float) -> float:
@@ -92,25 +101,19 @@ def dwell(stretches: Iterable[Stretch], delta_m: float) -> float:
 
 
 def longest_hold(stretches: Iterable[Stretch], delta_m: float) -> float:
-    """Return the longest unbroken time in seconds within delta with the target in view; a gap in the trace ends it."""
-    longest, begins, ends = 0.0, 0.0, -1.0
-    for stretch in stretches:
-        if not (stretch.sample.visible and _within(stretch.sample, delta_m)):
-            ends = -1.0
-            continue
-        begins = begins if stretch.begins == ends else stretch.begins
-        ends = stretch.ends
-        longest = max(longest, ends - begins)
-    return longest
+    """Return the longest unbroken time (s) within delta with the target in view; a gap in the trace ends it."""
+    return _longest(s for s in stretches if s.sample.visible and _within(s.sample, delta_m))
 
 
 def longest_loss(stretches: Iterable[Stretch]) -> float:
-    """Return the longest time in seconds without the target in view; a gap in the trace ends it."""
+    """Return the longest time (s) without the target in view; a gap in the trace ends it."""
+    return _longest(s for s in stretches if s.sample.visible is False)
+
+
+def _longest(stretches: Iterable[Stretch]) -> float:
+    """Return the longest time (s) of consecutive stretches."""
     longest, begins, ends = 0.0, 0.0, -1.0
     for stretch in stretches:
-        if stretch.sample.visible is not False:
-            ends = -1.0
-            continue
         begins = begins if stretch.begins == ends else stretch.begins
         ends = stretch.ends
         longest = max(longest, ends - begins)
@@ -123,9 +126,9 @@ def path(poses: Sequence[Pose]) -> float:
 
 
 def stretches(samples: Sequence[Sample], ended_s: float) -> Iterator[Stretch]:
-    """Yield what samples in the order of their times speak for, from 0 to `ended_s`, gaps left out.
+    """Yield the stretches of samples in the order of their times, from 0 to `ended_s`, without gaps.
 
-    The first speaks for the time before it as well, where that is no gap.
+    The first sample also holds for the time before it, unless that is a gap.
     """
     first, last = samples[0], samples[-1]
     times = [(0.0, first.t, first), *((a.t, b.t, a) for a, b in pairwise(samples)), (last.t, ended_s, last)]
@@ -135,7 +138,7 @@ def stretches(samples: Sequence[Sample], ended_s: float) -> Iterator[Stretch]:
             yield Stretch(begin, end, sample)
 
 
-def _of_drone(samples: Sequence[Sample], poses: Sequence[Pose], ended_s: float, delta_m: float) -> Diagnostics:
+def _drone_diagnostics(samples: Sequence[Sample], poses: Sequence[Pose], ended_s: float, delta_m: float) -> Diagnostics:
     distances = [s.distance_m for s in samples if s.distance_m is not None]
     seen = [s.t for s in samples if s.visible]
     looked = any(s.visible is not None for s in samples)
@@ -156,7 +159,7 @@ def _of_drone(samples: Sequence[Sample], poses: Sequence[Pose], ended_s: float, 
 
 
 def _of(rows: Iterable[Kind], drone: int) -> list[Kind]:
-    """Return one drone's rows in the order of their times; at one instant the frame, which was judged, stays last."""
+    """Return the rows of one drone in the order of their times; of one instant the frame, which is judged, is last."""
     return sorted((row for row in rows if row.drone == drone), key=attrgetter("t"))
 
 
@@ -164,5 +167,150 @@ def _within(sample: Sample, delta_m: float) -> bool:
     return sample.distance_m is not None and sample.distance_m <= delta_m
 
 
-def _known(values: Iterable[Any]) -> list[Any]:
+def _values(values: Iterable[Any]) -> list[Any]:
     return [value for value in values if value is not None]
+
+
+# s of wall time × speed; a step with more is delayed. A tenth of the 2.5 s of a move, five ticks of the setpoints at
+# 20 Hz; a target at walking pace moves 0.35 m meanwhile
+STALL_S = 0.25
+
+
+def host_stalls(decisions: Iterable[Decision]) -> int:
+    """Return the number of steps that the host delayed: the simulator fell behind, or a picture was late."""
+    return len({decision.step for decision in decisions if delayed(decision)})
+
+
+def delayed(decision: Decision) -> bool:
+    """Return whether the host delayed the step of a decision; False without data of the host."""
+    delays_s = (decision.host_lag_s, decision.frame_wait_s)
+    return any(isinstance(delay_s, float) and delay_s > STALL_S for delay_s in delays_s)
+
+
+def hits_of(logs: Logs, cap_s: float) -> list[Hit] | None:
+    """Return the hits within the cap; None if hits were not logged."""
+    written = logs.begin is not None and logs.begin.contacts is True
+    return [hit for hit in logs.hits if hit.t <= cap_s] if written else None
+
+
+def resets_of(logs: Logs, cap_s: float) -> list[Reset] | None:
+    """Return the estimator resets within the cap; None if the autopilot did not send the counter."""
+    written = logs.begin is not None and logs.begin.resets is True
+    return [reset for reset in logs.resets if reset.t <= cap_s] if written else None
+
+
+def contacts(logs: Logs, cap_s: float) -> Contacts | None:
+    """Return the contacts of the drones; None if hits were not logged."""
+    hits = hits_of(logs, cap_s)
+    if hits is None:
+        return None
+    return Contacts(
+        hits=len(hits),
+        crashes=sum(hit.crash for hit in hits),
+        hardest_hit_mps=max((hit.closing_speed for hit in hits if hit.closing_speed is not None), default=None),
+        contact_s=_contact_s(logs, hits, cap_s),
+    )
+
+
+def estimator_resets(logs: Logs, cap_s: float) -> int | None:
+    """Return the number of estimator resets of all drones; None if the autopilot did not send the counter."""
+    resets = resets_of(logs, cap_s)
+    return None if resets is None else sum(reset.count for reset in resets)
+
+
+def _contact_s(logs: Logs, hits: list[Hit], cap_s: float) -> float:
+    """Return the seconds in contact, of all drones; a contact at the end of the episode lasts until then."""
+    total, open_since = 0.0, dict[int, float]()
+    rows: list[Hit | Clear] = [*hits, *logs.clears]
+    for row in sorted(rows, key=lambda row: row.t):
+        if isinstance(row, Hit):
+            open_since.setdefault(row.drone, row.t)
+        elif (since := open_since.pop(row.drone, None)) is not None:
+            total += min(row.contact_s, cap_s - since)
+    end_s = min(cap_s, logs.end.t if logs.end else cap_s)
+    return round(total + sum(max(end_s - since, 0.0) for since in open_since.values()), 2)
+
+
+SURE = 2.0  # standard deviations
+
+
+def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
+    """Return the estimated distances to a surveyed target, of a flight without truth; None without an estimate.
+
+    They never show a success, since that needs the target in view. A distance is within the radius, or not, by SURE
+    standard deviations; otherwise it is open.
+    """
+    estimate = logs.estimate
+    if estimate is None or estimate.head.target is None:
+        return None
+    by_distance = [(p.distance_m, p) for p in estimate.poses if p.t <= cap_s and p.distance_m is not None]
+    by_distance.sort(key=lambda pair: pair[1].t)
+    acted = [d for d in logs.decisions if d.t_decided <= cap_s]
+    nearest = min(by_distance, key=lambda pair: pair[0], default=None)
+    return Distances(
+        source=None if estimate.head.source is UNSET else estimate.head.source,
+        target=estimate.head.target,
+        closest=_nearness(nearest[1], delta_m) if nearest else None,
+        last_action=_decided_near(acted[-1], estimate, delta_m) if acted else None,
+        declarations=tuple(_decided_near(d, estimate, delta_m) for d in finished(logs) if d.t_decided <= cap_s),
+        dwell_s=round(_estimated_dwell([(p.t, distance_m) for distance_m, p in by_distance], delta_m), 3),
+    )
+
+
+def _estimated_dwell(trace: Sequence[tuple[float, float]], delta_m: float) -> float:
+    """Return the seconds within the radius, in view or not, of (t, distance) in the order of time."""
+    near = [after - t for (t, distance_m), (after, _) in pairwise(trace) if distance_m <= delta_m]
+    return sum(seconds for seconds in near if seconds <= GAP_S)
+
+
+def _decided_near(decision: Decision, estimate: Estimate, delta_m: float) -> DecidedNear:
+    """Return the estimated distance of a decision at its own frame."""
+    frame = estimate.frames.get((decision.drone, decision.frame_id))
+    near = _nearness(frame, delta_m) if frame else Nearness(t=None, distance_m=None, std_m=None, within=None)
+    return DecidedNear(
+        step=decision.step,
+        drone=decision.drone,
+        t=decision.t_decided,
+        distance_m=near.distance_m,
+        std_m=near.std_m,
+        within=near.within,
+    )
+
+
+def _nearness(row: EstimatedPose | EstimatedFrame, delta_m: float) -> Nearness:
+    """Return distance, standard deviation, and whether it is within the radius; None: open."""
+    distance_m, std_m = row.distance_m, row.distance_std_m
+    within = None
+    if distance_m is not None and std_m is not None:
+        within = (
+            True if distance_m + SURE * std_m <= delta_m else False if distance_m - SURE * std_m > delta_m else None
+        )
+    return Nearness(t=row.t, distance_m=distance_m, std_m=std_m, within=within)
+
+
+def distances_sentence(distances: Distances, delta_m: float) -> str:
+    """Return the distances in a sentence, which never states a success."""
+    clauses = []
+    if distances.closest:
+        clauses.append(f"closest {_distance_text(distances.closest)} at {distances.closest.t:.1f} s")
+    declared = distances.declarations
+    clauses.append(f"declared {_declaration_text(declared[0], delta_m)}" if declared else "never declared")
+    measured = [(d.distance_m, d) for d in declared if d.distance_m is not None]
+    nearest = min(measured, key=lambda pair: pair[0], default=None)
+    if len(declared) > 1:
+        closest = f", the nearest {_declaration_text(nearest[1], delta_m)}" if nearest else ""
+        clauses.append(f"{len(declared)} declarations{closest}")
+    plane = "; horizontally, since the target has no altitude" if distances.target.get("altitude_m") is None else ""
+    return f"DISTANCE ONLY: {'; '.join(clauses)}{plane}; whether the target was in view nobody measured"
+
+
+def _declaration_text(declared: DecidedNear, delta_m: float) -> str:
+    within = {True: f"within {delta_m:g} m", False: f"not within {delta_m:g} m", None: f"within {delta_m:g} m or not"}
+    return f"at {declared.t:.1f} s, {_distance_text(declared)} away, {within[declared.within]}"
+
+
+def _distance_text(near: Nearness) -> str:
+    if near.distance_m is None:
+        return "an unknown distance"
+    give_or_take = "?" if near.std_m is None else f"{near.std_m:.2f}"
+    return f"{near.distance_m:.2f} ± {give_or_take} m"

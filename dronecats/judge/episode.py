@@ -1,4 +1,4 @@
-"""The outcome of an episode folder: success, failure, or what is nobody's score: error, censored, unknown."""
+"""The outcome of an episode folder: success, failure, or unscored (error, censored, unknown)."""
 
 import json
 import math
@@ -11,9 +11,15 @@ from msgspec import UNSET
 
 from dronecats.judge import contradictions
 from dronecats.judge.commanding import commanding
-from dronecats.judge.diagnostics import of_drones, of_fleet, wide_rotations
-from dronecats.judge.distances import distances
-from dronecats.judge.incidents import contacts, estimator_resets, host_stalls
+from dronecats.judge.diagnostics import (
+    contacts,
+    distances,
+    drone_diagnostics,
+    estimator_resets,
+    fleet_diagnostics,
+    host_stalls,
+    wide_rotations,
+)
 from dronecats.judge.verdict import (
     NOTHING_KNOWN,
     Judgement,
@@ -33,18 +39,26 @@ from foundation.run_folder.reading import Logs, check_version, episodes, exchang
 from foundation.run_folder.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
 from foundation.run_folder.writing import as_json
 
-SAME = 1.001e-3  # seconds, metres: numbers are rounded to a thousandth, whose last digit a rounding may turn
-EXPLANATIONS = ("error", "note")  # sentences, whose words may be others in another version
-CORE = ("outcome", "success", "ne_m", "delta_m", "steps", "declarations", "deciding")  # what every version stored
+SAME = 1.001e-3  # s, m: numbers are rounded to a thousandth, and rounding may change the last digit
+EXPLANATIONS = ("error", "note")  # sentences, whose words may differ between versions
+CORE = (
+    "outcome",
+    "success",
+    "ne_m",
+    "delta_m",
+    "steps",
+    "declarations",
+    "deciding",
+)  # fields that every version stored
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """What verdict.json says beside what the logs say."""
+    """A comparison of verdict.json with the verdict derived from the logs."""
 
     differing: tuple[str, ...]  # the names of what differs, as in "diagnostics.dwell_s"
-    older: bool  # an older version stored it, which knew less: only CORE is compared
-    damaged: bool = False  # it is half a file, or none of ours
+    older: bool  # stored by an older version with fewer fields: only CORE is compared
+    damaged: bool = False  # it is incomplete, or not a verdict
 
     @property
     def agrees(self) -> bool:
@@ -53,11 +67,11 @@ class Comparison:
 
 
 def compare(stored: Mapping[str, Any], derived: Mapping[str, Any]) -> Comparison:
-    """Return how two verdicts at one radius compare. What an older version did not store cannot differ."""
-    told = json.dumps(derived)
-    if json.dumps(stored) == told:
+    """Return the comparison of two verdicts at one radius, without fields that an older version did not store."""
+    text = json.dumps(derived)
+    if json.dumps(stored) == text:
         return Comparison((), older=False)
-    now = json.loads(told)
+    now = json.loads(text)
     older = any(name not in stored for name in now)
     names = CORE if older else tuple(dict.fromkeys([*now, *stored]))
     return Comparison(tuple(d for name in names for d in _differing(name, stored.get(name), now.get(name))), older)
@@ -68,8 +82,8 @@ def _differing(name: str, a: Any, b: Any) -> Iterator[str]:
         for key in dict.fromkeys([*a, *b]):
             yield from _differing(f"{name}.{key}", a.get(key), b.get(key))
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        for k, (one, other) in enumerate(zip(a, b, strict=True)):
-            yield from _differing(f"{name}[{k}]", one, other)
+        for k, (first, second) in enumerate(zip(a, b, strict=True)):
+            yield from _differing(f"{name}[{k}]", first, second)
     elif name in EXPLANATIONS:
         if (a is None) != (b is None):
             yield name
@@ -89,19 +103,19 @@ NOTHING = Logs((), {}, (), None, None)
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """The verdict of an episode folder beside what else stands there."""
+    """The verdict of an episode folder, compared with its other files."""
 
     verdict: Verdict
-    stored: Comparison | None  # with verdict.json; None: there is none, or it is of another radius
-    contradictions: tuple[str, ...]  # where the logs do not hold together, sentences
+    stored: Comparison | None  # with verdict.json; None: there is none, or it has another radius
+    contradictions: tuple[str, ...]  # in the logs, sentences
 
     @property
     def doubtful(self) -> bool:
-        """Whether something stored does not agree with the logs, or they with one another."""
+        """Whether the stored verdict or the logs contradict each other."""
         return bool(self.contradictions or (self.stored and not self.stored.agrees))
 
     def as_json(self) -> dict[str, Any]:
-        """Return it as `dronecats judge --json` prints it."""
+        """Return the JSON object of `dronecats judge --json`."""
         stored = self.stored
         return {
             **self.verdict.as_json(),
@@ -113,42 +127,41 @@ class Judged:
 
 
 def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
-    """Return the whole verdict of an episode's logs. Table of its keys: docs/run-folder.md.
+    """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
-    A qualifying declaration is a success however the flight ended. Without one, a flight that the logger did not see
-    end at its cap or by decision, one whose logs contradict their own end, or one with an unmeasured declaration is an
-    error of the infrastructure, never a failure; and a flight that was cut off as decided at another radius, before
-    `cap_s`, is censored. Where nobody knew the truth `success` is None: the outcome is unknown, or "distance only" with
-    `distances`, when the autopilot's own estimate and a surveyed target tell how near it came, though not whether the
-    target was in view.
+    A qualifying declaration is a success, whatever the end of the flight. Without one, three cases are errors of the
+    infrastructure and never a failure: the logger did not see an end at the cap or by decision, the logs contradict
+    their end, or a declaration was not measured. A flight that was ended as decided at another radius, before `cap_s`,
+    is censored. Without truth `success` is None: the outcome is unknown, or "distance only" with `distances`, if the
+    autopilot's estimate and a surveyed target give the distance, but not whether the target was in view.
     """
-    told = declarations(logs, cap_s) if logs.true else []
+    declared = declarations(logs, cap_s) if logs.true else []
     last = last_action(logs, cap_s) if logs.true else None
-    verdict = judge(told, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
+    verdict = judge(declared, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
     estimated = distances(logs, delta_m, cap_s)
     error = None if verdict.success else _fault(logs, verdict)
     seen = logs.end is not None and (logs.end.reason == "cap" or logs.end.t >= cap_s)
-    named = "error" if error else _named(logs, verdict, seen, estimated is not None)
+    named = "error" if error else _outcome_name(logs, verdict, seen, estimated is not None)
     scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
     claims = finished(logs)
-    drones = of_drones(logs, delta_m, cap_s)
-    whole = error is None and seen
+    drones = drone_diagnostics(logs, delta_m, cap_s)
+    is_whole = error is None and seen
     resets = estimator_resets(logs, cap_s)
     return Verdict(
         outcome=named,
         success=scored.success if logs.true and named != "censored" else None,
         ne_m=scored.ne_m,
         delta_m=delta_m,
-        censored=named in ("success", "censored") and not whole,
+        censored=named in ("success", "censored") and not is_whole,
         steps=max((d.step + 1 for d in logs.decisions), default=0),
         declarations=sum(d.t_decided <= cap_s for d in claims),
         declarations_after_cap=sum(d.t_decided > cap_s for d in claims),
-        **asdict(measures(told, delta_m, cap_s, whole=whole) if logs.true else NOTHING_KNOWN),
+        **asdict(measures(declared, delta_m, cap_s, is_whole=is_whole) if logs.true else NOTHING_KNOWN),
         deciding=_deciding(scored.deciding),
         error=error,
         note=_note(scored, last),
-        diagnostics=of_fleet(drones),
-        drones=tuple(_of_drone(drone, each, told, delta_m) for drone, each in drones.items()),
+        diagnostics=fleet_diagnostics(drones),
+        drones=tuple(_of_drone(drone, diagnostics, declared, delta_m) for drone, diagnostics in drones.items()),
         distances=UNSET if logs.true else estimated,
         wide_rotations=wide_rotations(logs.decisions, cap_s) or UNSET,
         commanding=commanding(logs, cap_s) or UNSET,
@@ -160,16 +173,16 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
 
 
 def succeeded(logs: Logs) -> bool | None:
-    """Return whether a declaration already qualifies, whatever is still to come; None while one is not measured."""
+    """Return whether a declaration already qualifies; None while one is not measured."""
     return judge(declarations(logs), None).success if logs.true else False
 
 
 def _fault(logs: Logs, verdict: Judgement) -> str | None:
-    """Return why what is no success is no failure either, None when it is one."""
+    """Return the reason why the outcome is neither success nor failure; None: it is a failure."""
     return reasons(verdict.unknown) or contradictions.ending(logs) or contradictions.gaps(logs)
 
 
-def _named(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outcome:
+def _outcome_name(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outcome:
     if not logs.true:
         return "distance only" if estimated else "unknown"
     if verdict.success:
@@ -178,7 +191,7 @@ def _named(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outco
 
 
 def _note(verdict: Judgement, last: Measured | None) -> str | None:
-    """Return what the verdict leaves open though it stands, a sentence."""
+    """Return a sentence about an open part of the verdict; None: nothing is open."""
     if verdict.success and verdict.unknown:
         return f"deciding and ne_m are of the first declaration known to qualify: {reasons(verdict.unknown)}"
     if not verdict.success and last is not None and last.unknown and verdict.ne_m is None:
@@ -193,14 +206,14 @@ def _deciding(declaration: Measured | None) -> Deciding | None:
     return Deciding(step=step, drone=drone, t=t, distance_m=distance_m)
 
 
-def _of_drone(drone: int, of_it: Diagnostics, told: list[Measured], delta_m: float) -> DroneDiagnostics:
-    own = [d for d in told if d.drone == drone]
+def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], delta_m: float) -> DroneDiagnostics:
+    own = [d for d in declared if d.drone == drone]
     qualifying = sum(d.qualifies(delta_m) is True for d in own)
-    return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(of_it))
+    return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(diagnostics))
 
 
 def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None) -> Judged:
-    """Return `outcome` of an episode folder, and how it compares with what else stands there. Raises UsageError."""
+    """Return the `outcome` of an episode folder, compared with its other files. Raises UsageError."""
     logs = read(folder)
     return beside_stored(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
 
@@ -212,21 +225,18 @@ def beside_stored(
     verdict: Verdict,
     reread: contradictions.Rereading | None = None,
 ) -> Judged:
-    """Return the verdict of a folder's logs with how it compares with what else stands there.
-
-    Replies are read again by `reread`.
-    """
-    found = contradictions.of_logs(logs)
-    found += contradictions.of_folder(folder.resolve().name, record)
-    found += contradictions.of_replies(logs, reread) if reread else []
-    found += _of_commander(folder, logs)
-    return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(found))
+    """Return the verdict of a folder's logs, compared with the other files; replies are parsed again by `reread`."""
+    sentences = contradictions.log_contradictions(logs)
+    sentences += contradictions.folder_contradictions(folder.resolve().name, record)
+    sentences += contradictions.reply_contradictions(logs, reread) if reread else []
+    sentences += _commander_contradictions(folder, logs)
+    return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(sentences))
 
 
-def _of_commander(folder: Path, logs: Logs) -> list[str]:
-    """Return what is wrong with commander.jsonl, which no verdict goes by."""
+def _commander_contradictions(folder: Path, logs: Logs) -> list[str]:
+    """Return the contradictions with commander.jsonl, which no verdict depends on."""
     try:
-        return contradictions.of_commander(logs, exchanges(folder))
+        return contradictions.commander_contradictions(logs, exchanges(folder))
     except UsageError as damage:
         return [str(damage)]
 
@@ -242,9 +252,9 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
 def judge_run(
     run: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None
 ) -> dict[str, Judged]:
-    """Return `judge_folder` of every episode of a run folder (or of the one episode folder given), by episode id.
+    """Return `judge_folder` of every episode of a run folder, or of a single episode folder, by episode id.
 
-    One damaged episode is an error of its own and keeps no other from being judged. Raises UsageError.
+    A damaged episode is an error, and the others are still judged. Raises UsageError.
     """
     check_radius(delta_m)
     if not run.is_dir():
@@ -264,7 +274,7 @@ def _judged(folder: Path, delta_m: float, reread: contradictions.Rereading | Non
 
 
 def judged_damage(folder: Path, damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Judged:
-    """Return what damaged logs come to: an error that says what is damaged."""
+    """Return the result of damaged logs: an error that describes the damage."""
     verdict = _damaged(damage, delta_m, cap_s)
     return Judged(verdict, _stored(folder / layout.VERDICT, verdict), ())
 
@@ -274,27 +284,27 @@ def _damaged(damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Verdic
 
 
 def check_radius(delta_m: float) -> None:
-    """Raise UsageError for what is no success radius."""
+    """Raise UsageError for an invalid success radius."""
     if not math.isfinite(delta_m) or delta_m <= 0:
         raise UsageError(f"--delta wants a radius in metres above 0, got {delta_m:g}")
 
 
 def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
-    """Judge an episode folder, store verdict.json in it, and return the verdict; of damaged logs it is an error.
+    """Judge an episode folder, store verdict.json in it, and return the verdict; damaged logs are an error.
 
-    Raises InfrastructureError when it cannot be stored.
+    Raises InfrastructureError if it cannot be stored.
     """
     verdict = verdict_of(folder, delta_m)
     path = folder / layout.VERDICT
     try:
         write_json(path, verdict.as_json())
-    except OSError as full:
-        raise InfrastructureError(f"{path} cannot be written: {full.strerror}") from None
+    except OSError as error:
+        raise InfrastructureError(f"{path} cannot be written: {error.strerror}") from None
     return verdict
 
 
 def verdict_of(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
-    """Return `outcome` of an episode folder; of damaged logs it is an error."""
+    """Return the `outcome` of an episode folder; damaged logs are an error."""
     try:
         return outcome(read(folder), delta_m)
     except UsageError as damage:

@@ -1,6 +1,6 @@
-"""A flight read back from its folder, as far as the judge may look: what every metric is a function of.
+"""A flight read from its folder, with the files that the judge may use: the input of every metric.
 
-`dronecats.report.recorded.flight` adds what MAVLink and the world tell of it.
+`dronecats.report.recorded.flight` adds the data of MAVLink and of the world.
 """
 
 from dataclasses import dataclass
@@ -19,23 +19,23 @@ from foundation.run_folder.rows import Decision, FrameTruth, PointedGo
 
 @dataclass(frozen=True, slots=True)
 class FlightStep:
-    """One decision of one drone, beside what was true of its picture."""
+    """One decision of one drone with the truth of its picture."""
 
     decision: Decision
-    truth: FrameTruth | None  # of the picture that it was made on; None: the logger has none, or of another time
-    asks: bool  # the first of the decisions that one reply brought: of a fleet the others share what it cost
+    truth: FrameTruth | None  # of its picture; None: the logger has none, or one of another time
+    is_question: bool  # the first decision of its reply, which carries the cost of the reply for the fleet
     counts: bool  # it was made within the cap
     go: PointedGo | None  # None: another action, or none
 
     @property
     def in_view(self) -> FrameTruth | None:
-        """The truth where the target was in the picture and seen."""
+        """The truth if the target was visible in the picture."""
         return self.truth if self.truth is not None and self.truth.visible else None
 
 
 @dataclass(frozen=True)
 class JudgedFlight:
-    """One flight of one episode. Nothing in it comes from anywhere but its folder; verdict and steps are made once."""
+    """One flight of one episode, read from its folder alone; verdict and steps are computed once."""
 
     folder: Path
     record: dict[str, Any]  # the record that was flown, as episode.json holds it; {}: there is none
@@ -50,17 +50,17 @@ class JudgedFlight:
 
     @property
     def id(self) -> str:
-        """The record's id, of a folder without one its name."""
+        """The id of the record, or the folder's name without a record."""
         return str(self.record.get("id", self.folder.resolve().name))
 
     @property
     def cell(self) -> str:
-        """approaching, searching, tracking, search-and-track or commanding; empty: not known."""
+        """approaching, searching, tracking, search-and-track or commanding; empty: unknown."""
         return str(self.record.get("cell", ""))
 
     @property
     def map(self) -> str:
-        """The map's name; empty: not known."""
+        """The map's name; empty: unknown."""
         return str(self.record.get("map", ""))
 
     @cached_property
@@ -70,32 +70,32 @@ class JudgedFlight:
 
     @property
     def scored(self) -> bool:
-        """Whether it is somebody's success or failure."""
+        """Whether it is a success or a failure."""
         return self.verdict.outcome in SCORED
 
     @cached_property
     def steps(self) -> tuple[FlightStep, ...]:
         """Its decisions, in the order of the log."""
-        steps, asked = [], set[int]()
+        steps, answered_steps = [], set[int]()
         for decision in self.logs.decisions:
             frame = self.logs.frames.get((decision.drone, decision.frame_id))
-            same = frame is not None and abs(frame.t - decision.t_frame) <= SAME_S
-            asks, counts = decision.step not in asked, decision.t_decided <= self.cap_s
-            asked.add(decision.step)
-            steps.append(FlightStep(decision, frame if same else None, asks, counts, decision.go))
+            is_same = frame is not None and abs(frame.t - decision.t_frame) <= SAME_S
+            is_question, counts = decision.step not in answered_steps, decision.t_decided <= self.cap_s
+            answered_steps.add(decision.step)
+            steps.append(FlightStep(decision, frame if is_same else None, is_question, counts, decision.go))
         return tuple(steps)
 
     @cached_property
     def declarations(self) -> tuple[Measured, ...]:
-        """Those that count, pooled over the fleet, in their order; nothing where nobody knew the truth."""
+        """The declarations that count, pooled over the fleet, in their order; none without truth."""
         return tuple(in_order(declarations(self.logs, self.cap_s), self.cap_s)) if self.logs.true else ()
 
     @cached_property
     def all_declarations(self) -> tuple[Measured, ...]:
-        """All of them, those after the cap too, in the order of the log."""
+        """All declarations, also after the cap, in the order of the log."""
         return tuple(measured(decision, self.logs) for decision in finished(self.logs))
 
     def picture_path(self, decision: Decision) -> Path | None:
-        """Return the file of the picture that a decision was made on; None where the folder has none."""
+        """Return the file of a decision's picture; None if the folder has none."""
         path = self.folder / layout.FRAMES / layout.frame_name(decision.frame_id, decision.drone)
         return path if path.is_file() else None

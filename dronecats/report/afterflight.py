@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.judge.distances import sentence
+from dronecats.judge.diagnostics import distances_sentence
 from dronecats.judge.episode import write_verdict
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.telemetry import DroneTelemetry
@@ -369,7 +369,7 @@ def rejudge(result: dict[str, Any], target: SurveyedTarget | None, report: Calla
     verdict = write_verdict(folder)
     measured = verdict.distances or None
     if measured:
-        report(sentence(measured, verdict.delta_m))
+        report(distances_sentence(measured, verdict.delta_m))
     return {**result, "outcome": verdict.outcome, "success": verdict.success, "distances": as_json(measured)}
 
 

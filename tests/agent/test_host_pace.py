@@ -13,7 +13,7 @@ from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
-from dronecats.judge.incidents import STALL_S, delayed, host_stalls
+from dronecats.judge.diagnostics import STALL_S, delayed, host_stalls
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dronecats.judge.contradictions import of_folder, of_logs, of_replies
+from dronecats.judge.contradictions import folder_contradictions, log_contradictions, reply_contradictions
 from dronecats.judge.metrics.judging import reread
 from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, judge_folder, logs, outcome, pose, write
 
@@ -70,16 +70,16 @@ POSITIONS = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, 2.0]}  #
 def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(doubtful):
     flight = logs([*GO, decision(1, 1, 9.0)], [*SEEN, doubtful])
     assert outcome(flight)["outcome"] == "error"
-    assert len(of_logs(flight)) == 1
+    assert len(log_contradictions(flight)) == 1
     good = logs([*GO, decision(1, 1, 9.0)], [*SEEN, frame(1, 8.5, 5.0002, **POSITIONS)])
     assert outcome(good, 5.001)["outcome"] == "success"
-    assert of_logs(good) == []
+    assert log_contradictions(good) == []
 
 
 def test_a_pose_is_held_to_its_positions_too():
     here = pose(1.0, 5.0, place=[0.0, 0.0, -2.0], target_ned=[3.0, 0.0, 2.0])
-    assert of_logs(logs(GO, [*SEEN, here])) == []
-    assert len(of_logs(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))) == 1
+    assert log_contradictions(logs(GO, [*SEEN, here])) == []
+    assert len(log_contradictions(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))) == 1
 
 
 def replied(reply, action, drone=0):
@@ -95,43 +95,43 @@ def test_the_action_is_what_the_reply_says():
         replied("I cannot", None),
     ]
     for each in true:
-        assert of_replies(logs([each]), reread) == []
+        assert reply_contradictions(logs([each]), reread) == []
         other = {**each, "action": {"action": "think"}}
-        assert len(of_replies(logs([other]), reread)) == 1
-    assert len(of_replies(logs([replied("I cannot", {"action": "finished"})]), reread)) == 1
+        assert len(reply_contradictions(logs([other]), reread)) == 1
+    assert len(reply_contradictions(logs([replied("I cannot", {"action": "finished"})]), reread)) == 1
 
 
 def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
     reply = '[{"action": "think"}, {"action": "finished"}]'
     fleet = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
-    assert of_replies(logs(fleet), reread) == []
+    assert reply_contradictions(logs(fleet), reread) == []
     swapped = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
-    assert len(of_replies(logs(swapped), reread)) == 1
+    assert len(reply_contradictions(logs(swapped), reread)) == 1
 
 
 def test_a_reply_that_was_mended_is_read_again_with_the_same_patience():
     reply = "[{'drone': 2, 'action': 'think'}, {'drone': 1, 'action': 'finished'}]"
     fleet = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
     mended = [{**each, "mended": ["single_quotes", "by_name"]} for each in fleet]
-    assert of_replies(logs(mended), reread) == []
-    assert len(of_replies(logs(fleet), reread)) == 1  # nothing was mended, they say
+    assert reply_contradictions(logs(mended), reread) == []
+    assert len(reply_contradictions(logs(fleet), reread)) == 1  # nothing was mended, they say
     swapped = [{**each, "action": other["action"]} for each, other in zip(mended, reversed(fleet), strict=True)]
-    assert len(of_replies(logs(swapped), reread)) == 1
+    assert len(reply_contradictions(logs(swapped), reread)) == 1
 
 
 def test_of_drones_that_are_asked_for_alone_each_has_a_reply_of_its_own():
     """A commander's confirmation has none; its drone's own replies are read as one drone's."""
     told = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
     confirmed = {k: v for k, v in decision(3, 1, 6.0, drone=1).items() if k != "reply"}
-    assert of_replies(logs([*told, {**confirmed, "confirmed_by": 0}]), reread) == []
+    assert reply_contradictions(logs([*told, {**confirmed, "confirmed_by": 0}]), reread) == []
     other = {**told[2], "action": {"action": "finished"}}
-    assert len(of_replies(logs([*told[:2], other]), reread)) == 1
+    assert len(reply_contradictions(logs([*told[:2], other]), reread)) == 1
 
 
 def test_a_step_of_which_a_kill_left_one_row_is_still_a_fleets():
     reply = '[{"action": "think"}, {"action": "finished"}]'
     whole = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
-    assert of_replies(logs([*whole, {**whole[0], "step": 1}]), reread) == []
+    assert reply_contradictions(logs([*whole, {**whole[0], "step": 1}]), reread) == []
 
 
 def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_and_no_more(tmp_path):
@@ -154,6 +154,6 @@ def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_an
 def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):
     folder = write(tmp_path / "a-01", GO, [BEGIN, *SEEN, END])
     (folder / "episode.json").write_text('{"id": "b-02"}')
-    assert judge_folder(folder)["contradictions"] == of_folder("a-01", {"id": "b-02"})
+    assert judge_folder(folder)["contradictions"] == folder_contradictions("a-01", {"id": "b-02"})
     (folder / "episode.json").write_text('{"id": "a-01"}')
     assert judge_folder(folder)["contradictions"] == []

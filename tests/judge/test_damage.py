@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.contradictions import of_logs
+from dronecats.judge.contradictions import log_contradictions
 from foundation.errors import UsageError
 from foundation.run_folder.reading import read
 from tests.judge.episode_logs import BEGIN, END, decision, frame, judge_run, outcome, pose, write, write_verdict
@@ -50,7 +50,7 @@ def judged(folder, place, value):
         logs = read(damaged)
         for delta_m in (5.0, 7.0):
             json.dumps(outcome(logs, delta_m), allow_nan=False)
-        of_logs(logs)
+        log_contradictions(logs)
         said = None
     except UsageError as damage:
         said = str(damage)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.diagnostics import of_drones, of_fleet
+from dronecats.judge.diagnostics import drone_diagnostics, fleet_diagnostics
 from foundation.run_folder.rows import FrameTruth
 from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, outcome, pose
 
@@ -113,7 +113,7 @@ def assert_same(told, naive):
 @settings(max_examples=150, deadline=None)
 @given(flights(), st.sampled_from([1.0, 5.0]))
 def test_every_drone_is_as_the_definition_has_it(flight, delta_m):
-    told = of_drones(flight, delta_m)
+    told = drone_diagnostics(flight, delta_m)
     drones = {row.drone for row in (*flight.poses, *flight.frames.values())}
     for drone in drones:
         naive = Naive(flight, drone, delta_m)
@@ -131,8 +131,8 @@ BEST: dict[str, Callable[[Iterable[Any]], Any]] = {
 @settings(max_examples=50, deadline=None)
 @given(flights())
 def test_of_a_fleet_the_best_drone_counts_and_paths_add_up(flight):
-    told = of_drones(flight)
-    fleet = of_fleet(told)
+    told = drone_diagnostics(flight)
+    fleet = fleet_diagnostics(told)
     assert (fleet is None) == (not told)
     for name, best in BEST.items() if fleet else ():
         values = [value for value in (getattr(each, name) for each in told.values()) if value is not None]
@@ -145,33 +145,33 @@ def trace(until_s, seen=lambda t: True, distance_m=lambda t: 9.0, drone=0):
 
 
 def test_a_loss_that_never_ends_and_a_target_never_seen():
-    lost = of_drones(logs((), trace(300, lambda t: t < 10)))[0]
+    lost = drone_diagnostics(logs((), trace(300, lambda t: t < 10)))[0]
     assert lost.longest_loss_s == 290.0
-    never = of_drones(logs((), trace(300, lambda t: False)))[0]
+    never = drone_diagnostics(logs((), trace(300, lambda t: False)))[0]
     assert (never.longest_loss_s, never.first_seen_s) == (300.0, None)
-    late = of_drones(logs((), trace(300, lambda t: t >= 299.5)))[0]
+    late = drone_diagnostics(logs((), trace(300, lambda t: t >= 299.5)))[0]
     assert late.longest_loss_s == 299.5  # next to never, and so is the number
 
 
 def test_one_drones_view_is_not_anothers():
     flight = logs((), trace(20, lambda t: t < 5) + trace(20, lambda t: t >= 5, drone=1), end={**END, "t": 20.0})
-    told = of_drones(flight)
+    told = drone_diagnostics(flight)
     assert (told[0].longest_loss_s, told[1].longest_loss_s) == (15.0, 5.0)
-    fleet = of_fleet(told)
+    fleet = fleet_diagnostics(told)
     assert fleet is not None
     assert fleet.longest_loss_s == 5.0
 
 
 def test_dwell_is_one_drones_and_not_the_fleets_together():
     both = trace(10, distance_m=lambda t: 3.0) + trace(10, distance_m=lambda t: 4.0, drone=1)
-    fleet = of_fleet(of_drones(logs((), both, end={**END, "t": 10.0})))
+    fleet = fleet_diagnostics(drone_diagnostics(logs((), both, end={**END, "t": 10.0})))
     assert fleet is not None
     assert fleet.dwell_s == 10.0
 
 
 def test_what_the_logger_did_not_trace_is_told():
     flight = logs((), [row for row in trace(60) if not 10 < row["t"] < 40])
-    told = of_drones(flight)[0]
+    told = drone_diagnostics(flight)[0]
     assert told.untraced_s == 30.0 + 240.0  # in between, and from the last pose to the cap
     assert told.path_m == pytest.approx(30.0)
 

@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 
 from dronecats.judge import episode
-from dronecats.judge.distances import sentence
+from dronecats.judge.diagnostics import distances_sentence
 from foundation.errors import UsageError
 from foundation.run_folder.results import Distances
 from tests.judge.episode_logs import judge_folder, judge_run, write_verdict
@@ -65,7 +65,7 @@ def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_fram
     assert measured["closest"] == {"t": 4.0, "distance_m": 0.0, "std_m": 0.5, "within": True}
     assert measured["dwell_s"] == pytest.approx(5.5)
     assert (measured["last_action"]["distance_m"], measured["last_action"]["within"]) == (3, True)
-    assert "4.0 s" in sentence(cast(Distances, episode.judge_folder(tmp_path / "e").verdict.distances), 5.0)
+    assert "4.0 s" in distances_sentence(cast(Distances, episode.judge_folder(tmp_path / "e").verdict.distances), 5.0)
 
 
 def test_without_an_estimate_or_a_target_the_outcome_is_unknown(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
     stored = write_verdict(folder)
     assert judge_folder(folder)["stored_agrees"] is True
     assert stored == json.loads((folder / "verdict.json").read_text())
-    said = sentence(cast(Distances, episode.verdict_of(folder).distances), 5.0)
+    said = distances_sentence(cast(Distances, episode.verdict_of(folder).distances), 5.0)
     assert re.search(r"1\.5 s.*2\.00 ± 0\.50 m.* 5 m.*\b2\b", said)
     assert "SUCCESS" not in said
 

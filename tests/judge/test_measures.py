@@ -37,9 +37,9 @@ def test_what_came_after_the_cap_never_was():
 
 
 def test_a_flight_not_seen_to_its_cap_might_still_have_declared():
-    assert measures([], whole=False) == Measures(None, None, None, 0)
-    assert measures([at(1, 9)], whole=False) == Measures(False, None, 0.0, 1)
-    assert measures([at(1, 9), at(2, 9), at(3, 9)], whole=False).success_within_three is False
+    assert measures([], is_whole=False) == Measures(None, None, None, 0)
+    assert measures([at(1, 9)], is_whole=False) == Measures(False, None, 0.0, 1)
+    assert measures([at(1, 9), at(2, 9), at(3, 9)], is_whole=False).success_within_three is False
 
 
 def test_a_share_of_what_was_not_measured_is_not_known():
@@ -49,9 +49,9 @@ def test_a_share_of_what_was_not_measured_is_not_known():
 
 @given(st.lists(declared, max_size=8), st.booleans())
 def test_known_or_not_is_what_any_truth_of_the_unmeasured_could_make_of_it(declarations, whole):
-    told = measures(declarations, whole=whole)
+    told = measures(declarations, is_whole=whole)
     could = [
-        measures(filled, whole=whole) for filled in (fill(declarations, 0.0, True), fill(declarations, 9.0, False))
+        measures(filled, is_whole=whole) for filled in (fill(declarations, 0.0, True), fill(declarations, 9.0, False))
     ]
     for name in ("success_at_first", "success_within_three"):
         values = {getattr(each, name) for each in could}

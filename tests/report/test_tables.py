@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from dronecats.judge.metrics.deliberation import StepOutlook
+from dronecats.judge.metrics.audit import StepOutlook
 from dronecats.judge.metrics.failure_mode import MODES
 from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.statistics.shares import known_share, wilson

@@ -6,7 +6,7 @@ import math
 import random
 from dataclasses import dataclass
 
-from dronecats.judge.incidents import STALL_S
+from dronecats.judge.diagnostics import STALL_S
 from foundation.camera import CameraModel
 from foundation.frames import wrap_pi
 from tests.support.json_lines import rows

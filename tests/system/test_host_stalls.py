@@ -12,7 +12,7 @@ from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
-from dronecats.judge.incidents import STALL_S, delayed
+from dronecats.judge.diagnostics import STALL_S, delayed
 from dronecats.pilots.server import PilotServer
 from foundation.run_folder.reading import json_object, rows
 from foundation.run_folder.rows import Decision

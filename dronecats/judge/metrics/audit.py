@@ -1,36 +1,156 @@
-"""How much the verdict hangs on its rule: the alternatives that the paper's replaced, and what each would turn.
+"""Audits of a run: alternative success rules, strict parsing of replies, and the effect of `think`.
 
-Paper, appendix "Verifier Audit". Beside it, what the strict reading would leave of a lenient run, though the flight
-itself would have been another. A reply that had to be mended is read again to the letter of the prompt. Where that
-gives no action, or another one, the step changes; the verdict is derived again with the actions that are left.
+Paper, appendix "Verifier Audit" and "Test-Time Deliberation". Strict parsing reads a mended reply again to the letter
+of the prompt. If that gives no action, or another one, the step changes, and the verdict is derived again; the flight
+itself would have been another. The comparisons of `think` are observations and no experiment: a pilot thinks when it is
+in trouble. The paper does not define their steps; here a step is compared between the frames of the three steps before
+its own and those of the three after it.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+import math
+import statistics
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.judge.contradictions import asked_together
-from dronecats.judge.diagnostics import hold
+from dronecats.judge.contradictions import reply_groups
+from dronecats.judge.diagnostics import hold_s
 from dronecats.judge.episode import outcome
-from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.deliberation import Deliberation, StepOutlook, deliberation, outlooks
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight
 from dronecats.judge.metrics.judging import reread
 from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
 from dronecats.judge.verdict import declarations, judge
 from foundation.errors import UsageError
-from foundation.protocol import CAP_S, RADIUS_M
+from foundation.protocol import CAP_S, RADIUS_M, THINK
 from foundation.run_folder.rows import Decision
 
+AFTER = 3  # steps
+MATCHED_M = 0.25  # m per step: steps with closing rates in one such interval are matched
+STALL_M, BROKEN_M = 0.5, 1.0  # m closed in three steps: less before is a stall, as much after breaks it
+
+
+@dataclass(frozen=True, slots=True)
+class StepOutlook:
+    """One step of one drone with the motion before and after it. None: too near to the beginning or end."""
+
+    think: bool
+    closing_m: float | None  # m closed between the frame before and its own
+    gained_m: float | None  # m per step closed in the three steps after it
+    stalled: bool | None  # less than 0.5 m was closed in the three steps before it
+    broken: bool | None  # 1 m or more was closed in the three steps after it
+    lost: bool | None  # the target was not in view
+    regained: bool | None  # it was at one of the frames of the three steps after
+
+
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """Counts of an event after thinks and after ordinary steps."""
+
+    think: int
+    of_thinks: int
+    other: int
+    of_others: int
+
+
+@dataclass(frozen=True, slots=True)
+class Deliberation:
+    """The three comparisons."""
+
+    thinks: int  # steps that think
+    matched: int  # of these, those that have ordinary steps of the same closing rate
+    gain_m_per_step: float | None  # mean closing rate after them less that after their matches; None: no matches
+    stalls: Followed  # broken within three steps, of the stalled
+    losses: Followed  # target seen again within three steps, of those without it in view
+
+
+def outlooks(flight: JudgedFlight) -> list[StepOutlook]:
+    """Return the outlook of every step within the cap, drone by drone."""
+    drones: dict[int, list[FlightStep]] = {}
+    for step in flight.steps:
+        if step.counts:
+            drones.setdefault(step.decision.drone, []).append(step)
+    return [outlook for _, steps in sorted(drones.items()) for outlook in _of_drone(steps)]
+
+
+def deliberation(steps: Iterable[StepOutlook]) -> Deliberation:
+    """Return the comparisons over all of these steps."""
+    all_steps = list(steps)
+    gains_by_rate: dict[int, list[float]] = {}  # what ordinary steps gained, by their closing rate
+    for step in all_steps:
+        if not step.think and step.closing_m is not None and step.gained_m is not None:
+            gains_by_rate.setdefault(_interval(step.closing_m), []).append(step.gained_m)
+    means = {rate: statistics.fmean(gained) for rate, gained in gains_by_rate.items()}
+    gains = [
+        step.gained_m - means[_interval(step.closing_m)]
+        for step in all_steps
+        if step.think and step.closing_m is not None and step.gained_m is not None
+        if _interval(step.closing_m) in means
+    ]
+    return Deliberation(
+        thinks=sum(step.think for step in all_steps),
+        matched=len(gains),
+        gain_m_per_step=statistics.fmean(gains) if gains else None,
+        stalls=_followed([(step.think, step.broken) for step in all_steps if step.stalled]),
+        losses=_followed([(step.think, step.regained) for step in all_steps if step.lost]),
+    )
+
+
+def _of_drone(steps: Sequence[FlightStep]) -> list[StepOutlook]:
+    away = [step.truth.distance_m if step.truth else None for step in steps]
+    seen = [step.truth.visible if step.truth else None for step in steps]
+    return [
+        StepOutlook(
+            think=step.decision.kind == THINK,
+            closing_m=_closed(away, k - 1, k),
+            gained_m=None if (gained := _closed(away, k + 1, k + 1 + AFTER)) is None else gained / AFTER,
+            stalled=None if (before := _closed(away, k - AFTER, k)) is None else before < STALL_M,
+            broken=None if gained is None else gained >= BROKEN_M,
+            lost=None if seen[k] is None else not seen[k],
+            regained=_regained(seen[k + 1 : k + 1 + AFTER]),
+        )
+        for k, step in enumerate(steps)
+    ]
+
+
+def _closed(away: Sequence[float | None], first: int, last: int) -> float | None:
+    """Return the metres closed between two frames."""
+    if first < 0 or last >= len(away):
+        return None
+    begin, end = away[first], away[last]
+    return None if begin is None or end is None else begin - end
+
+
+def _regained(seen: Sequence[bool | None]) -> bool | None:
+    """Return whether the target is seen at one of the next frames; None if too few frames follow."""
+    if any(seen):
+        return True
+    return False if len(seen) == AFTER and None not in seen else None
+
+
+def _interval(closing_m: float) -> int:
+    return math.floor(closing_m / MATCHED_M)
+
+
+def _followed(pairs: Sequence[tuple[bool, bool | None]]) -> Followed:
+    known_pairs = [(think, followed) for think, followed in pairs if followed is not None]
+    return Followed(
+        think=sum(followed for think, followed in known_pairs if think),
+        of_thinks=sum(think for think, _ in known_pairs),
+        other=sum(followed for think, followed in known_pairs if not think),
+        of_others=sum(not think for think, _ in known_pairs),
+    )
+
+
 HELD_S = 10.0  # s
-MOVING = ("tracking", "search-and-track")  # the cells that were once graded by a dwell
-Rule = Callable[[JudgedFlight], bool | None]  # whether it would be a success; None: not known, or not meant for it
+MOVING = ("tracking", "search-and-track")  # cells with moving targets
+Rule = Callable[[JudgedFlight], bool | None]  # whether it would be a success; None: unknown, or not applicable
 
 
-def last_alone(flight: JudgedFlight) -> bool | None:
-    """Return whether the last declaration qualifies; None where the flight was cut off before it could be made."""
+def last_declaration(flight: JudgedFlight) -> bool | None:
+    """Return whether the last declaration qualifies; None if the flight was cut off before."""
     if flight.verdict.censored:
         return None
     return flight.declarations[-1].qualifies(flight.delta_m) if flight.declarations else False
@@ -39,22 +159,22 @@ def last_alone(flight: JudgedFlight) -> bool | None:
 def ten_seconds(flight: JudgedFlight) -> bool | None:
     """Return whether a drone was within the radius with the target in view for ten unbroken seconds, declared or not.
 
-    None of the cells whose target stands, and where the flight was cut off before it could be.
+    None for cells with a standing target, and if the flight was cut off before.
     """
-    held_s = hold(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
+    held_s = hold_s(flight.logs, flight.delta_m, flight.cap_s) if flight.cell in MOVING else None
     if held_s is None:
         return None
     return True if held_s >= HELD_S else None if flight.verdict.censored else False
 
 
 def without_cap(flight: JudgedFlight) -> bool | None:
-    """Return whether any declaration qualifies, however late."""
+    """Return whether any declaration qualifies, even after the cap."""
     return judge(declarations(flight.logs, float("inf")), None, flight.delta_m, float("inf")).success
 
 
 RULES: Mapping[str, tuple[str, Rule]] = {
     "first": ("the first declaration alone", success_at_first),
-    "last": ("the last declaration alone", last_alone),
+    "last": ("the last declaration alone", last_declaration),
     "dwell": ("ten unbroken seconds within the radius in view (moving targets)", ten_seconds),
     "proximity": ("any entry into the radius", oracle_success),
     "no_cap": ("declarations after the cap, too", without_cap),
@@ -63,20 +183,20 @@ RULES: Mapping[str, tuple[str, Rule]] = {
 
 @dataclass(frozen=True, slots=True)
 class Strictness:
-    """One episode, its decisions within the cap."""
+    """Strict parsing of one episode: its decisions within the cap."""
 
     steps: int  # decisions
     mended: int  # of these, those whose reply was mended
-    changed: int  # of these, those that the strict reading takes as none or as another action
+    changed: int  # of these, those without or with another action under strict parsing
     declarations: int  # of these, declarations
-    success: bool | None  # under strict reading; None: nobody's score
+    success: bool | None  # under strict parsing; None: not scored
 
 
 @dataclass(frozen=True, slots=True)
 class EpisodeAudit:
     """One episode under every rule."""
 
-    success: bool | None  # as the criterion has it; None: nobody's score
+    success: bool | None  # by the criterion; None: not scored
     rules: Mapping[str, bool | None]  # by the names of RULES
     declarations: int  # within the cap
     false_declarations: int  # of these, those that are known not to qualify
@@ -87,9 +207,9 @@ class EpisodeAudit:
 
 @dataclass(frozen=True, slots=True)
 class Flips:
-    """What a rule would turn."""
+    """The outcomes that a rule would change."""
 
-    told: int  # scored episodes of which it can tell
+    told: int  # scored episodes that the rule applies to
     successes: int  # of these, by the criterion
     lost: int  # of the successes, those that it would make failures
     gained: int  # of the failures, those that it would make successes
@@ -97,7 +217,7 @@ class Flips:
 
 @dataclass(frozen=True, slots=True)
 class Audit:
-    """Many episodes."""
+    """The audit of several episodes."""
 
     episodes: int
     scored: int
@@ -117,7 +237,7 @@ class Audit:
 
 
 def audited_episode(folder: Path, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> EpisodeAudit | None:
-    """Return one episode folder under every rule; None of damaged logs."""
+    """Return one episode folder under every rule; None for damaged logs."""
     try:
         return audit_of(JudgedFlight.read(folder, delta_m, cap_s))
     except UsageError:
@@ -138,44 +258,44 @@ def audit_of(flight: JudgedFlight) -> EpisodeAudit:
 
 
 def audit(episodes: Iterable[EpisodeAudit | None]) -> Audit:
-    """Return these episodes together; None stands for one that is damaged."""
-    all_told = list(episodes)
-    told = [each for each in all_told if each is not None]
-    scored = [each for each in told if each.success is not None]
-    silent = [each for each in scored if not each.success and each.declarations == 0]
+    """Return the audit of these episodes; None stands for a damaged one."""
+    all_episodes = list(episodes)
+    readable = [episode for episode in all_episodes if episode is not None]
+    scored = [episode for episode in readable if episode.success is not None]
+    silent = [episode for episode in scored if not episode.success and episode.declarations == 0]
     return Audit(
-        episodes=len(all_told),
+        episodes=len(all_episodes),
         scored=len(scored),
-        successes=sum(each.success is True for each in scored),
-        declarations=sum(each.declarations for each in scored),
-        false_declarations=sum(each.false_declarations for each in scored),
-        late_declarations=sum(each.late for each in scored),
-        late_episodes=sum(each.late > 0 for each in scored),
+        successes=sum(episode.success is True for episode in scored),
+        declarations=sum(episode.declarations for episode in scored),
+        false_declarations=sum(episode.false_declarations for episode in scored),
+        late_declarations=sum(episode.late for episode in scored),
+        late_episodes=sum(episode.late > 0 for episode in scored),
         silent_failures=len(silent),
-        silent_entered=sum(each.rules["proximity"] is True for each in silent),
-        flips={name: flips((each.success, each.rules[name]) for each in scored) for name in RULES},
-        think=deliberation(step for each in scored for step in each.steps),
-        steps=sum(each.strict.steps for each in scored),
-        mended=sum(each.strict.mended for each in scored),
-        changed=sum(each.strict.changed for each in scored),
-        strict=flips((each.success, each.strict.success) for each in scored),
+        silent_entered=sum(episode.rules["proximity"] is True for episode in silent),
+        flips={name: flips((episode.success, episode.rules[name]) for episode in scored) for name in RULES},
+        think=deliberation(step for episode in scored for step in episode.steps),
+        steps=sum(episode.strict.steps for episode in scored),
+        mended=sum(episode.strict.mended for episode in scored),
+        changed=sum(episode.strict.changed for episode in scored),
+        strict=flips((episode.success, episode.strict.success) for episode in scored),
     )
 
 
 def flips(pairs: Iterable[tuple[bool | None, bool | None]]) -> Flips:
-    """Return what a rule turns, of (success by the criterion, success by the rule)."""
-    told = [(was, would) for was, would in pairs if was is not None and would is not None]
+    """Return the changes of a rule, from (success by the criterion, success by the rule)."""
+    decided = [(was, would) for was, would in pairs if was is not None and would is not None]
     return Flips(
-        told=len(told),
-        successes=sum(was for was, _ in told),
-        lost=sum(was and not would for was, would in told),
-        gained=sum(would and not was for was, would in told),
+        told=len(decided),
+        successes=sum(was for was, _ in decided),
+        lost=sum(was and not would for was, would in decided),
+        gained=sum(would and not was for was, would in decided),
     )
 
 
 def strictness(flight: JudgedFlight) -> Strictness:
-    """Return what the strict reading leaves of an episode."""
-    group = asked_together(flight.logs)
+    """Return an episode under strict parsing."""
+    group = reply_groups(flight.logs)
     counted = [d for d in flight.logs.decisions if d.t_decided <= flight.cap_s]
     mended = [d for d in counted if d.mended is not UNSET]
     read = {(d.step, d.drone): strictly(d, group[d.drone]) for d in mended}
@@ -196,9 +316,9 @@ def strictness(flight: JudgedFlight) -> Strictness:
 
 
 def strictly(decision: Decision, drones: list[int]) -> dict[str, Any] | None:
-    """Return the action of a decision's reply under the strict reading; its own where that is one of the two ways.
+    """Return the action of a decision's reply under strict parsing; its own action if that is one of the readings.
 
-    `drones`: those that the reply is for.
+    `drones` are the drones of the reply.
     """
     if decision.reply is UNSET:
         return decision.action

@@ -1,17 +1,16 @@
-"""What an episode was lost by: the paper's modes and thresholds, of which each scored episode has exactly one.
+"""Failure modes: the paper's modes and thresholds. Each scored episode has exactly one mode.
 
-Paper, "Failure Taxonomy" and appendix "Additional Results". The paper leaves open which mode counts where several do;
-here the first of MODES that holds, in the order in which the appendix names them, after success. Whoever could not move
-is looked at before what a moving drone may have done wrong, and after the declarations: the appendix has it within the
-timed-out band, which `band` puts it back into. It is a fault of the simulation, so whoever hovers because he was
-told nothing else is not meant.
+Paper, "Failure Taxonomy" and appendix "Additional Results". If several modes hold, the paper does not say which counts;
+here the first of MODES counts, in the order of the appendix, after success. "did not move" is a fault of the
+simulation, so it needs commands to move; it comes after the declarations and before the modes of a moving drone. The
+appendix has it in the timed-out band, and so does `band`.
 
-Of a fleet the drones are pooled as its criterion pools them: declarations, arrival and closing are the best drone's,
-and so is the share of steps with the target ahead; it oscillated, or did not move, where every drone did.
+A fleet is pooled as by the criterion: declarations, arrival, closing and the share of steps with the target ahead are
+those of the best drone. A fleet oscillated, or did not move, if every drone did.
 
-A flight that did not move at all is flown once more. The paper's "pose track under 5 m" is of a vehicle that stands
-still when it hovers. Ours wanders, on its estimates, over some 10 m of track in 300 s without leaving the spot, so
-steps shorter than half a metre are none of the track's.
+A flight that did not move is retried once. The paper's "pose track under 5 m" assumes a vehicle that hovers without
+motion. Ours wanders by its estimates over some 10 m of track in 300 s on the spot, so steps shorter than half a metre
+are not a part of the track.
 """
 
 import math
@@ -29,7 +28,7 @@ from foundation.run_folder.rows import Pose
 FailureMode = Literal[
     "success", "declared", "arrived", "did not move", "never grounded", "oscillated", "never closed", "timed out"
 ]
-MODES: dict[FailureMode, str] = {  # in the order in which they are asked for
+MODES: dict[FailureMode, str] = {  # in the order of precedence
     "success": "a declaration qualifies",
     "declared": "arrival was declared, and no declaration qualifies",
     "arrived": "a drone came within the radius, and none declared",
@@ -42,13 +41,13 @@ MODES: dict[FailureMode, str] = {  # in the order in which they are asked for
 HALF_FOV_DEG, GROUNDED = 45.0, 0.10  # of the camera; share of the steps
 WANDERED, TURNED_DEG = 8.0, 720.0  # path over net displacement; accumulated yaw
 CLOSED = 0.30  # of the start distance
-STUCK_M = 5.0  # m of track, under which a drone has not moved
-STEP_M = 0.5  # m, a step of the track; a hover's wander is shorter, and the shortest stride is more than twice as long
+STUCK_M = 5.0  # m of track; with less a drone has not moved
+STEP_M = 0.5  # m, a step of the track: longer than a hover's wander, less than half of the shortest stride
 
 
 @dataclass(frozen=True, slots=True)
 class Wandering:
-    """How one drone's trace runs, within the cap."""
+    """Lengths and turns of one drone's trace within the cap."""
 
     path_m: float  # m, along the poses
     net_m: float  # m, from the first pose to the last
@@ -56,44 +55,44 @@ class Wandering:
 
     @property
     def oscillated(self) -> bool:
-        """Whether it went to and fro."""
+        """Whether the drone went to and fro."""
         return self.path_m > WANDERED * self.net_m and self.turned_deg >= TURNED_DEG
 
 
 def failure_mode(flight: JudgedFlight) -> FailureMode | None:
-    """Return the first of MODES that holds; None of what is nobody's score."""
+    """Return the first of MODES that holds; None for an unscored flight."""
     if not flight.scored:
         return None
     return next(mode for mode, holds in _HOLDS if holds(flight))
 
 
 def band(mode: FailureMode) -> FailureMode:
-    """Return the mode as the paper's bars have it, in which whoever did not move is among the timed out."""
+    """Return the mode for the paper's bars, in which "did not move" is a part of "timed out"."""
     return "timed out" if mode == "did not move" else mode
 
 
 def share_ahead(flight: JudgedFlight) -> float | None:
     """Return the share of the steps with the target within 45° of the nose, hidden or not; of a fleet the best drone's.
 
-    Of the steps whose picture the logger has a bearing of. None without any.
+    Steps without a logged bearing are left out. None without any.
     """
     ahead: dict[int, list[bool]] = {}
     for step in flight.steps:
         bearing_deg = step.truth.bearing_deg if step.truth else None
         if step.counts and bearing_deg is not None:
             ahead.setdefault(step.decision.drone, []).append(abs(bearing_deg) <= HALF_FOV_DEG)
-    return max((sum(told) / len(told) for told in ahead.values()), default=None)
+    return max((sum(flags) / len(flags) for flags in ahead.values()), default=None)
 
 
 def stride(depth_m: float) -> float:
-    """Return how far (m) a go of this depth is flown. Paper, "Executing go"."""
+    """Return the distance (m) that a go of this depth is flown. Paper, "Executing go"."""
     if depth_m < BRAKE_M:
         return 0.0
     return min(depth_m, STRIDE_MAX_M) * (NEAR_SCALE if depth_m < NEAR_M else 1.0)
 
 
 def wandering(poses: Sequence[Pose]) -> Wandering:
-    """Return how one drone's poses run, in the order of their times."""
+    """Return the wandering of one drone's poses, given in the order of time."""
     yaws = [pose.yaw_deg for pose in poses if pose.yaw_deg is not None]
     return Wandering(
         path_m=sum(math.dist(a.position_ned, b.position_ned) for a, b in pairwise(poses)),
@@ -103,7 +102,7 @@ def wandering(poses: Sequence[Pose]) -> Wandering:
 
 
 def wanderings(flight: JudgedFlight) -> list[Wandering]:
-    """Return the same of every drone that has a trace within the cap."""
+    """Return the wandering of every drone with a trace within the cap."""
     traces: dict[int, list[Pose]] = {}
     for pose in sorted(flight.logs.poses, key=lambda pose: pose.t):
         if pose.t <= flight.cap_s:
@@ -112,8 +111,8 @@ def wanderings(flight: JudgedFlight) -> list[Wandering]:
 
 
 def tracks_m(poses: Iterable[Pose]) -> Iterator[float]:
-    """Yield how long the track of a pose's drone has become, m, for each pose."""
-    places: dict[int, tuple[float, float, float]] = {}  # where the last step of each ended
+    """Yield for each pose the length (m) of its drone's track so far."""
+    places: dict[int, tuple[float, float, float]] = {}  # end of the last step, by drone
     tracks: dict[int, float] = {}
     for pose in poses:
         step_m = math.dist(places.setdefault(pose.drone, pose.position_ned), pose.position_ned)
@@ -129,13 +128,13 @@ def track_m(poses: Iterable[Pose]) -> float | None:
 
 
 def is_stuck(poses: Iterable[Pose]) -> bool:
-    """Return whether no drone of a flight moved; of one without a trace nobody knows. Stops where that is known."""
-    known = False
+    """Return whether no drone of a flight moved; False without a trace. Stops at the first drone that moved."""
+    has_pose = False
     for track in tracks_m(poses):
-        known = True
+        has_pose = True
         if track >= STUCK_M:
             return False
-    return known
+    return has_pose
 
 
 def poses_of(folder: Path) -> Iterator[Pose]:
@@ -144,17 +143,17 @@ def poses_of(folder: Path) -> Iterator[Pose]:
 
 
 def _arrived(flight: JudgedFlight) -> bool:
-    told = flight.verdict.diagnostics
-    return told is not None and told.oracle_success is True
+    diagnostics = flight.verdict.diagnostics
+    return diagnostics is not None and diagnostics.oracle_success is True
 
 
 def _did_not_move(flight: JudgedFlight) -> bool:
-    told_m: dict[int, float] = {}
+    commanded_m: dict[int, float] = {}
     for step in flight.steps:
         if step.counts and step.go:
-            told_m[step.decision.drone] = told_m.get(step.decision.drone, 0.0) + stride(step.go.depth_m)
+            commanded_m[step.decision.drone] = commanded_m.get(step.decision.drone, 0.0) + stride(step.go.depth_m)
     stuck = is_stuck(pose for pose in flight.logs.poses if pose.t <= flight.cap_s)
-    return stuck and max(told_m.values(), default=0.0) >= STUCK_M
+    return stuck and max(commanded_m.values(), default=0.0) >= STUCK_M
 
 
 def _never_grounded(flight: JudgedFlight) -> bool:
@@ -168,8 +167,8 @@ def _oscillated(flight: JudgedFlight) -> bool:
 
 
 def _never_closed(flight: JudgedFlight) -> bool:
-    told = flight.verdict.diagnostics
-    return told is not None and told.approach_ratio is not None and told.approach_ratio < CLOSED
+    diagnostics = flight.verdict.diagnostics
+    return diagnostics is not None and diagnostics.approach_ratio is not None and diagnostics.approach_ratio < CLOSED
 
 
 _HOLDS: tuple[tuple[FailureMode, Callable[[JudgedFlight], bool]], ...] = (

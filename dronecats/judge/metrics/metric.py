@@ -1,6 +1,6 @@
-"""A metric: a named pure function of a flight read back, with its definition, unit and place in the paper.
+"""A metric: a named pure function of a recorded flight, with definition, unit and place in the paper.
 
-And how the values of its steps become one of the episode.
+The functions below summarize the values of steps.
 """
 
 import statistics
@@ -9,66 +9,60 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dronecats.judge.judged_flight import FlightStep, JudgedFlight
-from foundation.run_folder.rows import Decision
 
-MetricValue = bool | float | None  # None: not defined for it, or not known; it is left out of every mean
-MetricLevel = Literal["episode", "step"]  # what it is measured of, one value each
+MetricValue = bool | float | None  # None: undefined or unknown; it is left out of every mean
+MetricLevel = Literal["episode", "step"]  # the unit of measurement: a value per episode, or per step
 Better = Literal["more", "less"]
 MetricFunction = Callable[[JudgedFlight], MetricValue | Sequence[MetricValue]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Metric:
-    """What is measured, and how it is told."""
+    """A metric and its presentation."""
 
-    name: str  # as --json, the columns of tables and SQL have it: a Python name with its unit, like ne_m
-    title: str  # for a table's head
+    name: str  # in --json, columns of tables and SQL: a Python name with its unit, like ne_m
+    title: str  # in the head of a table
     unit: str  # "m", "s", "share" (0 … 1), "count", …
     level: MetricLevel
     definition: str  # one sentence
-    paper: str  # its section; empty: ours
-    better: Better | None  # which way is good; None: neither
+    paper: str  # its section; empty: not in the paper
+    better: Better | None  # the good direction; None: neither
     of: MetricFunction  # of level "episode": a value; of "step": a value per decision, in the order of the log
 
     @property
     def is_share(self) -> bool:
-        """Whether a mean over episodes is a share of them, as a rate of successes is."""
+        """Whether a mean over episodes is a share of them, such as a success rate."""
         return self.unit == "share"
 
 
 def of_counted(steps: Iterable[FlightStep], value: Callable[[FlightStep], MetricValue]) -> list[MetricValue]:
-    """Return a value per decision, None after the cap."""
+    """Return a value per decision; None after the cap."""
     return [value(step) if step.counts else None for step in steps]
 
 
-def of_questions(steps: Iterable[FlightStep], value: Callable[[Decision], MetricValue]) -> list[MetricValue]:
-    """Return what a question cost, once, at the first drone that it was for; None of the others and after the cap."""
-    return [value(step.decision) if step.counts and step.asks else None for step in steps]
-
-
 def known_values(values: Iterable[MetricValue]) -> list[float]:
-    """Return those that are not None."""
+    """Return the values that are not None."""
     return [float(value) for value in values if value is not None]
 
 
 def median(values: Iterable[MetricValue]) -> float | None:
-    """Return the median of those that are known; None without any."""
-    told = known_values(values)
-    return statistics.median(told) if told else None
+    """Return the median of the known values; None without any."""
+    numbers = known_values(values)
+    return statistics.median(numbers) if numbers else None
 
 
 def mean(values: Iterable[MetricValue]) -> float | None:
-    """Return the mean of those that are known, of truths their share; None without any."""
-    told = known_values(values)
-    return statistics.fmean(told) if told else None
+    """Return the mean of the known values, of booleans the share of True; None without any."""
+    numbers = known_values(values)
+    return statistics.fmean(numbers) if numbers else None
 
 
 def quantile(values: Iterable[MetricValue], share: float) -> float | None:
-    """Return the quantile of those that are known, straight between neighbours; None without any."""
-    told: Sequence[float] = sorted(known_values(values))
-    if not told:
+    """Return the quantile of the known values, interpolated linearly; None without any."""
+    numbers = sorted(known_values(values))
+    if not numbers:
         return None
-    at = share * (len(told) - 1)
+    at = share * (len(numbers) - 1)
     below = int(at)
-    above = min(below + 1, len(told) - 1)
-    return told[below] + (at - below) * (told[above] - told[below])
+    above = min(below + 1, len(numbers) - 1)
+    return numbers[below] + (at - below) * (numbers[above] - numbers[below])

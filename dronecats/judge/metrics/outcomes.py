@@ -1,72 +1,53 @@
-"""How episodes end: success, and what is told beside it. Paper, "Maps, Episodes and Metrics" and "Metrics"."""
+"""Metrics of outcome and trajectory: success and declarations, distances, times, path and contacts.
 
+Paper, "Maps, Episodes and Metrics" and "Metrics". Of a fleet each value is that of the best drone, and the paths are
+added up (`dronecats/judge/diagnostics.py`). Trajectories do not enter the verdict.
+"""
+
+from dronecats.judge.diagnostics import contacts, estimator_resets
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.metric import Metric
-
-
-def success(flight: JudgedFlight) -> bool | None:
-    """Return whether a declaration qualifies (Algorithm 1); None of what is nobody's score."""
-    return flight.verdict.success if flight.scored else None
+from dronecats.judge.metrics.metric import Metric, MetricFunction
 
 
 def oracle_success(flight: JudgedFlight) -> bool | None:
     """Return whether the trajectory came within the radius at any time, declared or not, in view or not."""
-    told = flight.verdict.diagnostics
-    return None if told is None else told.oracle_success
-
-
-def declared(flight: JudgedFlight) -> bool | None:
-    """Return whether arrival was declared within the cap; None of what is nobody's score."""
-    return flight.verdict.declarations > 0 if flight.scored else None
-
-
-def navigation_error(flight: JudgedFlight) -> float | None:
-    """Return the distance (m) at the decisive measurement."""
-    return flight.verdict.ne_m
-
-
-def declared_to_start(flight: JudgedFlight) -> float | None:
-    """Return the distance at the decisive declaration over the same drone's at the start.
-
-    Of an episode in which none qualifies the first one counts, since the figure tells who declares early; the paper
-    names the decisive one only.
-    """
-    deciding, made = flight.verdict.deciding, flight.declarations
-    one = deciding or (made[0] if made else None)
-    if one is None or one.distance_m is None:
-        return None
-    start_m = next((drone.start_distance_m for drone in flight.verdict.drones if drone.drone == one.drone), None)
-    return one.distance_m / start_m if start_m else None
-
-
-def declarations(flight: JudgedFlight) -> int:
-    """Return how often arrival was declared within the cap."""
-    return flight.verdict.declarations
-
-
-def declarations_after_cap(flight: JudgedFlight) -> int:
-    """Return how often arrival was declared when it counted no more."""
-    return flight.verdict.declarations_after_cap
-
-
-def false_declarations(flight: JudgedFlight) -> int | None:
-    """Return how many declarations do not qualify; None where one was not measured."""
-    return flight.verdict.false_declarations
-
-
-def declaration_precision(flight: JudgedFlight) -> float | None:
-    """Return the share of the declarations that qualifies; None without any, or where one was not measured."""
-    return flight.verdict.declaration_precision
+    diagnostics = flight.verdict.diagnostics
+    return diagnostics.oracle_success if diagnostics else None
 
 
 def success_at_first(flight: JudgedFlight) -> bool | None:
-    """Return whether the first declaration qualifies; None where that is not known."""
+    """Return whether the first declaration qualifies; None if that is unknown."""
     return flight.verdict.success_at_first if flight.scored else None
 
 
-def success_within_three(flight: JudgedFlight) -> bool | None:
-    """Return whether one of the first three declarations qualifies; None where that is not known."""
-    return flight.verdict.success_within_three if flight.scored else None
+def declared_to_start(flight: JudgedFlight) -> float | None:
+    """Return the distance at the decisive declaration over the start distance of the same drone.
+
+    If no declaration qualifies, the first one counts, since the metric shows who declares early; the paper names only
+    the decisive one.
+    """
+    made = flight.declarations
+    declaration = flight.verdict.deciding or (made[0] if made else None)
+    if declaration is None or declaration.distance_m is None:
+        return None
+    start_m = next((d.start_distance_m for d in flight.verdict.drones if d.drone == declaration.drone), None)
+    return declaration.distance_m / start_m if start_m else None
+
+
+def min_distance_box(flight: JudgedFlight) -> float | None:
+    """Return the least distance (m) from a drone to the target's box, of the frames within the cap; 0 is inside."""
+    distances = (row.distance_box_m for row in flight.logs.frames.values() if row.t <= flight.cap_s)
+    return min((distance_m for distance_m in distances if distance_m is not None), default=None)
+
+
+def _diagnostic(name: str) -> MetricFunction:
+    """Return a function that reads a diagnostic of the verdict; None if nothing was measured."""
+    return lambda flight: getattr(flight.verdict.diagnostics, name, None)
+
+
+def _contact(name: str) -> MetricFunction:
+    """Return a function that reads a field of Contacts; None if hits were not logged."""
+    return lambda flight: getattr(contacts(flight.logs, flight.cap_s), name, None)
 
 
 CRITERION, GAP = "One Success Criterion for the Whole Grid", "The Failure Is Declaration, Not Navigation"
@@ -74,7 +55,7 @@ METRICS = (
     Metric(
         name="success", title="SR", unit="share", level="episode", better="more",
         definition="one declaration within the radius of the target's centre with the target in view, until the cap",
-        paper=CRITERION, of=success,
+        paper=CRITERION, of=lambda flight: flight.verdict.success if flight.scored else None,
     ),
     Metric(
         name="oracle_success", title="OSR", unit="share", level="episode", better="more",
@@ -84,12 +65,12 @@ METRICS = (
     Metric(
         name="declared", title="Declared", unit="share", level="episode", better=None,
         definition="arrival was declared at least once within the cap",
-        paper=GAP, of=declared,
+        paper=GAP, of=lambda flight: flight.verdict.declarations > 0 if flight.scored else None,
     ),
     Metric(
         name="ne_m", title="NE", unit="m", level="episode", better="less",
         definition="distance at the first qualifying declaration, else at the last action",
-        paper="Metrics", of=navigation_error,
+        paper="Metrics", of=lambda flight: flight.verdict.ne_m,
     ),
     Metric(
         name="declared_to_start", title="Declared dist. / start dist.", unit="ratio", level="episode", better="less",
@@ -100,22 +81,22 @@ METRICS = (
     Metric(
         name="declarations", title="Declarations", unit="count", level="episode", better=None,
         definition="declarations within the cap",
-        paper="Verifier Audit", of=declarations,
+        paper="Verifier Audit", of=lambda flight: flight.verdict.declarations,
     ),
     Metric(
         name="declarations_after_cap", title="After the cap", unit="count", level="episode", better="less",
         definition="declarations after the cap, which do not count",
-        paper="Verifier Audit", of=declarations_after_cap,
+        paper="Verifier Audit", of=lambda flight: flight.verdict.declarations_after_cap,
     ),
     Metric(
         name="false_declarations", title="False declarations", unit="count", level="episode", better="less",
         definition="declarations within the cap that do not qualify",
-        paper="Verifier Audit", of=false_declarations,
+        paper="Verifier Audit", of=lambda flight: flight.verdict.false_declarations,
     ),
     Metric(
         name="declaration_precision", title="Precision", unit="ratio", level="episode", better="more",
         definition="declarations that qualify over all within the cap",
-        paper="", of=declaration_precision,
+        paper="", of=lambda flight: flight.verdict.declaration_precision,
     ),
     Metric(
         name="success_at_first", title="SR₁", unit="share", level="episode", better="more",
@@ -125,6 +106,76 @@ METRICS = (
     Metric(
         name="success_within_three", title="SR₃", unit="share", level="episode", better="more",
         definition="one of the first three declarations qualifies",
-        paper="", of=success_within_three,
+        paper="", of=lambda flight: flight.verdict.success_within_three if flight.scored else None,
+    ),
+    Metric(
+        name="min_distance_m", title="Min. distance", unit="m", level="episode", better="less",
+        definition="least distance to the target's centre",
+        paper="Metrics", of=_diagnostic("min_distance_m"),
+    ),
+    Metric(
+        name="min_distance_box_m", title="Min. distance to the box", unit="m", level="episode", better="less",
+        definition="least distance to the nearest point of the target's box, at the frames",
+        paper="Metrics", of=min_distance_box,
+    ),
+    Metric(
+        name="start_distance_m", title="Start distance", unit="m", level="episode", better=None,
+        definition="distance to the target's centre at the first sample",
+        paper="Maps, Episodes and Metrics", of=_diagnostic("start_distance_m"),
+    ),
+    Metric(
+        name="approach_ratio", title="Approach ratio", unit="ratio", level="episode", better="more",
+        definition="1 − least distance / start distance: the fraction of it that was closed",
+        paper="Metrics", of=_diagnostic("approach_ratio"),
+    ),
+    Metric(
+        name="first_acquisition_s", title="First acquisition", unit="s", level="episode", better="less",
+        definition="time of the first sample with the target in view",
+        paper="Metrics", of=_diagnostic("first_seen_s"),
+    ),
+    Metric(
+        name="dwell_s", title="Dwell", unit="s", level="episode", better="more",
+        definition="time within the radius with the target in view, all of it together",
+        paper="Metrics", of=_diagnostic("dwell_s"),
+    ),
+    Metric(
+        name="longest_loss_s", title="Longest loss", unit="s", level="episode", better="less",
+        definition="longest time without the target in view, that before its first acquisition included",
+        paper="Metrics", of=_diagnostic("longest_loss_s"),
+    ),
+    Metric(
+        name="path_m", title="Path", unit="m", level="episode", better=None,
+        definition="length of the way along the 2 Hz trace, of a fleet all together",
+        paper="Additional Results", of=_diagnostic("path_m"),
+    ),
+    Metric(
+        name="flown_s", title="Flown", unit="s", level="episode", better=None,
+        definition="time of the last sample within the cap",
+        paper="", of=_diagnostic("flown_s"),
+    ),
+    Metric(
+        name="hits", title="Hits", unit="count", level="episode", better="less",
+        definition="times a drone flew into something; of one contact each thing counts once",
+        paper="", of=_contact("hits"),
+    ),
+    Metric(
+        name="crashes", title="Crashes", unit="count", level="episode", better="less",
+        definition="drones that hit something faster than 1 m/s, their feet the ground faster than 5 m/s",
+        paper="", of=_contact("crashes"),
+    ),
+    Metric(
+        name="hardest_hit_mps", title="Hardest hit", unit="m/s", level="episode", better="less",
+        definition="fastest speed with which a contact began",
+        paper="", of=_contact("hardest_hit_mps"),
+    ),
+    Metric(
+        name="contact_s", title="In contact", unit="s", level="episode", better="less",
+        definition="time in contact with obstacles or other drones, of a fleet all together",
+        paper="", of=_contact("contact_s"),
+    ),
+    Metric(
+        name="estimator_resets", title="Estimator resets", unit="count", level="episode", better="less",
+        definition="times an autopilot set its estimate of yaw, position, velocity or height anew, of all drones",
+        paper="", of=lambda flight: estimator_resets(flight.logs, flight.cap_s),
     ),
 )  # fmt: skip

@@ -1,21 +1,20 @@
-"""Where the pilot pointed, and how far it said that was. Paper, appendix "Execution".
+"""Metrics of the points and depths of `go` actions. Paper, appendix "Execution".
 
-A point is judged where the target was in the picture and seen, by what the logger wrote of that picture: the depth of
-the target's surface that is seen, its centre in the camera's axes, and its box, which a log of an older version does
-not have. The camera is the declared pinhole.
+A point is judged if the target was visible in the picture, by the log of that picture: the depth of the visible target
+surface, its centre in camera axes, and its box, which older logs do not have. The camera is the declared pinhole.
 """
 
 import math
 from collections.abc import Iterator
 
+from dronecats.judge.diagnostics import is_wide_rotation
 from dronecats.judge.judged_flight import FlightStep, JudgedFlight
 from dronecats.judge.metrics.metric import Metric, MetricValue, known_values, mean, median, of_counted
 from foundation.camera import CameraModel
-from foundation.protocol import HISTORY_LENGTH, POINT_SPAN, ROTATE
+from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 from foundation.run_folder.rows import PointedGo
 
-ASKED_DEG = 90.0  # either way: no further is a pilot asked to turn in one step
-SAME = 0.5  # of a coordinate: the history shows whole pixels
+SAME = 0.5  # tolerance of a coordinate: the history shows integer pixels
 _CAMERA = CameraModel()
 
 
@@ -30,7 +29,7 @@ def pointing_error(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def depth_error(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision the depth (m) of a go on the target less that of its surface; + is told too far."""
+    """Return per decision the depth (m) of a go on the target less that of its surface; + is too far."""
     return of_counted(flight.steps, _depth_error_m)
 
 
@@ -40,55 +39,25 @@ def absolute_depth_error(flight: JudgedFlight) -> list[MetricValue]:
 
 
 def rescaled(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether a go repeats the pixels in which its history shows the go before it.
+    """Return per decision whether a go repeats the pixels of the previous go in its history.
 
-    The one before is the drone's newest go among its last five actions, which are all that it is shown. None where
-    there is none, and where its pixels and its point are the same numbers.
+    The previous go is the drone's newest one among its last five actions, which the history shows. None without one,
+    and if its pixels and its point are the same numbers.
     """
-    before: dict[int, list[PointedGo | None]] = {}  # by drone, its actions so far
-    told: list[MetricValue] = []
+    before: dict[int, list[PointedGo | None]] = {}  # actions so far, by drone
+    values: list[MetricValue] = []
     for step in flight.steps:
         shown = before.setdefault(step.decision.drone, [])
         last = next((go for go in reversed(shown[-HISTORY_LENGTH:]) if go), None)
-        told.append(_rescaled(step.go, last) if step.counts and step.go and last else None)
+        values.append(_rescaled(step.go, last) if step.counts and step.go and last else None)
         if step.decision.action is not None:
             shown.append(step.go)
-    return told
+    return values
 
 
 def wide_rotation(flight: JudgedFlight) -> list[MetricValue]:
-    """Return per decision whether it turns by more than the ±90° that the prompt asks for; None of other actions."""
-    return of_counted(flight.steps, _wide)
-
-
-def share_on_target(flight: JudgedFlight) -> float | None:
-    """Return the share of `on_target`."""
-    return mean(on_target(flight))
-
-
-def median_pointing_error(flight: JudgedFlight) -> float | None:
-    """Return the median of `pointing_error`, °."""
-    return median(pointing_error(flight))
-
-
-def median_depth_error(flight: JudgedFlight) -> float | None:
-    """Return the median of `depth_error`, m."""
-    return median(depth_error(flight))
-
-
-def median_absolute_depth_error(flight: JudgedFlight) -> float | None:
-    """Return the median of `absolute_depth_error`, m."""
-    return median(absolute_depth_error(flight))
-
-
-def share_rescaled(flight: JudgedFlight) -> float | None:
-    """Return the share of `rescaled`."""
-    return mean(rescaled(flight))
-
-
-def wide_rotations(flight: JudgedFlight) -> int:
-    """Return how many of `wide_rotation` there were."""
-    return int(sum(known_values(wide_rotation(flight))))
+    """Return per decision whether a rotation is beyond the ±90° of the prompt; None for other actions."""
+    return of_counted(flight.steps, lambda step: is_wide_rotation(step.decision))
 
 
 def _on_target(step: FlightStep) -> bool | None:
@@ -103,9 +72,9 @@ def _pointing_error_deg(step: FlightStep) -> float | None:
     frame = step.in_view
     if step.go is None or frame is None or frame.target_frd is None:
         return None
-    told, true = _ray(step.go), frame.target_frd
-    across = math.hypot(*_cross(told, true))
-    return math.degrees(math.atan2(across, sum(a * b for a, b in zip(told, true, strict=True))))
+    pointed, true = _ray(step.go), frame.target_frd
+    across = math.hypot(*_cross(pointed, true))
+    return math.degrees(math.atan2(across, sum(a * b for a, b in zip(pointed, true, strict=True))))
 
 
 def _depth_error_m(step: FlightStep) -> float | None:
@@ -120,13 +89,6 @@ def _rescaled(go: PointedGo, last: PointedGo) -> bool | None:
     if abs(pixels[0] - last.x) <= SAME and abs(pixels[1] - last.y) <= SAME:
         return None
     return abs(go.x - pixels[0]) <= SAME and abs(go.y - pixels[1]) <= SAME
-
-
-def _wide(step: FlightStep) -> bool | None:
-    if step.decision.kind != ROTATE or step.decision.action is None:
-        return None
-    angle_deg = step.decision.action.get("angle_deg")
-    return abs(angle_deg) > ASKED_DEG if isinstance(angle_deg, int | float) else None
 
 
 def _ray(go: PointedGo) -> tuple[float, float, float]:
@@ -178,32 +140,32 @@ METRICS = (
     Metric(
         name="on_target_share", title="Points on target", unit="ratio", level="episode", better="more",
         definition="share of on_target over the steps",
-        paper=EXECUTION, of=share_on_target,
+        paper=EXECUTION, of=lambda flight: mean(on_target(flight)),
     ),
     Metric(
         name="median_pointing_error_deg", title="Pointing error (median)", unit="°", level="episode", better="less",
         definition="median of pointing_error_deg over the steps",
-        paper=EXECUTION, of=median_pointing_error,
+        paper=EXECUTION, of=lambda flight: median(pointing_error(flight)),
     ),
     Metric(
         name="median_depth_error_m", title="Depth error (median)", unit="m", level="episode", better=None,
         definition="median of depth_error_m over the steps",
-        paper=EXECUTION, of=median_depth_error,
+        paper=EXECUTION, of=lambda flight: median(depth_error(flight)),
     ),
     Metric(
         name="median_depth_error_abs_m", title="Depth error (median, absolute)", unit="m", level="episode",
         better="less",
         definition="median of depth_error_abs_m over the steps",
-        paper=EXECUTION, of=median_absolute_depth_error,
+        paper=EXECUTION, of=lambda flight: median(absolute_depth_error(flight)),
     ),
     Metric(
         name="rescaled_share", title="Rescaled copies", unit="ratio", level="episode", better="less",
         definition="share of rescaled over the steps",
-        paper=EXECUTION, of=share_rescaled,
+        paper=EXECUTION, of=lambda flight: mean(rescaled(flight)),
     ),
     Metric(
         name="wide_rotations", title="Rotations > 90°", unit="count", level="episode", better="less",
         definition="how many steps have wide_rotation",
-        paper=EXECUTION, of=wide_rotations,
+        paper=EXECUTION, of=lambda flight: int(sum(known_values(wide_rotation(flight)))),
     ),
 )  # fmt: skip

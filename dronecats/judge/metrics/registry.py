@@ -1,7 +1,7 @@
-"""Every metric that there is, by which the docs' table, the reports, `--json` and SQL go; and a user's own metrics.
+"""The registry of all metrics, for the docs' table, reports, `--json` and SQL; and a user's own metrics.
 
-A user's are a file of Python with `METRICS`, as each file of ours has it. The file is run. It is as trusted as whoever
-names it on the command line.
+A user's metrics are in a Python file with `METRICS`, as in the modules beside this one. The file is executed, so it
+must be trusted.
 """
 
 import importlib.util
@@ -10,19 +10,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics import costs, fleets, outcomes, pointing, replies, trajectories
+from dronecats.judge.metrics import fleets, outcomes, pointing, replies
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from foundation.errors import UsageError
 
 METRICS: dict[str, Metric] = {
-    metric.name: metric
-    for room in (outcomes, trajectories, costs, replies, pointing, fleets)
-    for metric in room.METRICS
-}  # fmt: skip
+    metric.name: metric for metric in (*outcomes.METRICS, *replies.METRICS, *pointing.METRICS, *fleets.METRICS)
+}
 
 
 def own_metrics(file: Path) -> tuple[Metric, ...]:
-    """Return the metrics of a file. Raises UsageError, in one sentence, where it has none that can be taken."""
+    """Return the metrics of a file. Raises UsageError if the file has no valid metrics."""
     if not file.is_file():
         raise UsageError(f"--metric: there is no file {file}")
     module = importlib.util.module_from_spec(
@@ -33,16 +31,16 @@ def own_metrics(file: Path) -> tuple[Metric, ...]:
         exec(compile(file.read_bytes(), str(file), "exec"), vars(module))
     except Exception as broken:
         raise UsageError(f"--metric: {file} cannot be run: {type(broken).__name__}: {broken}") from None
-    told = getattr(module, "METRICS", None)
-    if not isinstance(told, tuple) or not told or not all(isinstance(each, Metric) for each in told):
+    metrics = getattr(module, "METRICS", None)
+    if not isinstance(metrics, tuple) or not metrics or not all(isinstance(metric, Metric) for metric in metrics):
         raise UsageError(f"--metric: {file} has no METRICS = (Metric(…), …). See: dronecats/judge/metrics/outcomes.py")
-    for metric in told:
+    for metric in metrics:
         _check(metric, file)
-    return told
+    return metrics
 
 
 def value_of(metric: Metric, flight: JudgedFlight) -> MetricValue | Sequence[MetricValue]:
-    """Return what a metric measures of an episode. Raises UsageError where a user's breaks."""
+    """Return the value of a metric for an episode. Raises UsageError if a user's metric fails."""
     if METRICS.get(metric.name) is metric:
         return metric.of(flight)
     try:
@@ -52,8 +50,8 @@ def value_of(metric: Metric, flight: JudgedFlight) -> MetricValue | Sequence[Met
     several = isinstance(value, Sequence) and not isinstance(value, str)
     if metric.level == "step" and not (several and len(value) == len(flight.logs.decisions)):  # type: ignore[arg-type]
         raise UsageError(f"--metric: {metric.name} of {flight.id} is not a value per decision")
-    told = value if isinstance(value, Sequence) else [value]
-    if (several and metric.level == "episode") or not all(map(_is_value, told)):
+    values = value if isinstance(value, Sequence) else [value]
+    if (several and metric.level == "episode") or not all(map(_is_value, values)):
         raise UsageError(f"--metric: {metric.name} of {flight.id} is no number, True, False or None: {value!r:.60}")
     return value
 

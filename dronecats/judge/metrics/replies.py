@@ -1,73 +1,131 @@
-"""How many replies were no actions, and why: refused, or cut off at their longest."""
+"""Metrics of the replies: rates, latencies, tokens, and replies without an action.
+
+Paper, "Variance and Throughput Sensitivity". The cost of a reply for several drones is counted once, at the first
+drone.
+"""
 
 from collections.abc import Callable
 
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.metric import Metric
+from dronecats.judge.metrics.metric import Metric, MetricFunction, MetricValue, known_values, median, quantile
 from foundation.run_folder.rows import Decision
 
-REFUSED = ("refusal", "filtered")  # words of `Decision.finish`
+REFUSALS = ("refusal", "filtered")  # values of `Decision.finish`
 CUT_OFF = ("length",)
 
 
 def is_unreadable(decision: Decision) -> bool:
-    """Return whether its reply holds no action for its drone."""
+    """Return whether the reply has no action for its drone."""
     return decision.action is None
 
 
 def is_refused(decision: Decision) -> bool:
     """Return whether there is no action because the model refused, or its provider withheld the reply."""
-    return is_unreadable(decision) and decision.finish in REFUSED
+    return is_unreadable(decision) and decision.finish in REFUSALS
 
 
 def is_cut_off(decision: Decision) -> bool:
-    """Return whether there is no action, and the reply ended at its longest."""
+    """Return whether there is no action, and the reply ended at its length limit."""
     return is_unreadable(decision) and decision.finish in CUT_OFF
 
 
-def decisions(flight: JudgedFlight) -> int:
-    """Return how many decisions were made within the cap, of each drone."""
-    return _count(flight, lambda decision: True)
+def question_values(flight: JudgedFlight, field: str) -> list[MetricValue]:
+    """Return a field of each decision that a question led to, at the first drone of its reply.
+
+    None for the other drones, after the cap, and for a field without a value.
+    """
+    return [getattr(step.decision, field) if step.counts and step.is_question else None for step in flight.steps]
 
 
-def unreadable(flight: JudgedFlight) -> int:
-    """Return how many of `decisions` are unreadable."""
-    return _count(flight, is_unreadable)
+def _per_question(field: str) -> MetricFunction:
+    return lambda flight: question_values(flight, field)
 
 
-def refused(flight: JudgedFlight) -> int:
-    """Return how many of `decisions` are refused."""
-    return _count(flight, is_refused)
+def _token_sum(field: str) -> MetricFunction:
+    """Return a function that adds up tokens; None if no server counted them."""
+    return lambda flight: sum(counts) if (counts := known_values(question_values(flight, field))) else None
 
 
-def cut_off(flight: JudgedFlight) -> int:
-    """Return how many of `decisions` are cut off."""
-    return _count(flight, is_cut_off)
+def _decision_count(counts: Callable[[Decision], bool]) -> MetricFunction:
+    return lambda flight: sum(step.counts and counts(step.decision) for step in flight.steps)
 
 
-def _count(flight: JudgedFlight, counts: Callable[[Decision], bool]) -> int:
-    return sum(step.counts and counts(step.decision) for step in flight.steps)
-
-
+THROUGHPUT = "Variance and Throughput Sensitivity"
 METRICS = (
+    Metric(
+        name="rate_hz", title="Control rate", unit="Hz", level="step", better=None,
+        definition="1 / vehicle time since the decision before; none for the first",
+        paper=THROUGHPUT, of=_per_question("rate_hz"),
+    ),
+    Metric(
+        name="latency_s", title="Latency", unit="s", level="step", better="less",
+        definition="vehicle time that the reply took",
+        paper=THROUGHPUT, of=_per_question("latency_s"),
+    ),
+    Metric(
+        name="tokens_in", title="Tokens in", unit="count", level="step", better="less",
+        definition="tokens that the model read, as the server counts them",
+        paper="Serving and Decoding", of=_per_question("tokens_in"),
+    ),
+    Metric(
+        name="tokens_out", title="Tokens out", unit="count", level="step", better="less",
+        definition="tokens that the model wrote, as the server counts them",
+        paper="Serving and Decoding", of=_per_question("tokens_out"),
+    ),
+    Metric(
+        name="questions", title="Steps", unit="count", level="episode", better=None,
+        definition="replies that became decisions within the cap; one for all drones that it was for",
+        paper="Commanding Several Drones",
+        of=lambda flight: sum(step.counts and step.is_question for step in flight.steps),
+    ),
+    Metric(
+        name="median_latency_s", title="Latency (median)", unit="s", level="episode", better="less",
+        definition="median of latency_s over the questions",
+        paper=THROUGHPUT, of=lambda flight: median(question_values(flight, "latency_s")),
+    ),
+    Metric(
+        name="rate_hz_5", title="Control rate (5 %)", unit="Hz", level="episode", better=None,
+        definition="5 % quantile of rate_hz over the questions",
+        paper=THROUGHPUT, of=lambda flight: quantile(question_values(flight, "rate_hz"), 0.05),
+    ),
+    Metric(
+        name="rate_hz_50", title="Control rate (median)", unit="Hz", level="episode", better=None,
+        definition="median of rate_hz over the questions",
+        paper=THROUGHPUT, of=lambda flight: median(question_values(flight, "rate_hz")),
+    ),
+    Metric(
+        name="rate_hz_95", title="Control rate (95 %)", unit="Hz", level="episode", better=None,
+        definition="95 % quantile of rate_hz over the questions",
+        paper=THROUGHPUT, of=lambda flight: quantile(question_values(flight, "rate_hz"), 0.95),
+    ),
+    Metric(
+        name="all_tokens_in", title="Tokens in (all)", unit="count", level="episode", better="less",
+        definition="sum of tokens_in over the questions",
+        paper="Serving and Decoding", of=_token_sum("tokens_in"),
+    ),
+    Metric(
+        name="all_tokens_out", title="Tokens out (all)", unit="count", level="episode", better="less",
+        definition="sum of tokens_out over the questions",
+        paper="Serving and Decoding", of=_token_sum("tokens_out"),
+    ),
     Metric(
         name="decisions", title="Decisions", unit="count", level="episode", better=None,
         definition="decisions within the cap, of each drone",
-        paper="", of=decisions,
+        paper="", of=_decision_count(lambda decision: True),
     ),
     Metric(
         name="unreadable", title="Unreadable", unit="count", level="episode", better="less",
         definition="of these, those whose reply holds no action",
-        paper="", of=unreadable,
+        paper="", of=_decision_count(is_unreadable),
     ),
     Metric(
         name="refused", title="Refused", unit="count", level="episode", better="less",
         definition="of the unreadable ones, those that the model refused or a filter of its provider withheld",
-        paper="", of=refused,
+        paper="", of=_decision_count(is_refused),
     ),
     Metric(
         name="cut_off", title="Cut off", unit="count", level="episode", better="less",
         definition="of the unreadable ones, those that ended at the longest reply that was allowed",
-        paper="", of=cut_off,
+        paper="", of=_decision_count(is_cut_off),
     ),
 )  # fmt: skip

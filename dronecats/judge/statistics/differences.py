@@ -1,4 +1,4 @@
-"""How much two conditions differ on the same episodes, whose several flights are no more evidence than one."""
+"""Means and differences over episodes with intervals and tests; several flights of an episode count as one."""
 
 import functools
 import math
@@ -13,10 +13,10 @@ from dronecats.judge.statistics.shares import CONFIDENCE
 
 Array = NDArray[np.float64]
 
-ENUMERATED = 13  # episodes, up to which every subset is counted
-DRAWN = 1 << 12  # random subsets of more episodes; the complement of each is taken too
-SHARE_FLIGHTS_MAX = 200  # flights of an episode, up to which the test of shares is exact
-TIE = 1e-9  # sums that are smaller than this part of the largest value are 0, whatever rounding made of them
+ENUMERATED = 13  # episodes; up to so many all subsets are used
+DRAWN = 1 << 12  # random subsets of more episodes, with their complements
+SHARE_FLIGHTS_MAX = 200  # flights of an episode; up to so many the test of shares is exact
+TIE = 1e-9  # of the largest value: smaller sums are 0, since they are rounding errors
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,8 +24,8 @@ class KnownMean:
     """A mean over episodes with its interval."""
 
     episodes: int
-    mean: float  # in the unit of the values; nan: of no episode
-    low: float | None  # None: too few episodes to tell
+    mean: float  # in the unit of the values; nan: no episode
+    low: float | None  # None: too few episodes
     high: float | None
 
 
@@ -36,62 +36,64 @@ class MeanDifference(KnownMean):
     0 is outside of the interval exactly where p is at most 1 − confidence.
     """
 
-    p: float  # two-sided; 1: of no episode
+    p: float  # two-sided; 1: no episode
 
 
 def known_mean(values: Sequence[float], confidence: float = CONFIDENCE) -> KnownMean:
-    """Return the mean of a value an episode, with an interval that holds no value that the mean cannot have.
+    """Return the mean of a value per episode, with an interval within the range of the values.
 
     The ends are quantiles of the means of all subsets of the episodes (Hartigan, "Using subsample values as typical
-    values", J. Am. Stat. Assoc. 64, 1969), so that the interval lies between the least and the largest value. Fewer
-    episodes than 6 are too few for 95 %.
+    values", J. Am. Stat. Assoc. 64, 1969), so the interval is between the least and the largest value. Fewer
+    than 6 episodes are too few for 95 %.
     """
     if not len(values):
         return KnownMean(0, math.nan, None, None)
     count, mean = len(values), math.fsum(values) / len(values)
     means = np.sort(_subset_sums(values) / _subsets(count).sum(axis=1))
-    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)  # subsets beyond an end, the empty one included
+    outside = math.floor((1 - confidence) * (len(means) + 1) / 2 + TIE)  # subsets beyond an end, with the empty one
     if not outside:
         return KnownMean(count, mean, None, None)
     return KnownMean(count, mean, min(mean, float(means[outside - 1])), max(mean, float(means[-outside])))
 
 
 def mean_difference(differences: Sequence[float], confidence: float = CONFIDENCE) -> MeanDifference:
-    """Return the mean of a difference an episode with its interval and the p of the randomisation test of the mean.
+    """Return the mean of a difference per episode, its interval, and the p of the randomisation test of the mean.
 
     The test counts the choices of signs whose sum is as far from 0 (Fisher, "The Design of Experiments", 1935, 21);
     of more than 13 episodes, random ones. The interval of `known_mean` is that of this test.
     """
-    known = known_mean(differences, confidence)
-    if not known.episodes:
+    estimate = known_mean(differences, confidence)
+    if not estimate.episodes:
         return MeanDifference(0, math.nan, None, None, 1.0)
-    # A choice of signs turns a subset over: the sum of all is not reached where the subset's own sum is positive.
+    # A choice of signs flips a subset: the sum of all is not reached if the sum of the subset is positive.
     sums = _subset_sums(differences)
     lesser = min(int((sums <= 0).sum()), int((sums >= 0).sum())) + 1  # and the empty one
-    return MeanDifference(known.episodes, known.mean, known.low, known.high, min(1.0, 2 * lesser / (len(sums) + 1)))
+    return MeanDifference(
+        estimate.episodes, estimate.mean, estimate.low, estimate.high, min(1.0, 2 * lesser / (len(sums) + 1))
+    )
 
 
 def share_difference(
     differences: Sequence[float], flights: float = 1.0, confidence: float = CONFIDENCE
 ) -> MeanDifference:
-    """Return the mean difference of two shares of successes, a difference an episode, each -1 … 1.
+    """Return the mean difference of two shares of successes, from a difference per episode, -1 … 1.
 
     The interval is Agresti and Min's (Stat. Med. 24, 2005) for pairs of one flight each: half a pair is added to each
-    of the four ways in which a pair can end, so that it is never of no width. Of several `flights` an episode, on the
-    mean, a pair is that part of an episode, and an episode's difference counts by its square; where all episodes differ
-    alike, which tells nothing of their scatter, each counts as one pair. The p is the exact randomisation test's of the
-    mean, of one flight each McNemar's; or the interval's own where that is larger. Where the test finds nothing, the
-    interval reaches to 0. Raises ValueError for what is no difference.
+    of the four ways in which a pair can end, so its width is never 0. With several `flights` per episode on average, a
+    pair is that part of an episode, and an episode's difference counts by its square; if all episodes differ equally,
+    which does not show their scatter, each counts as one pair. The p is that of the exact randomisation test of the
+    mean (McNemar's for one flight each), or that of the interval if it is larger. If the test is not significant, the
+    interval includes 0. Raises ValueError for an invalid difference.
     """
     count = len(differences)
-    if any(not -1 <= each <= 1 for each in differences) or flights < 1:
+    if any(not -1 <= difference <= 1 for difference in differences) or flights < 1:
         raise ValueError("a difference of shares lies between -1 and 1, and is of one flight at least")
     if count == 0:
         return MeanDifference(0, math.nan, None, None, 1.0)
     added = 2.0 / flights if len(set(differences)) > 1 else 2.0
-    whole, more = math.fsum(differences), count + added
-    middle = whole / more
-    variance = (math.fsum(each * each for each in differences) + added / 2) / more - middle * middle
+    total, more = math.fsum(differences), count + added
+    middle = total / more
+    variance = (math.fsum(difference * difference for difference in differences) + added / 2) / more - middle * middle
     deviation = math.sqrt(variance / more)
     normal = NormalDist()
     reach = normal.inv_cdf(0.5 + confidence / 2) * deviation
@@ -100,11 +102,11 @@ def share_difference(
     if exact > 1 - confidence:
         low, high = min(low, 0.0), max(high, 0.0)
     p = max(exact, 2 * normal.cdf(-abs(middle) / deviation))
-    return MeanDifference(count, whole / count, low, high, p)
+    return MeanDifference(count, total / count, low, high, p)
 
 
 def _subset_sums(values: Sequence[float]) -> Array:
-    """Return the sum of each of `_subsets`; a sum that only rounding keeps from 0 is 0."""
+    """Return the sum of each of `_subsets`; a sum within rounding errors of 0 is 0."""
     side = -1.0 if math.fsum(values) < 0 else 1.0
     ordered = np.sort(side * np.asarray(values, dtype=float))  # neither their order nor their direction matters
     sums: Array = _subsets(len(ordered)) @ ordered
@@ -114,17 +116,17 @@ def _subset_sums(values: Sequence[float]) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _subsets(count: int) -> Array:
-    """Return subsets that are not empty, a line each with 1.0 for what is in it: all, or of many values random ones."""
+    """Return non-empty subsets, a row each with 1.0 for its members: all subsets, or random ones of many values."""
     if count <= ENUMERATED:
         return ((np.arange(1, 1 << count)[:, None] >> np.arange(count)) & 1).astype(float)
     drawn = np.random.default_rng(count).integers(0, 2, (DRAWN, count)).astype(float)
-    both = np.vstack((drawn, 1.0 - drawn))
-    return both[both.any(axis=1)]
+    subsets = np.vstack((drawn, 1.0 - drawn))
+    return subsets[subsets.any(axis=1)]
 
 
 def _randomised_shares(differences: Sequence[float]) -> float:
     """Return the exact two-sided p of the randomisation test of the mean of differences of shares."""
-    sizes = _whole(np.sort(np.asarray(differences, dtype=float)))
+    sizes = _integers(np.sort(np.asarray(differences, dtype=float)))
     positive, total = int(sizes[sizes > 0].sum()), int(np.abs(sizes).sum())
     lesser = min(positive, total - positive)
     chances = np.zeros(lesser + 1)  # of each sum of the positive ones up to the lesser, over all choices of signs
@@ -135,10 +137,10 @@ def _randomised_shares(differences: Sequence[float]) -> float:
     return min(1.0, 2 * float(chances.sum()))
 
 
-def _whole(shares: Array) -> NDArray[np.int64]:
-    """Return shares as whole numbers of the largest part that all of them are multiples of."""
-    for parts in range(1, SHARE_FLIGHTS_MAX + 1):
-        whole = np.rint(shares * parts)
-        if np.abs(shares * parts - whole).max() < TIE * SHARE_FLIGHTS_MAX:
+def _integers(shares: Array) -> NDArray[np.int64]:
+    """Return shares as integer multiples of their largest common part."""
+    for denominator in range(1, SHARE_FLIGHTS_MAX + 1):
+        numbers = np.rint(shares * denominator)
+        if np.abs(shares * denominator - numbers).max() < TIE * SHARE_FLIGHTS_MAX:
             break
-    return np.asarray(whole, dtype=np.int64)
+    return np.asarray(numbers, dtype=np.int64)

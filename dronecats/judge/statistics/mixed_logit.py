@@ -1,9 +1,9 @@
-"""A logistic regression whose groups differ: a random intercept each, by the exact marginal likelihood.
+"""A logistic regression with a random intercept per group, by the exact marginal likelihood.
 
-The chance of a success of group g under condition j is 1 / (1 + exp(-(X_j b + o_j + s z_g))), z_g standard normal.
-z is integrated out by the trapezoid rule over ±7, which for such smooth integrands is as good as exact; what is left is
-maximised by its own gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients
-have a bound, so that outcomes which a line parts without a mistake have a likelihood, too, if no best coefficient.
+The chance of a success of group g under condition j is 1 / (1 + exp(-(X_j b + o_j + s z_g))), z_g standard normal. z is
+integrated out by the trapezoid rule over ±7, which is practically exact for such smooth integrands; the likelihood is
+maximised by its gradient (McCulloch and Searle, "Generalized, Linear, and Mixed Models", 2001, 8). Coefficients are
+bounded, so perfectly separated outcomes have a likelihood, too, but no best coefficient.
 """
 
 import functools
@@ -18,22 +18,22 @@ Array = NDArray[np.float64]
 
 REACH = 7.0  # of z, to either side
 STEEPEST = 400.0  # of a coefficient, where its column reaches 1 at most
-WIDEST = 12.0  # of s: beyond it nothing but the group decides
-ALIKE = 0.01  # lost of twice the log likelihood: a fit is as good as the best
-LEAST_PEAK = 1e-4  # of the likelihood's curvature: a flatter one has no peak
+WIDEST = 12.0  # of s: beyond it only the group decides
+EQUAL_LOSS = 0.01  # of twice the log likelihood: a fit that loses less is as good as the best
+LEAST_PEAK = 1e-4  # of the curvature of the likelihood: a flatter one has no peak
 
 
 @dataclass(frozen=True, slots=True)
 class Trials:
-    """Successes of groups under conditions; where a group was not tried under one, both are 0."""
+    """Successes of groups under conditions; both are 0 if a group was not tried under a condition."""
 
     successes: Array  # (groups, conditions)
     trials: Array  # (groups, conditions)
 
     def __post_init__(self) -> None:
-        """Raise ValueError for what are no counts."""
+        """Raise ValueError for invalid counts."""
         if self.successes.shape != self.trials.shape or self.successes.ndim != 2:
-            raise ValueError("successes and trials want a line a group and a column a condition, both alike")
+            raise ValueError("successes and trials want the same shape: a row per group, a column per condition")
         if (self.successes < 0).any() or (self.successes > self.trials).any():
             raise ValueError("there are more successes than trials")
 
@@ -45,16 +45,16 @@ class Trials:
 
 @dataclass(frozen=True, slots=True)
 class MixedLogit:
-    """What was fitted."""
+    """A fitted model."""
 
     coefficients: Array  # (columns,), of one unit of each column
     scatter: float  # s: standard deviation of the groups' intercepts, on the scale of log odds
-    log_likelihood: float  # without what depends on the counts alone
+    log_likelihood: float  # without terms of the counts alone
 
 
 def fit(
     design: Array,
-    told: Trials,
+    trials: Trials,
     offset: Array | None = None,
     begin: MixedLogit | None = None,
     narrowest: float = 0.0,
@@ -62,10 +62,10 @@ def fit(
     """Return the most likely coefficients and scatter.
 
     `design` is (conditions, columns), a column of ones where an intercept is wanted; `offset` (conditions,) is added to
-    it with the coefficient 1. `begin` is a fit to begin at, of as many columns; `narrowest` is the least scatter that
-    is looked at. Raises ValueError for other shapes.
+    it with the coefficient 1. `begin` is a fit with as many columns to start from; `narrowest` is the least scatter.
+    Raises ValueError for other shapes.
     """
-    conditions = told.trials.shape[1]
+    conditions = trials.trials.shape[1]
     if design.ndim != 2 or design.shape[0] != conditions or (offset is not None and offset.shape != (conditions,)):
         raise ValueError(f"the design wants a line for each of {conditions} conditions")
     scale = _scale(design)
@@ -76,52 +76,52 @@ def fit(
     first[-1] = max(first[-1], narrowest)
 
     def loss(at: Array) -> tuple[float, Array]:
-        value, slope = _likelihood(scaled, moved, told, at)
+        value, slope = _likelihood(scaled, moved, trials, at)
         return -value, -slope
 
     bounds = [(-STEEPEST, STEEPEST)] * design.shape[1] + [(narrowest, WIDEST)]
     options = {"maxfun": 2000, "ftol": 1e-10, "gtol": 1e-6, "xtol": 1e-8}
-    found = optimize.minimize(loss, first, jac=True, method="TNC", bounds=bounds, options=options)
-    best = np.asarray(found.x)
-    return MixedLogit(best[:-1] / scale, float(best[-1]), -float(found.fun))
+    solution = optimize.minimize(loss, first, jac=True, method="TNC", bounds=bounds, options=options)
+    best = np.asarray(solution.x)
+    return MixedLogit(best[:-1] / scale, float(best[-1]), -float(solution.fun))
 
 
-def log_likelihood(design: Array, told: Trials, coefficients: Array, scatter: float) -> float:
-    """Return the marginal log likelihood, without what depends on the counts alone."""
+def log_likelihood(design: Array, trials: Trials, coefficients: Array, scatter: float) -> float:
+    """Return the marginal log likelihood, without terms of the counts alone."""
     at = np.append(coefficients, scatter)
-    return _likelihood(design, np.zeros(design.shape[0]), told, at)[0]
+    return _likelihood(design, np.zeros(design.shape[0]), trials, at)[0]
 
 
-def at_widest(design: Array, told: Trials, made: MixedLogit) -> bool:
-    """Return whether the scatter has grown to the widest there is, or is no likelier than that.
+def at_widest(design: Array, trials: Trials, fitted: MixedLogit) -> bool:
+    """Return whether the scatter is at its bound, or no likelier than that.
 
-    Then coefficients and scatter grow together, and only their ratios are told: each of them is what the bound makes
-    of it. A scatter below half of the widest is one that stayed where it was, or of which nothing is told.
+    Then coefficients and scatter grow together, and only their ratios are determined; each value depends on the bound.
+    A scatter below half of the bound does not count.
     """
-    if made.scatter < WIDEST / 2:
+    if fitted.scatter < WIDEST / 2:
         return False
-    grown = WIDEST / made.scatter
-    begin = MixedLogit(made.coefficients * grown, WIDEST, 0.0)
-    widest = fit(design, told, begin=begin, narrowest=WIDEST)
-    return 2.0 * (made.log_likelihood - widest.log_likelihood) < ALIKE
+    grown = WIDEST / fitted.scatter
+    begin = MixedLogit(fitted.coefficients * grown, WIDEST, 0.0)
+    widest = fit(design, trials, begin=begin, narrowest=WIDEST)
+    return 2.0 * (fitted.log_likelihood - widest.log_likelihood) < EQUAL_LOSS
 
 
-def covariance(design: Array, told: Trials, made: MixedLogit) -> Array | None:
+def covariance(design: Array, trials: Trials, fitted: MixedLogit) -> Array | None:
     """Return the covariance (columns + 1, columns + 1) of coefficients and scatter, from the likelihood's curvature.
 
-    The line of a scatter at its least is 0. None: the likelihood has no peak there, as where a line parts the outcomes
-    without a mistake or where the scatter is at its widest, so that no coefficient is the best.
+    The row of a scatter at its minimum is 0. None: the likelihood has no peak, as with perfectly separated outcomes or
+    a scatter at its bound.
     """
-    if at_widest(design, told, made):
+    if at_widest(design, trials, fitted):
         return None
     scale, moved = np.append(_scale(design), 1.0), np.zeros(design.shape[0])
-    at, scaled = np.append(made.coefficients, made.scatter) * scale, design / scale[:-1]
-    free = len(at) if made.scatter > 1e-3 else len(at) - 1
+    at, scaled = np.append(fitted.coefficients, fitted.scatter) * scale, design / scale[:-1]
+    free = len(at) if fitted.scatter > 1e-3 else len(at) - 1
     curvature = np.zeros((free, free))
     for k in range(free):
         step = np.zeros_like(at)
         step[k] = 1e-4 * max(1.0, abs(at[k]))
-        ahead, behind = (_likelihood(scaled, moved, told, at + sign * step)[1][:free] for sign in (1.0, -1.0))
+        ahead, behind = (_likelihood(scaled, moved, trials, at + sign * step)[1][:free] for sign in (1.0, -1.0))
         curvature[k] = (behind - ahead) / (2 * step[k])
     curvature = (curvature + curvature.T) / 2
     if not np.isfinite(curvature).all() or np.linalg.eigvalsh(curvature).min() < LEAST_PEAK:
@@ -137,25 +137,27 @@ def share(log_odds: Array, scatter: float) -> Array:
     return np.asarray(special.expit(log_odds[..., None] + scatter * nodes) @ weights)
 
 
-def _likelihood(design: Array, moved: Array, told: Trials, at: Array) -> tuple[float, Array]:
+def _likelihood(design: Array, moved: Array, trials: Trials, at: Array) -> tuple[float, Array]:
     """Return the log likelihood and its slope in coefficients and scatter."""
-    nodes, weights = _nodes(told.most)
+    nodes, weights = _nodes(trials.most)
     odds = (design @ at[:-1] + moved)[:, None] + at[-1] * nodes  # (conditions, nodes)
-    each = (
-        _times(told.successes, odds) - _times(told.trials, np.logaddexp(0.0, odds)) + np.log(weights)
+    terms = (
+        _times(trials.successes, odds) - _times(trials.trials, np.logaddexp(0.0, odds)) + np.log(weights)
     )  # (groups, nodes)
-    most = each.max(axis=1, keepdims=True)
-    there = np.exp(each - most)
-    whole = there.sum(axis=1, keepdims=True)
-    there /= whole  # where each group's z is, given its outcomes
-    pull = _times(told.successes.T, there) - special.expit(odds) * _times(told.trials.T, there)  # (conditions, nodes)
+    most = terms.max(axis=1, keepdims=True)
+    there = np.exp(terms - most)
+    totals = there.sum(axis=1, keepdims=True)
+    there /= totals  # where each group's z is, given its outcomes
+    pull = _times(trials.successes.T, there) - special.expit(odds) * _times(
+        trials.trials.T, there
+    )  # (conditions, nodes)
     slope = np.append(design.T @ pull.sum(axis=1), (pull * nodes).sum())
-    return float((most + np.log(whole)).sum()), slope
+    return float((most + np.log(totals)).sum()), slope
 
 
-def _times(one: Array, other: Array) -> Array:
-    """Return the product of two matrices, by one thread: they are small, and a library's many only wait for another."""
-    return np.asarray(np.einsum("ij,jk->ik", one, other))
+def _times(a: Array, b: Array) -> Array:
+    """Return the product of two small matrices in one thread; a library's threads would only wait for each other."""
+    return np.asarray(np.einsum("ij,jk->ik", a, b))
 
 
 def _scale(design: Array) -> Array:
@@ -165,9 +167,9 @@ def _scale(design: Array) -> Array:
 
 @functools.cache
 def _nodes(trials: int) -> tuple[Array, Array]:
-    """Return places and weights of z, fine enough for groups of so many trials.
+    """Return nodes and weights of z, fine enough for groups of so many trials.
 
-    What these tell of s z is no narrower than a normal curve of 2 / √trials, which steps of twice that still resolve.
+    The likelihood of s z is no narrower than a normal curve of 2 / √trials, which steps of twice that still resolve.
     """
     step = min(0.1, 2 * 2 / math.sqrt(max(trials, 1)) / WIDEST)
     nodes = np.linspace(-REACH, REACH, 2 * math.ceil(REACH / step) + 1)

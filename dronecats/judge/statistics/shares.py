@@ -1,5 +1,6 @@
-"""How well a share is known from few trials, and from several flights of the same few episodes."""
+"""Shares of success: their intervals from few trials, and exact comparisons of two pilots on the same episodes."""
 
+import functools
 import math
 import statistics
 from collections.abc import Sequence
@@ -18,11 +19,11 @@ class KnownShare:
     share: float  # 0 … 1
     low: float  # of the interval, 0 … 1
     high: float
-    effective: float  # independent trials that would tell as much: as many as there are, or fewer
+    effective: float  # number of independent trials with the same information, at most `trials`
 
 
 def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return Wilson's score interval (low, high) of a share; (0, 1) of no trial. Raises ValueError.
+    """Return Wilson's score interval (low, high) of a share; (0, 1) without trials. Raises ValueError.
 
     Wilson, "Probable inference", J. Am. Stat. Assoc. 22 (1927). The counts may be fractions: effective ones.
     """
@@ -35,7 +36,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     middle = share + z * z / (2 * trials)
     half = z * math.sqrt(share * (1 - share) / trials + z * z / (4 * trials * trials))
     scale = 1 + z * z / trials
-    # at an end of the scale the interval holds that end, which rounding would miss by a hair
+    # an interval at an end of the scale includes that end, which rounding would miss
     low = 0.0 if successes == 0 else (middle - half) / scale
     return low, 1.0 if successes == trials else (middle + half) / scale
 
@@ -43,12 +44,12 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
 def known_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENCE) -> KnownShare:
     """Return the share of successes over all flights of some episodes; `flights` holds each episode's own.
 
-    Flights of one episode succeed and fail together, so that ten flights of one tell less than one of ten: episodes
-    are the unit. The interval is Wilson's, of as many independent trials as would leave the share's variance over the
-    episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), at least the episodes and at most all flights.
-    Of one flight each it is Wilson's own. Where every flight ended alike it counts each episode once.
+    Flights of one episode are correlated, so ten flights of one episode carry less information than one of ten: the
+    episode is the unit. The interval is Wilson's, for as many independent trials as give the share's variance over the
+    episodes (linearised, Cochran, "Sampling Techniques", 1977, 6.4), at least the episodes and at most all flights. For
+    one flight each it is Wilson's own. If all flights have one outcome, each episode counts once.
     """
-    episodes = [each for each in flights if each]
+    episodes = [outcomes for outcomes in flights if outcomes]
     trials, successes = sum(map(len, episodes)), sum(map(sum, episodes))
     if trials == 0:
         return KnownShare(0, 0, math.nan, 0.0, 1.0, 0.0)
@@ -59,11 +60,11 @@ def known_share(flights: Sequence[Sequence[bool]], confidence: float = CONFIDENC
 
 
 def _effective(episodes: Sequence[Sequence[bool]], share: float, trials: int) -> float:
-    """Return how many independent trials tell as much of the share."""
+    """Return the number of independent trials with the same information about the share."""
     count = len(episodes)
     if count == trials or count == 1 or share in (0.0, 1.0):
         return float(count)
-    residuals = (sum(each) - share * len(each) for each in episodes)
+    residuals = (sum(outcomes) - share * len(outcomes) for outcomes in episodes)
     variance = count / (count - 1) * sum(r * r for r in residuals) / trials**2
     return min(float(trials), max(float(count), share * (1 - share) / variance)) if variance else float(trials)
 
@@ -75,25 +76,25 @@ class Spread:
     totals: tuple[int, ...]  # successes of each flight
     episodes: int  # of each
     mean: float  # successes
-    deviation: float | None  # successes, standard deviation over the flights; None: of one flight
-    low: float | None  # interval of the deviation, were the totals normal, of what the deviation can be
+    deviation: float | None  # successes, standard deviation over the flights; None: one flight
+    low: float | None  # interval of the deviation for normal totals, within its range
     high: float | None
-    binomial: float  # successes, expected of that many coins of the same share: the paper's sqrt(n p (1 - p))
-    by_episode: float | None  # expected where each episode has a share of its own, as a hard and an easy one have
+    binomial: float  # successes, expected for equal episodes: the paper's sqrt(n p (1 - p))
+    by_episode: float | None  # expected if each episode has its own share
 
 
 def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Spread:
-    """Return how flights scatter; each holds the successes of the same episodes in the same order.
+    """Return the spread of flights; each has the successes of the same episodes in the same order.
 
-    Raises ValueError when there is no flight, or they are of different lengths.
+    Raises ValueError without flights, or if their lengths differ.
     """
-    if not flights or not flights[0] or len({len(each) for each in flights}) > 1:
+    if not flights or not flights[0] or len({len(flight) for flight in flights}) > 1:
         raise ValueError("a spread wants flights of the same episodes, at least one of each")
     totals, episodes = tuple(map(sum, flights)), len(flights[0])
     mean = statistics.fmean(totals)
     deviation = statistics.stdev(totals) if len(totals) > 1 else None
     low, high = (None, None) if deviation is None else deviation_interval(deviation, len(totals), confidence)
-    if high is not None and deviation is not None:  # no deviation of totals from 0 to all is larger than half of all
+    if high is not None and deviation is not None:  # a deviation of totals cannot exceed half of the episodes
         high = max(deviation, min(high, episodes / 2))
     return Spread(
         totals=totals,
@@ -114,7 +115,7 @@ def binomial_deviation(share: float, trials: int) -> float:
 
 def deviation_interval(deviation: float, count: int, confidence: float = 0.95) -> tuple[float, float]:
     """Return the interval of a standard deviation that `count` normal values gave (by chi-square)."""
-    from scipy.special import chdtri  # a base dependency, but slow to import for whoever needs it not
+    from scipy.special import chdtri  # a base dependency, but slow to import
 
     freedom, tail = count - 1, (1 - confidence) / 2
     square = freedom * deviation * deviation
@@ -122,6 +123,113 @@ def deviation_interval(deviation: float, count: int, confidence: float = 0.95) -
 
 
 def _by_episode(flights: Sequence[Sequence[bool]]) -> float:
-    """Return the deviation of totals were flights independent: each episode's own variance (unbiased) added up."""
-    each = zip(*flights, strict=True)
-    return math.sqrt(sum(statistics.variance(map(float, outcomes)) for outcomes in each))
+    """Return the deviation of totals of independent flights: the sum of the episodes' own variances (unbiased)."""
+    episodes = zip(*flights, strict=True)
+    return math.sqrt(sum(statistics.variance(map(float, outcomes)) for outcomes in episodes))
+
+
+def holm(ps: Sequence[float]) -> list[float]:
+    """Return the adjusted p of each test, in their order, which bounds the chance of any false finding.
+
+    Holm, "A simple sequentially rejective multiple test procedure", Scand. J. Stat. 6 (1979).
+    """
+    adjusted, least = [0.0] * len(ps), 0.0
+    for rank, k in enumerate(sorted(range(len(ps)), key=ps.__getitem__)):
+        least = max(least, min(1.0, (len(ps) - rank) * ps[k]))
+        adjusted[k] = least
+    return adjusted
+
+
+ALPHA = 0.05  # two-sided
+POWER = 0.8
+
+
+@dataclass(frozen=True, slots=True)
+class Paired:
+    """The comparison of two pilots over the episodes that both have flown."""
+
+    episodes: int
+    only_first: int  # episodes that the first solved more often than the second: McNemar's b
+    only_second: int  # the other way round: c
+    difference: float  # share of successes of the first less that of the second, -1 … 1
+    p: float  # two-sided, exact
+    smallest: float | None  # `smallest_difference` for this discordance; None: too few episodes
+
+
+def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) -> Paired:
+    """Return the comparison of two pilots, each given by the successes of its flights, by episode in the same order.
+
+    The episode is the unit: it counts for the pilot with the larger share of successes, and for neither if the shares
+    are equal. For one flight each this is McNemar's exact test. Raises ValueError if the numbers of episodes differ or
+    an episode has no flight.
+    """
+    if len(first) != len(second) or not all(map(len, (*first, *second))):
+        raise ValueError("a paired comparison wants the same episodes of both, each flown")
+    shares = [(sum(a) / len(a), sum(b) / len(b)) for a, b in zip(first, second, strict=True)]
+    b, c = sum(x > y for x, y in shares), sum(x < y for x, y in shares)
+    count = len(shares)
+    return Paired(
+        episodes=count,
+        only_first=b,
+        only_second=c,
+        difference=math.fsum(x - y for x, y in shares) / count if count else 0.0,
+        p=mcnemar(b, c),
+        smallest=smallest_difference(count, (b + c) / count) if count else None,
+    )
+
+
+def mcnemar(b: int, c: int) -> float:
+    """Return the exact two-sided p of McNemar's test: b and c discordant pairs under even odds. 1 without any."""
+    tail = sum(math.comb(b + c, k) for k in range(min(b, c) + 1))
+    return min(1.0, 2 * tail / (1 << (b + c)))  # integers until here, so nothing is rounded
+
+
+def smallest_difference(
+    episodes: int, discordant: float = 0.0, alpha: float = ALPHA, power: float = POWER
+) -> float | None:
+    """Return the smallest true difference in success rate that McNemar's exact test detects with this power.
+
+    The share of episodes with different outcomes is `discordant`, or the difference itself if that is larger: then all
+    of them favour one pilot, the best case. To 0.0001. None: too few episodes for any difference.
+    """
+    if detected(episodes, 1.0, 1.0, alpha) < power:
+        return None
+    low, high = 0.0, 1.0
+    while high - low > 1e-4:
+        middle = (low + high) / 2
+        enough = detected(episodes, middle, max(discordant, middle), alpha) >= power
+        low, high = (low, middle) if enough else (middle, high)
+    return high
+
+
+def detected(episodes: int, difference: float, discordant: float, alpha: float = ALPHA) -> float:
+    """Return the power of McNemar's exact test, exactly: the chance of p ≤ alpha.
+
+    `discordant` is the true share of episodes with different outcomes, at least `difference`.
+    """
+    first = (discordant + difference) / (2 * discordant) if discordant else 0.5
+    chance = 0.0
+    for pairs in range(1, episodes + 1):
+        most = _most_of_the_lesser(pairs, alpha)
+        if most < 0:
+            continue
+        rejected = math.fsum(_binomial(k, pairs, first) + _binomial(pairs - k, pairs, first) for k in range(most + 1))
+        chance += _binomial(pairs, episodes, discordant) * rejected
+    return chance
+
+
+@functools.cache
+def _most_of_the_lesser(pairs: int, alpha: float) -> int:
+    """Return the most discordant pairs in the minority for p ≤ alpha; -1: p is larger even with none."""
+    most = -1
+    while 2 * (most + 1) < pairs and mcnemar(most + 1, pairs - most - 1) <= alpha:
+        most += 1
+    return most
+
+
+def _binomial(k: int, n: int, share: float) -> float:
+    """Return the chance of k successes in n trials."""
+    if share in (0.0, 1.0):
+        return float(k == n * share)
+    logs = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
+    return math.exp(logs + k * math.log(share) + (n - k) * math.log1p(-share))

@@ -14,9 +14,9 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.judge.metrics.deliberation import StepOutlook, outlooks
+from dronecats.judge.metrics.audit import StepOutlook, outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
-from dronecats.judge.metrics.judging import of_each
+from dronecats.judge.metrics.judging import parallel_map
 from dronecats.judge.metrics.metric import Metric, MetricValue
 from dronecats.judge.metrics.registry import METRICS, value_of
 from dronecats.report.recorded.flight import RecordedFlight
@@ -107,7 +107,7 @@ def collect(
         return replace(scored, run=replace(run, configuration={}, episodes=()))  # the parent process has them
 
     episodes = []
-    for (run, _), scored in zip(folders, of_each(read, range(len(folders)), processes), strict=True):
+    for (run, _), scored in zip(folders, parallel_map(read, range(len(folders)), processes), strict=True):
         episodes.append(replace(scored, run=run))
         on_episode(episodes[-1])
     return Collection(runs=tuple(runs), episodes=tuple(episodes))

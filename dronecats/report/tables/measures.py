@@ -4,7 +4,7 @@ import statistics
 from collections.abc import Sequence
 from dataclasses import replace
 
-from dronecats.judge.metrics.deliberation import Followed, deliberation
+from dronecats.judge.metrics.audit import Followed, deliberation
 from dronecats.judge.metrics.metric import Metric
 from dronecats.report.report_data import (
     FLIGHTS,

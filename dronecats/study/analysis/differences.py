@@ -7,8 +7,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from dronecats.judge.statistics.differences import MeanDifference, mean_difference, share_difference
-from dronecats.judge.statistics.paired import holm
-from dronecats.judge.statistics.shares import KnownShare
+from dronecats.judge.statistics.shares import KnownShare, holm
 from dronecats.study.analysis.study_results import (
     MEASURES,
     LevelStep,

@@ -10,8 +10,7 @@ from scipy import optimize, special
 
 from dronecats.judge.statistics.half import HalfSuccess, SuccessCurve, half_success, success_curve
 from dronecats.judge.statistics.mixed_logit import Array, MixedLogit, Trials, covariance, fit, share
-from dronecats.judge.statistics.paired import holm
-from dronecats.judge.statistics.shares import CONFIDENCE, KnownShare
+from dronecats.judge.statistics.shares import CONFIDENCE, KnownShare, holm
 from dronecats.study.analysis.study_results import (
     LevelStep,
     StudiedFactor,

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from dronecats.judge.statistics.paired import ALPHA
+from dronecats.judge.statistics.shares import ALPHA
 from dronecats.report import figures as style
 from dronecats.study.analysis.differences import SUCCESS, PairedDifference
 from dronecats.study.analysis.study_results import StudiedFactor

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from dronecats.judge.statistics.paired import ALPHA
+from dronecats.judge.statistics.shares import ALPHA
 from dronecats.report.table import ReportTable, TableColumn, in_blocks, row, words
 from dronecats.study.analysis.differences import SUCCESS, PairedDifference
 from dronecats.study.analysis.study_results import ALL

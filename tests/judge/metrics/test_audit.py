@@ -6,8 +6,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.audit import RULES, audit, audit_of, flips
-from dronecats.judge.metrics.deliberation import Followed, deliberation, outlooks
+from dronecats.judge.metrics.audit import RULES, Followed, audit, audit_of, deliberation, flips, outlooks
 from tests.judge.episode_logs import BEGIN, END, decision, frame, logs, pose, write
 
 INSIDE, OUTSIDE, HIDDEN = (4.0, True), (9.0, True), (4.0, False)

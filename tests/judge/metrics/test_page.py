@@ -36,4 +36,3 @@ def test_each_says_what_it_is():
         assert metric.title, metric.name
         assert metric.unit, metric.name
         assert metric.definition, metric.name
-        assert metric.of.__doc__ or metric.of.__name__ == "of", metric.name

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dronecats.judge.statistics.paired import holm
+from dronecats.judge.statistics.shares import holm
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=40))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from dronecats.judge.statistics.differences import known_mean, mean_difference, share_difference
-from dronecats.judge.statistics.paired import mcnemar
+from dronecats.judge.statistics.shares import mcnemar
 from tests.support.randomisation import randomised
 
 numbers = st.floats(-100, 100)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import optimize, stats
 
-from dronecats.judge.statistics.paired import detected, mcnemar, paired, smallest_difference
+from dronecats.judge.statistics.shares import detected, mcnemar, paired, smallest_difference
 
 
 @given(st.integers(0, 60), st.integers(0, 60))

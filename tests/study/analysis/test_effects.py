@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from dronecats.judge.statistics.mixed_logit import Trials, fit
-from dronecats.judge.statistics.paired import holm
+from dronecats.judge.statistics.shares import holm
 from dronecats.study.analysis.study_results import StudiedFactor
 from dronecats.study.analysis.success_fits import heat_maps, main_effects
 from tests.study.analysis.in_memory import a_study, number_factor

@@ -7,7 +7,7 @@ from fractions import Fraction
 
 import pytest
 
-from dronecats.judge.statistics.paired import holm
+from dronecats.judge.statistics.shares import holm
 from dronecats.study.analysis.differences import between_entrants, between_levels
 from dronecats.study.analysis.loading import load_results
 from dronecats.study.analysis.steps import served_rates, target_motions

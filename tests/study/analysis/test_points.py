@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import pytest
 
-from dronecats.judge.statistics.paired import holm
+from dronecats.judge.statistics.shares import holm
 from dronecats.study.analysis.differences import (
     POINTS_MAX,
     SUCCESS,
