@@ -238,7 +238,7 @@ def how_many(what):
     return lambda e: None if outcomes(e) is None else sum(v == what for v in outcomes(e).values())
 
 
-def commanding_sentence(name):
+def of_commanding(name):
     """Which `tests/judge/test_commanding.py` holds to a second implementation."""
 
     def of(e):
@@ -336,8 +336,8 @@ METRICS = {
     "drones_beside": how_many("beside"),
     "drones_elsewhere": how_many("elsewhere"),
     "drones_silent": how_many("silent"),
-    "identical_share": commanding_sentence("identical_share"),
+    "identical_share": of_commanding("identical_share"),
     "one_candidate_share": one_candidate,
-    "candidates_neared": commanding_sentence("candidates_neared"),
-    "spread_m": commanding_sentence("spread_m"),
+    "candidates_neared": of_commanding("candidates_neared"),
+    "spread_m": of_commanding("spread_m"),
 }
