@@ -20,8 +20,7 @@ from episodes.authoring.scene_pictures import CENTRED, Picture, jpeg, rendered, 
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps import geometry as g
-from episodes.maps.assets import fixtures, scenery
-from episodes.maps.assets.exhibits import LETTER_M
+from episodes.maps.assets.lettering import LETTER_M
 from episodes.maps.assets.materials import surface
 from episodes.maps.assets.multirotor import X500, multirotor
 from episodes.maps.assets.vehicles import DIGIT_M
@@ -67,7 +66,7 @@ def alone(name: str, mesh: Mesh, sun: Sun, height_m: float = 0.0) -> Scene:
 
 def names() -> list[str]:
     """Return all that can be shown: the assets of episodes, campus fixtures, what stands along streets, and a drone."""
-    return [*assets.names(), *sorted(fixtures.MAKERS), *sorted(scenery.MAKERS), DRONE]
+    return [*assets.names(), *sorted(assets.FIXTURES), *sorted(assets.SCENERY), DRONE]
 
 
 def write_contact_sheet(chosen: Sequence[str], out: Path) -> None:
@@ -92,7 +91,7 @@ def _mesh(name: str, paint: str) -> Mesh:
         return assets.build(name, paint, INSCRIPTIONS.get(name))
     if name == DRONE:
         return multirotor(X500)
-    return (fixtures.MAKERS.get(name) or scenery.MAKERS[name])()
+    return (assets.FIXTURES.get(name) or assets.SCENERY[name])()
 
 
 def _row(name: str, paint: str) -> Picture:

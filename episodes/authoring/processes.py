@@ -25,7 +25,7 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
     if jobs <= 1:
         yield from map(work, items)
         return
-    others, whole = set(multiprocessing.active_children()), False
+    before_us, complete = set(multiprocessing.active_children()), False
     with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _end_with_the_parent) as pool:
         interrupts = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])  # one that comes now waits until below
         before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the processes, started below, inherit
@@ -37,12 +37,12 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
             signal.pthread_sigmask(signal.SIG_SETMASK, interrupts)
             for done in as_completed(futures):
                 yield done.result()
-            whole = True
+            complete = True
         except BrokenProcessPool:
             raise InfrastructureError("one of the processes died, perhaps for want of memory.") from None
         finally:
-            if not whole:  # nobody wants what is being worked on
-                for process in set(multiprocessing.active_children()) - others:
+            if not complete:  # nobody wants what is being worked on
+                for process in set(multiprocessing.active_children()) - before_us:
                     process.kill()
 
 

@@ -5,8 +5,7 @@ import hashlib
 from collections.abc import Callable
 
 from episodes.maps import blocks, campus, residential, residential_places, user
-from episodes.maps.places import Places
-from episodes.maps.scene import Scene
+from episodes.maps.scene import Places, Scene
 from foundation.errors import UsageError
 from foundation.threads import once
 

@@ -14,8 +14,7 @@ import numpy as np
 from episodes.maps import geometry as g
 from episodes.maps.assets.materials import plain
 from episodes.maps.geometry import MeshPart
-from episodes.maps.places import Lane, Places, Spot
-from episodes.maps.scene import Instance, Material, Mesh, Scene, sun_at
+from episodes.maps.scene import Instance, Lane, Material, Mesh, Places, Scene, Spot, sun_at
 from foundation.frames import Vec3
 from foundation.terrain import HeightField
 
@@ -111,22 +110,22 @@ def _solid(shape: str, rng: np.random.Generator, tall: float, wide: float = 1.0)
     look = plain(f"block-{(k := int(rng.integers(len(TINTS))))}", TINTS[k], 0.03)
     a, b, h = rng.uniform(1.9, 2.7) * wide, rng.uniform(1.8, 2.6) * wide, rng.uniform(2.2, 4.6) * tall
     if shape == "box":
-        parts = [g.box((-a, -b, 0.0), (a, b, h), look)]
+        solids = [g.box((-a, -b, 0.0), (a, b, h), look)]
     elif shape == "cylinder":
-        parts = [g.rod((0, 0, 0), (0, 0, h * 1.2), (0.7 * a, 0.7 * a), look, 32)]
+        solids = [g.rod((0, 0, 0), (0, 0, h * 1.2), (0.7 * a, 0.7 * a), look, 32)]
     elif shape == "cone":
-        parts = [g.lathe([(0.0, 0.0), (0.85 * a, 0.0), (0.0, h * 1.3)], look, 32)]
+        solids = [g.lathe([(0.0, 0.0), (0.85 * a, 0.0), (0.0, h * 1.3)], look, 32)]
     elif shape == "pyramid":
         ring = [(-a, -a, 0.0), (a, -a, 0.0), (a, a, 0.0), (-a, a, 0.0)]
-        parts = [g.hull(ring, [(0.02 * x, 0.02 * y, h * 1.2) for x, y, _ in ring], look)]
+        solids = [g.hull(ring, [(0.02 * x, 0.02 * y, h * 1.2) for x, y, _ in ring], look)]
     elif shape == "ramp":
-        parts = [g.profile([(-1.6 * a, 0.0), (1.6 * a, 0.0), (1.6 * a, 0.7 * h)], -b, b, look)]
+        solids = [g.profile([(-1.6 * a, 0.0), (1.6 * a, 0.0), (1.6 * a, 0.7 * h)], -b, b, look)]
     else:
-        parts = _arch(1.3 * a, 3.2 + 0.4 * h, 1.6, 0.9, look)
-    return g.assemble(parts)
+        solids = _arch(1.3 * a, 3.2 + 0.4 * h, 1.6, 0.9, look)
+    return g.assemble(solids)
 
 
-def _standing(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
+def _solids(seed: int) -> Iterator[tuple[str, Mesh, float, float, float]]:
     """Yield (kind, mesh, north, east, yaw) of every solid."""
     rng = np.random.default_rng((seed, 23))
     for shape, north, east, facing in BANDS:
@@ -145,7 +144,7 @@ def build(seed: int = 1) -> Scene:
     """Return the blocks. `seed` varies the solids' sizes and tints and the shapes of the ring; the fields stay free."""
     count = Counter[str]()
     instances = [Instance(1, "floor", "ground", _floor(), (0.0, 0.0, 0.0))]
-    for kind, mesh, north, east, yaw in _standing(seed):
+    for kind, mesh, north, east, yaw in _solids(seed):
         count[kind] += 1
         place = (north, east, 0.0)
         instances.append(Instance(len(instances) + 1, f"{kind}-{count[kind]}", kind, mesh, place, yaw))
@@ -167,7 +166,7 @@ def places(seed: int = 1) -> Places:
     """Return the free ground of the four fields and straight ways through them; nothing here serves as a landmark."""
     blocks = [
         (north, east, yaw, mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0))
-        for _, mesh, north, east, yaw in _standing(seed)
+        for _, mesh, north, east, yaw in _solids(seed)
     ]
 
     def gap(n: float, e: float) -> float:

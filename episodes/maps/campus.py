@@ -1,6 +1,6 @@
 """A campus: a plaza and four courts between halls of three to five storeys, lawns, walks, and fixtures by the dozen.
 
-Everything of a kind looks alike, so that only where it stands tells it apart. The plan lies in `campus_plan`.
+All fixtures of a kind look the same, so that only their places tell them apart. The plan is in `campus_plan`.
 """
 
 import itertools
@@ -12,10 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps import campus_ground, campus_plan
-from episodes.maps.assets import buildings, campus_monuments, fixtures, people, street
-from episodes.maps.places import Landmark, Lane, Places, Spot
-from episodes.maps.scene import Instance, Mesh, Scene, sun_at
+from episodes.maps import assets, campus_ground, campus_plan
+from episodes.maps.assets import buildings, campus_fixtures, people, service_vehicles, street
+from episodes.maps.scene import Instance, Landmark, Lane, Mesh, Places, Scene, Spot, sun_at
 from foundation.terrain import HeightField
 
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
@@ -25,20 +24,22 @@ SPOT_GRID_M = 4.0  # between the free places that are looked at
 SPOT_CLEAR_M = 1.6  # from the edge of anything that stands
 PlacedMesh = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
 
+Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # north, east, yaw, low and high corner
+
 
 def _movers() -> dict[str, Mesh]:
-    """Return what may also move as an episode's target, as it stands about: each kind in one paint."""
+    """Return the standing counterparts of moving targets: each kind in one paint."""
     return {
-        "delivery-robot": fixtures.delivery_robot("white"),
+        "delivery-robot": service_vehicles.delivery_robot("white"),
         "person": people.person("grey"),
-        "service-cart": fixtures.service_cart("white"),
+        "service-cart": service_vehicles.service_cart("white"),
     }
 
 
-def _standing(seed: int) -> Iterator[PlacedMesh]:
-    """Yield everything that stands on the campus but its halls, in the order that gives it its name."""
-    makers, movers = fixtures.MAKERS, _movers()
-    yield "fountain", campus_monuments.fountain(3), *campus_plan.TIERED, 0.0
+def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
+    """Yield everything on the campus but its halls, in the order that numbers the names."""
+    makers, movers = assets.FIXTURES, _movers()
+    yield "fountain", campus_fixtures.fountain(3), *campus_plan.TIERED, 0.0
     for kind, north, east, facing in campus_plan.FIXTURES:
         mesh = movers[kind] if kind in movers else makers[kind]()
         yield kind, mesh, north, east, math.radians(facing)
@@ -93,7 +94,7 @@ def build(seed: int = 1) -> Scene:
         out = plan.depth / 2 + 2.0  # the ground before the door gives the level
         down = terrain.at(north + math.cos(yaw) * out, east + math.sin(yaw) * out)
         add("hall", buildings.hall(plan), north, east, down, yaw)
-    for kind, mesh, north, east, yaw in _standing(seed):
+    for kind, mesh, north, east, yaw in _placed_meshes(seed):
         add(kind, mesh, north, east, terrain.at(north, east), yaw)
     return Scene(
         name="campus",
@@ -110,7 +111,7 @@ def build(seed: int = 1) -> Scene:
 
 
 def landmarks() -> tuple[Landmark, ...]:
-    """Return what is unique enough to tell other things apart by."""
+    """Return the unique instances that can tell other things apart."""
     return tuple(Landmark(name, phrase) for name, phrase in campus_plan.LANDMARKS)
 
 
@@ -127,12 +128,12 @@ def places(seed: int = 1) -> Places:
 
 def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
     """Return the corners with points between them, no two more than STEP_M apart."""
-    found = [corners[0]]
+    points = [corners[0]]
     for (n0, e0), (n1, e1) in itertools.pairwise(corners):
         count = math.ceil(math.hypot(n1 - n0, e1 - e0) / STEP_M)
         steps = [k / count for k in range(1, count + 1)]
-        found += [(round(n0 + (n1 - n0) * u, 3), round(e0 + (e1 - e0) * u, 3)) for u in steps]
-    return found
+        points += [(round(n0 + (n1 - n0) * u, 3), round(e0 + (e1 - e0) * u, 3)) for u in steps]
+    return points
 
 
 def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
@@ -145,12 +146,9 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
                 yield Spot((n, e, round(terrain.at(n, e), 4)), math.atan2(-e, -n), campus_ground.use_at(n, e))
 
 
-Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # north, east, yaw, low and high corner
-
-
 def _blocks(seed: int) -> Iterator[Block]:
     """Yield (north, east, yaw, low, high) of the box around the foot of everything that stands."""
-    for kind, mesh, north, east, yaw in _standing(seed):
+    for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))
             yield north, east, yaw, -half, half

@@ -11,7 +11,6 @@ from functools import cache
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import campus_textures
 from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array
 from episodes.maps.scene import Material, Mesh
@@ -101,8 +100,8 @@ AREAS = (
 def _looks() -> dict[str, tuple[Material, float]]:
     """Return use → material and metres per repeat."""
     return {
-        "plaza": (campus_textures.material("paving"), 3.0),
-        "court": (campus_textures.material("setts"), 2.0),
+        "plaza": (surface("paving"), 3.0),
+        "court": (surface("setts"), 2.0),
         "edging": (surface("concrete", (0.62, 0.60, 0.57)), 1.5),
         "walk": (surface("concrete", (0.95, 0.93, 0.88)), 1.5),
         "lawn": (surface("grass"), 4.0),
@@ -164,7 +163,9 @@ def ground() -> list[tuple[str, Mesh]]:
         pieces.setdefault(area.use, []).append((inside, area.yaw))
     far = np.abs(rest).max(axis=(1, 2)) > REACH
     pieces["lawn"], pieces["meadow"] = [(rest[~far], 0.0)], [(rest[far], 0.0)]
-    return [(use, g.assemble([_part(tri, yaw, *looks[use]) for tri, yaw in found])) for use, found in pieces.items()]
+    return [
+        (use, g.assemble([_part(tri, yaw, *looks[use]) for tri, yaw in triangles])) for use, triangles in pieces.items()
+    ]
 
 
 def _triangles() -> Array:

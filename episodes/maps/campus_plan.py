@@ -1,11 +1,11 @@
-"""Where everything on the campus stands: north and east of its middle in metres, and the way it faces in degrees.
+"""The plan of the campus: places in metres north and east of its middle, and bearings in degrees.
 
-The order is part of the plan: the third bench of the table is 'bench-3' in every record. New things go to the end.
+The order is part of the plan: the third bench of the table is 'bench-3' in every record. New entries go to the end.
 """
 
 from episodes.maps.assets.buildings import HallPlan
 
-Standing = tuple[str, float, float, float]  # kind, north, east, compass bearing it faces
+FixturePlace = tuple[str, float, float, float]  # kind, north, east, compass bearing it faces
 
 HALLS: tuple[tuple[HallPlan, float, float, float], ...] = (
     (HallPlan("LIBRARY", "columns", 48.0, 18.0, 3, "sand", 4.2, 3.8), 61.0, 0.0, 180.0),
@@ -17,7 +17,7 @@ HALLS: tuple[tuple[HallPlan, float, float, float], ...] = (
     (HallPlan("NOETHER HALL", "brick", 34.0, 18.0, 4), 58.0, -52.0, 180.0),
 )
 
-FIXTURES: tuple[Standing, ...] = (
+FIXTURES: tuple[FixturePlace, ...] = (
     # the plaza: a tiered fountain in its middle, booths on its north-west and south-east sides
     ("bench", 6.5, -6.0, 180.0),
     ("bench", 6.5, 6.0, 180.0),

@@ -17,6 +17,30 @@ Array = NDArray[np.float64]
 
 CREASE_DEG = 38.0  # faces that meet at a smaller angle are shaded as one smooth surface
 
+# the unit cube's triangles, their normals, and the rows that turn a corner into `slope_uv`'s coordinates on each face
+_CUBE = np.array(
+    [
+        [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
+        [(0, 1, 0), (0, 0, 0), (0, 0, 1)], [(0, 1, 0), (0, 0, 1), (0, 1, 1)],
+        [(1, 1, 0), (0, 1, 0), (0, 1, 1)], [(1, 1, 0), (0, 1, 1), (1, 1, 1)],
+        [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 0, 0), (1, 0, 1), (0, 0, 1)],
+        [(0, 0, 1), (1, 0, 1), (1, 1, 1)], [(0, 0, 1), (1, 1, 1), (0, 1, 1)],
+        [(0, 1, 0), (1, 1, 0), (1, 0, 0)], [(0, 1, 0), (1, 0, 0), (0, 0, 0)],
+    ],
+    dtype=np.float64,
+)  # fmt: skip
+_CUBE_UV = np.repeat(
+    np.array(
+        [
+            [(0, 1, 0), (0, 0, -1)], [(0, -1, 0), (0, 0, -1)], [(-1, 0, 0), (0, 0, -1)],
+            [(1, 0, 0), (0, 0, -1)], [(1, 0, 0), (0, -1, 0)], [(1, 0, 0), (0, 1, 0)],
+        ],
+        dtype=np.float64,
+    ),
+    2,
+    axis=0,
+)  # fmt: skip
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeshPart:
@@ -56,12 +80,13 @@ def creased_normals(corners: Array, crease_deg: float = CREASE_DEG) -> Array:
     first = np.concatenate(([0], np.cumsum(count)[:-1]))
     # every ordered pair of corners that share a place
     fan = count[place]
-    mine = np.repeat(np.arange(len(place)), fan)
-    step = np.arange(len(mine)) - np.repeat(np.cumsum(fan) - fan, fan)
-    other = order[first[place[mine]] + step]
-    near = np.einsum("ij,ij->i", unit[mine // 3], unit[other // 3]) > np.cos(np.radians(crease_deg))
+    corner = np.repeat(np.arange(len(place)), fan)
+    step = np.arange(len(corner)) - np.repeat(np.cumsum(fan) - fan, fan)
+    neighbour = order[first[place[corner]] + step]
+    near = np.einsum("ij,ij->i", unit[corner // 3], unit[neighbour // 3]) > np.cos(np.radians(crease_deg))
     total = np.stack(
-        [np.bincount(mine[near], weights=area[other[near] // 3, k], minlength=len(place)) for k in range(3)], axis=1
+        [np.bincount(corner[near], weights=area[neighbour[near] // 3, k], minlength=len(place)) for k in range(3)],
+        axis=1,
     )
     length = np.linalg.norm(total, axis=1, keepdims=True)
     smooth = np.where(length > 1e-12, total / np.maximum(length, 1e-12), np.repeat(unit, 3, axis=0))
@@ -119,30 +144,7 @@ def hull(
     return soup(np.concatenate([sides, high[fan], low[fan[:, ::-1]]]), material, crease_deg, tile_m)
 
 
-# the unit cube's triangles, their normals, and the rows that turn a corner into `slope_uv`'s coordinates on each face
-_CUBE = np.array(
-    [
-        [(1, 0, 0), (1, 1, 0), (1, 1, 1)], [(1, 0, 0), (1, 1, 1), (1, 0, 1)],
-        [(0, 1, 0), (0, 0, 0), (0, 0, 1)], [(0, 1, 0), (0, 0, 1), (0, 1, 1)],
-        [(1, 1, 0), (0, 1, 0), (0, 1, 1)], [(1, 1, 0), (0, 1, 1), (1, 1, 1)],
-        [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 0, 0), (1, 0, 1), (0, 0, 1)],
-        [(0, 0, 1), (1, 0, 1), (1, 1, 1)], [(0, 0, 1), (1, 1, 1), (0, 1, 1)],
-        [(0, 1, 0), (1, 1, 0), (1, 0, 0)], [(0, 1, 0), (1, 0, 0), (0, 0, 0)],
-    ],
-    dtype=np.float64,
-)  # fmt: skip
 _CUBE_NORMAL = np.repeat(face_normals(_CUBE)[:, None, :], 3, axis=1)
-_CUBE_UV = np.repeat(
-    np.array(
-        [
-            [(0, 1, 0), (0, 0, -1)], [(0, -1, 0), (0, 0, -1)], [(-1, 0, 0), (0, 0, -1)],
-            [(1, 0, 0), (0, 0, -1)], [(1, 0, 0), (0, -1, 0)], [(1, 0, 0), (0, 1, 0)],
-        ],
-        dtype=np.float64,
-    ),
-    2,
-    axis=0,
-)  # fmt: skip
 
 
 def box(low: ArrayLike, high: ArrayLike, material: Material, tile_m: float = 1.0) -> MeshPart:
@@ -258,15 +260,15 @@ def mirrored(part: MeshPart) -> MeshPart:
     return MeshPart((part.corners * flip)[:, ::-1], (part.normals * flip)[:, ::-1], part.uv[:, ::-1], part.material)
 
 
-def assemble(parts: Sequence[MeshPart]) -> Mesh:
+def assemble(solids: Sequence[MeshPart]) -> Mesh:
     """Return the parts as one mesh in FRD axes, equal corners shared."""
     place: dict[int, int] = {}
-    which = [place.setdefault(id(part.material), len(place)) for part in parts]
-    materials = list({id(part.material): part.material for part in parts}.values())
-    material = np.repeat(np.array(which, dtype=np.int32), [len(p.corners) for p in parts])
-    table = np.concatenate([np.concatenate([p.corners, p.normals, p.uv], axis=2).reshape(-1, 8) for p in parts]).astype(
-        np.float32
-    )
+    which = [place.setdefault(id(part.material), len(place)) for part in solids]
+    materials = list({id(part.material): part.material for part in solids}.values())
+    material = np.repeat(np.array(which, dtype=np.int32), [len(p.corners) for p in solids])
+    table = np.concatenate(
+        [np.concatenate([p.corners, p.normals, p.uv], axis=2).reshape(-1, 8) for p in solids]
+    ).astype(np.float32)
     table[:, [1, 2, 4, 5]] *= -1.0
     rows = np.ascontiguousarray(np.round(table * 1e4).astype(np.int32))
     _, index, inverse = np.unique(

@@ -47,14 +47,14 @@ class _Use:
 
 
 def _uses() -> dict[str, _Use]:
-    found = {
+    uses = {
         "road": _Use(surface("asphalt"), 4.0),
         "kerb": _Use(surface("concrete", (0.92, 0.92, 0.92)), 1.5),
         "pavement": _Use(surface("concrete"), 1.5, 5.5),
         "drive": _Use(surface("concrete", (0.82, 0.80, 0.77)), 2.3),
     }
-    found |= {f"lawn-{k}": _Use(surface("grass", tint), 4.0) for k, tint in enumerate(TINTS)}
-    return found | {"field": _Use(surface("grass", (1.0, 0.97, 0.95)), 11.0)}
+    uses |= {f"lawn-{k}": _Use(surface("grass", tint), 4.0) for k, tint in enumerate(TINTS)}
+    return uses | {"field": _Use(surface("grass", (1.0, 0.97, 0.95)), 11.0)}
 
 
 def _between(a: float, b: float) -> tuple[float, float]:
@@ -105,23 +105,23 @@ def _nodes(low: float, high: float, across: tuple[float, float], north: bool, ho
 
 def _drives(north: Array, east: Array, homes: tuple[Plot, ...]) -> Mask:
     """Return which points lie on a drive, from the kerb to the house."""
-    found = np.zeros(np.broadcast(north, east).shape, dtype=bool)
+    is_drive = np.zeros(np.broadcast(north, east).shape, dtype=bool)
     for plot in homes:
         along, out = (north, east) if plot.street.north else (east, north)
         out = plot.side * (out - plot.street.middle)
-        found |= (np.abs(along - plot.drive) < DRIVE_HALF) & (out > RINGS[0]) & (out < DRIVE_END)
-    return found
+        is_drive |= (np.abs(along - plot.drive) < DRIVE_HALF) & (out > RINGS[0]) & (out < DRIVE_END)
+    return is_drive
 
 
 def _tint(north: Array, east: Array, homes: tuple[Plot, ...]) -> NDArray[np.int_]:
     """Return which of TINTS the grass at points has: one per plot."""
-    found = np.zeros(np.broadcast(north, east).shape, dtype=int)
+    tint = np.zeros(np.broadcast(north, east).shape, dtype=int)
     for plot in homes:
         along, out = (north, east) if plot.street.north else (east, north)
         out = plot.side * (out - plot.street.middle)
-        mine = (np.abs(along - plot.along) < 10.0) & (out > 0.0) & (out < DEPTH)
-        found[mine] = (plot.number // 2 * 2 + 3 * (plot.side > 0)) % 3
-    return found
+        on_plot = (np.abs(along - plot.along) < 10.0) & (out > 0.0) & (out < DEPTH)
+        tint[on_plot] = (plot.number // 2 * 2 + 3 * (plot.side > 0)) % 3
+    return tint
 
 
 def _cells(zone: tuple[float, float, float, float, str], homes: tuple[Plot, ...]) -> Iterator[tuple[str, Array]]:
@@ -200,17 +200,17 @@ def _in_plan(tri: Array, shift: float) -> Array:
 def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
     """Return (use, mesh) of all ground, and below it a sheet that closes the hair cracks between zones."""
     uses = _uses()
-    found: dict[str, list[tuple[Array, Array]]] = {name: [] for name in uses}
+    pieces: dict[str, list[tuple[Array, Array]]] = {name: [] for name in uses}
     for zone in _zones():
         for name, tri in _cells(zone, homes):
-            found[name].append((tri, _in_plan(tri, uses[name].shift)))
+            pieces[name].append((tri, _in_plan(tri, uses[name].shift)))
     for name, tri, flat in _corners(homes):
-        found[name].append((tri, flat))
+        pieces[name].append((tri, flat))
     made = []
     for name, use in uses.items():
-        tri = np.concatenate([piece[0] for piece in found[name]])
+        tri = np.concatenate([piece[0] for piece in pieces[name]])
         part = g.soup(tri, use.look, 25.0, use.tile)
-        flat = np.concatenate([piece[1] for piece in found[name]])
+        flat = np.concatenate([piece[1] for piece in pieces[name]])
         keep = np.linalg.norm(g.face_normals(tri), axis=1) > 1e-9  # as `soup` does
         made.append((name, g.assemble([replace(part, uv=flat[keep] / use.tile)])))
     sheet = [(-130.0, 150.0), (-130.0, -90.0), (130.0, -90.0), (130.0, 150.0)]
@@ -220,11 +220,11 @@ def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
 
 def markings(ground_at: HeightField) -> Mesh:
     """Return dashed centre lines, stop lines, crossings and manhole covers, a few millimetres above the road."""
-    parts = []
+    solids = []
 
     def strip(n0: float, n1: float, e0: float, e1: float, look: Material = WHITE_WOOD, lift: float = 0.008) -> None:
         ring = ((n0, e0), (n0, e1), (n1, e1), (n1, e0))
-        parts.append(g.quad([(n, -e, lift - ground_at.at(n, e)) for n, e in ring], look))
+        solids.append(g.quad([(n, -e, lift - ground_at.at(n, e)) for n, e in ring], look))
 
     for street in STREETS:
         joins = [s.middle for s in STREETS if s.north is not street.north]
@@ -245,5 +245,5 @@ def markings(ground_at: HeightField) -> Mesh:
             (n + 0.32 * c, -e + 0.32 * s, 0.006 - ground_at.at(n, e))
             for c, s in zip(np.cos(turn), np.sin(turn), strict=True)
         ]
-        parts.append(g.soup([(ring[0], ring[k], ring[k + 1]) for k in range(1, 11)], TRIM, 0.0))
-    return g.assemble(parts)
+        solids.append(g.soup([(ring[0], ring[k], ring[k + 1]) for k in range(1, 11)], TRIM, 0.0))
+    return g.assemble(solids)

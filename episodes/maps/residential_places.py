@@ -1,4 +1,4 @@
-"""Where the residential neighbourhood has room for targets: kerbs, drives, lawns, and lanes to drive or walk along."""
+"""The free places of the residential neighbourhood: kerbs, drives, lawns, and lanes to drive or walk along."""
 
 import itertools
 import math
@@ -9,9 +9,9 @@ import numpy as np
 
 from episodes.maps import residential_plan as plan
 from episodes.maps.geometry import Array
-from episodes.maps.places import Lane, Places, Spot
+from episodes.maps.residential import KERB, Furnishing, bays, furnishings, heading
 from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Street
-from episodes.maps.residential_things import KERB, Thing, bays, heading, things
+from episodes.maps.scene import Lane, Places, Spot
 from foundation.frames import Vec3
 
 ROOM = {"kerb": (5.9, 2.2), "bus stop": (12.0, 2.6), "drive": (5.9, 2.2), "lawn": (2.0, 2.0), "pavement": (1.2, 1.2)}
@@ -28,7 +28,7 @@ LANE_WIDTH = {"road": 2.4, "drive": 2.2, "pavement": 1.2}
 
 @dataclass(frozen=True, slots=True)
 class _Boxes:
-    """Footprints of all things: rectangles of any direction."""
+    """Footprints of all furnishings: rectangles of any direction."""
 
     middle: Array  # (N, 2) m, north and east
     half: Array  # (N, 2) m, along and across
@@ -43,26 +43,26 @@ class _Boxes:
         gap, half, turn = gap[near], self.half[near], self.yaw[near]
         apart = np.zeros(len(gap), dtype=bool)
         axes = np.stack([np.cos(turn), np.sin(turn), -np.sin(turn), np.cos(turn)], axis=1).reshape(-1, 2, 2)
-        mine = np.array([(math.cos(yaw), math.sin(yaw)), (-math.sin(yaw), math.cos(yaw))])
+        own_axes = np.array([(math.cos(yaw), math.sin(yaw)), (-math.sin(yaw), math.cos(yaw))])
         reach = np.array((length / 2, width / 2))
-        for axis in (axes[:, 0], axes[:, 1], *(np.broadcast_to(m, gap.shape) for m in mine)):
+        for axis in (axes[:, 0], axes[:, 1], *(np.broadcast_to(m, gap.shape) for m in own_axes)):
             span = np.abs(np.einsum("nk,nak->na", axis, axes)) * half
-            own = np.abs(axis @ mine.T) @ reach
+            own = np.abs(axis @ own_axes.T) @ reach
             apart |= np.abs(np.einsum("nk,nk->n", gap, axis)) > span.sum(axis=1) + own
         return bool((~apart).any())
 
 
-def _footprints(all_things: Sequence[Thing]) -> _Boxes:
-    """Return what everything covers of the ground, crowns of trees left out."""
+def _footprints(meshes: Sequence[Furnishing]) -> _Boxes:
+    """Return the ground that all furnishings cover, without the crowns of trees."""
     middle, half, yaw = [], [], []
-    for one in all_things:
-        low_part = one.mesh.vertices[one.mesh.vertices[:, 2] > -TALLEST, :2]
+    for placed in meshes:
+        low_part = placed.mesh.vertices[placed.mesh.vertices[:, 2] > -TALLEST, :2]
         low, high = low_part.min(axis=0).astype(float), low_part.max(axis=0).astype(float)
-        c, s = math.cos(one.yaw), math.sin(one.yaw)
+        c, s = math.cos(placed.yaw), math.sin(placed.yaw)
         x, y = (low + high) / 2
-        middle.append((one.north + c * x - s * y, one.east + s * x + c * y))
+        middle.append((placed.north + c * x - s * y, placed.east + s * x + c * y))
         half.append((high - low) / 2)
-        yaw.append(one.yaw)
+        yaw.append(placed.yaw)
     return _Boxes(np.array(middle), np.array(half), np.array(yaw))
 
 
@@ -170,9 +170,9 @@ def _routes(homes: tuple[Plot, ...]) -> Iterator[tuple[str, str, Array]]:
                 yield "road", f"{way.name}, {bound}, {k + 1}", points
     for plot in homes:
         for turn in ("left", "right"):
-            found = _from_drive(plot, turn)
-            if found is not None:
-                yield "drive", f"from drive {plot.number + 1}, to the {turn}", found
+            way_out = _from_drive(plot, turn)
+            if way_out is not None:
+                yield "drive", f"from drive {plot.number + 1}, to the {turn}", way_out
     for number, (way, side, low, high) in enumerate(_walks(), 1):
         for name, (first, last) in (("there", (low, high)), ("back", (high, low))):
             points = _rounded([way.at(first, side * 6.25), way.at(last, side * 6.25)], ())
@@ -228,7 +228,7 @@ def places(seed: int = 1) -> Places:
     """Return the free spots and lanes of the map that `residential.build` makes from the same seed."""
     homes = plan.plots(seed)
     ground = plan.terrain(homes)
-    taken = _footprints(things(homes, seed, ground))
+    taken = _footprints(furnishings(homes, seed, ground))
 
     def on_ground(north: float, east: float) -> Vec3:
         return (round(north, 3), round(east, 3), round(ground.at(round(north, 3), round(east, 3)), 4))

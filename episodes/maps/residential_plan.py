@@ -83,24 +83,24 @@ class Plot:
 def _sites() -> list[tuple[Street, float, int]]:
     """Return (street, along, side) of every plot, those of the main street first."""
     rows = (-50.0, -30.0, -10.0, 10.0, 30.0, 50.0)
-    found = [(street, along, side) for street in (MAIN, SECOND) for along in rows for side in (-1, 1)]
+    sites = [(street, along, side) for street in (MAIN, SECOND) for along in rows for side in (-1, 1)]
     for street, outer in ((UPPER, 1), (LOWER, -1)):
-        found += [(street, along, outer) for along in np.arange(-40.0, 101.0, 20.0).tolist()]
-        found += [(street, along, -outer) for along in (-42.0, 106.0)]
-    return found
+        sites += [(street, along, outer) for along in np.arange(-40.0, 101.0, 20.0).tolist()]
+        sites += [(street, along, -outer) for along in (-42.0, 106.0)]
+    return sites
 
 
 def plots(seed: int) -> tuple[Plot, ...]:
     """Return the plots; `seed` decides their houses, the sites stay."""
-    found = []
+    homes = []
     for number, (street, along, side) in enumerate(_sites()):
         garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1
         plan = replace(houses.plan_of(seed * 1000 + number), garage=garage, garage_width=5.4)
         blank = Plot(number, street, along, side, plan, 0.0, 0.0)
         house = along - blank.left * garage * plan.garage_width / 2
         drive = house + blank.left * garage * (plan.width + plan.garage_width) / 2
-        found.append(replace(blank, house=house, drive=drive))
-    return tuple(found)
+        homes.append(replace(blank, house=house, drive=drive))
+    return tuple(homes)
 
 
 def _away(street: Street, north: Array, east: Array) -> Array:

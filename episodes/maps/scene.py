@@ -1,11 +1,13 @@
-"""What a map is made of. Metres, NED world axes; every asset in its own forward-right-down axes.
+"""The types of a map: its scene, and its places for targets. Metres, NED world axes; every asset in its own FRD axes.
 
-An asset's origin is the centre of its footprint on the ground, so its vertices have z ≤ 0 (down is positive).
+The axes of an asset point forward, right and down. Its origin is the centre of its footprint on the ground, so its
+vertices have z ≤ 0 (down is positive).
 """
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,3 +124,43 @@ def sun_at(latitude_deg: float, day: int, solar_hour: float) -> Sun:
     east = -math.cos(declination) * math.sin(hour)
     up = math.sin(latitude) * math.sin(declination) + math.cos(latitude) * math.cos(declination) * math.cos(hour)
     return Sun((north, east, -up))
+
+
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A free place on the ground where a target or a look-alike may stand."""
+
+    position_ned: Vec3  # m, on the ground
+    yaw: float  # rad, the way a thing put there naturally faces
+    place: str  # what the ground is: 'kerb', 'drive', 'plaza', 'path', 'lawn' …
+
+
+@dataclass(frozen=True, slots=True)
+class Lane:
+    """A way along which a target may move from its first waypoint to its last."""
+
+    name: str
+    waypoints_ned: tuple[Vec3, ...]  # m, on the ground, near enough to follow it between them
+    width_m: float  # free of everything solid, half of it on either side
+
+    @property
+    def length_m(self) -> float:
+        """Return the length (m) along the waypoints."""
+        return sum(math.dist(a, b) for a, b in pairwise(self.waypoints_ned))
+
+
+@dataclass(frozen=True, slots=True)
+class Landmark:
+    """A thing of the map by which others may be told apart."""
+
+    name: str  # of the instance
+    phrase: str  # what a person calls it, article included; true of no other instance of the map
+
+
+@dataclass(frozen=True, slots=True)
+class Places:
+    """The places of a map."""
+
+    spots: tuple[Spot, ...]
+    lanes: tuple[Lane, ...]
+    landmarks: tuple[Landmark, ...] = ()

@@ -1,4 +1,4 @@
-"""The maps that users bring: glTF files in a folder of their own, flown by name like the ones that ship."""
+"""The maps of users: glTF files in a folder, flown by name like the maps that ship."""
 
 import difflib
 import os
@@ -20,8 +20,8 @@ def folder() -> Path:
     Raises UsageError for a user without a home who names none.
     """
     try:
-        if given := os.environ.get(FOLDER):
-            return Path(given).expanduser()
+        if path := os.environ.get(FOLDER):
+            return Path(path).expanduser()
         data = os.environ.get("XDG_DATA_HOME")
         return (Path(data) if data else Path.home() / ".local" / "share") / "dronecats" / "maps"
     except RuntimeError:  # a user id that has no home
@@ -44,7 +44,7 @@ def build(name: str) -> Scene:
 
 
 def path_of(name: str) -> Path:
-    """Return the file of a user's map. A name that could lead out of the folder is none. Raises UsageError."""
+    """Return the file of a user's map. Raises UsageError for a name that is no map, also one that leaves the folder."""
     if name not in names():
         near = difflib.get_close_matches(name[:100], names(), 3, 0.3)
         hint = f"did you mean {', '.join(near)}?" if near else "bring one with `dronecats maps import`."

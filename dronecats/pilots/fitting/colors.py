@@ -26,7 +26,7 @@ from dronecats.pilots.vision.pilot import decode
 from dronecats.pilots.vision.ranging import BoundingBox
 from episodes import maps
 from episodes.camera.renderer.renderer import Renderer
-from episodes.maps import assets, residential
+from episodes.maps import assets, residential_places
 from episodes.maps.scene import Instance, Moved, Scene
 from foundation.camera import CameraPose
 from foundation.frames import Vec3, quat_from_euler, rotate
@@ -86,7 +86,7 @@ def build(seed: int) -> Scene:
 def photograph(scene: Scene, renderer: Renderer, seed: int, count: int) -> Iterator[tuple[NDArray[np.uint8], Target]]:
     """Yield pictures (360, 640, 3) RGB of targets from random places; some do not show the target."""
     rng = np.random.default_rng((seed, 12))
-    spots = residential.places(seed).spots
+    spots = residential_places.places(seed).spots
     targets = [i for i in scene.instances if i.kind == "target"]
     nowhere: Moved = {i.id: None for i in targets}
     done = 0

@@ -23,7 +23,7 @@ from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.shape_detector import KINDS, ShapeNetwork
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets, campus, campus_ground, campus_plan
-from episodes.maps.assets import buildings, campus_monuments, fixtures, people, street
+from episodes.maps.assets import buildings, campus_fixtures, people, service_vehicles, street
 from episodes.maps.scene import Instance, Mesh, Scene, sun_at
 from foundation.camera import CameraPose
 from foundation.frames import Vec3, quat_from_euler
@@ -52,11 +52,11 @@ class VisibleThing:
 
 def makers(rng: np.random.Generator) -> dict[str, Mesh]:
     """Return a mesh per kind, with the catalogue's looks."""
-    made = {kind: maker() for kind, maker in fixtures.MAKERS.items()}
-    made["tiered-fountain"] = campus_monuments.fountain(3)
+    made = {kind: maker() for kind, maker in assets.FIXTURES.items()}
+    made["tiered-fountain"] = campus_fixtures.fountain(3)
     made["person"] = people.person("grey")
-    made["delivery-robot"] = fixtures.delivery_robot("white")
-    made["service-cart"] = fixtures.service_cart("white")
+    made["delivery-robot"] = service_vehicles.delivery_robot("white")
+    made["service-cart"] = service_vehicles.service_cart("white")
     species = str(rng.choice(("oak", "maple", "birch")))
     made["tree"] = street.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
     made["conifer"] = street.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))

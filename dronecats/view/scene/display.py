@@ -1,6 +1,6 @@
 """The map and objects in the form that the browser gets, and the pick of a point on the map.
 
-The browser has glTF’s axes (x east, y up, z south): conversions go through `episodes.maps.gltf.container`.
+The browser has glTF’s axes (x east, y up, z south): conversions go through `episodes.maps.gltf.document`.
 """
 
 import math
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dronecats.report.kit import palette
 from episodes.maps import geometry as g
-from episodes.maps.gltf.container import from_gltf, to_gltf
+from episodes.maps.gltf.document import from_gltf, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.gltf.writer import to_bytes
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun, turn

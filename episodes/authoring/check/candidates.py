@@ -27,14 +27,14 @@ from episodes.authoring.check.finding import (
 )
 from episodes.authoring.check.placement import LIFT_M, StaticObstacles, box_of
 from episodes.authoring.check.sight import CAMERA, level, patch
-from episodes.maps.assets import exhibits, vehicles
+from episodes.maps.assets import lettering, vehicles
 from episodes.maps.scene import Instance, turn
 from episodes.world.target import motion
 from episodes.world.visibility import Hides, Solids, Together
 from episodes.world.world import World, solids
 from foundation.frames import Vec3, rotate, rotate_inverse
 
-LETTER_M = {"sign": exhibits.LETTER_M}  # height of an inscription's letters, by asset …
+LETTER_M = {"sign": lettering.LETTER_M}  # height of an inscription's letters, by asset …
 PLATE_LETTER_M = vehicles.DIGIT_M  # … and of every other
 
 

@@ -21,8 +21,7 @@ import numpy as np
 from episodes import maps
 from episodes.authoring.check.finding import RuleFinding
 from episodes.maps import assets
-from episodes.maps.places import Places
-from episodes.maps.scene import Instance, turn
+from episodes.maps.scene import Instance, Places, turn
 from episodes.records.record import EpisodeRecord
 from episodes.world.visibility import ray_scene
 from episodes.world.world import World
@@ -325,14 +324,14 @@ def paint_rules(world: World) -> Iterator[RuleFinding]:
     instruction, paint = world.record.instruction, world.record.target.paint
     named = [name for name in assets.PAINTS if contains(instruction, name)]
     yield RuleFinding("the instruction's colour", named == [paint], ", ".join(named) or "none", str(paint))
-    alike = [
+    wearers = [
         i.name
         for i in world.scene.instances
         if i is not world.target
         and i.kind in assets.names()
         and any(m.name == f"paint-{paint}" for m in i.mesh.materials)
     ]
-    yield RuleFinding("others in the target's colour", not alike, ", ".join(alike[:3]) or "none", "none")
+    yield RuleFinding("others in the target's colour", not wearers, ", ".join(wearers[:3]) or "none", "none")
 
 
 def place_rule(world: World) -> RuleFinding:

@@ -21,8 +21,7 @@ from episodes.authoring.check.sight import CAMERA, across_all, bearing_deg, box_
 from episodes.authoring.propose.draft import BOARDS, Draw, Proposal, flight_seed, inscribed, instruction, plates
 from episodes.authoring.propose.site import PlacedTarget, Site, rounded, start
 from episodes.maps import assets
-from episodes.maps.places import Spot
-from episodes.maps.scene import Instance
+from episodes.maps.scene import Instance, Spot
 from episodes.records.record import TargetRecord
 from foundation.frames import Vec3
 

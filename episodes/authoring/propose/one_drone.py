@@ -187,18 +187,18 @@ def _before(
     distance = nearest + share.distance * (farthest - nearest)
     if not nearest <= distance <= farthest_m(placed, rules.occupancy_percent[0]):
         return None
-    alike = {i.name: i.position_ned for i in site.scene.instances if i.kind == kind} | {name: placed.position_ned}
+    places = {i.name: i.position_ned for i in site.scene.instances if i.kind == kind} | {name: placed.position_ned}
     hidden = cell in HIDDEN
     drawn = rng.choice(ANYWHERE if hidden else referring.RELATIONS)
     best: tuple[int, Proposal] | None = None
     starts = site.starts(placed, distance, share.height_m(ALTITUDES_M), rng, rules.off_axes_deg)
-    for place in itertools.islice(starts, REFERRED_STARTS):
-        yaw = yaw_deg(cell, bearing_deg(place, placed.centre_ned), site.framed(placed, place), share.turn)
+    for spot in itertools.islice(starts, REFERRED_STARTS):
+        yaw = yaw_deg(cell, bearing_deg(spot, placed.centre_ned), site.framed(placed, spot), share.turn)
         if yaw is None:
             continue
-        pose = start(place, yaw)
-        marks = referring.landmarks(site.name, site.seed, kind, place, None if hidden else pose.yaw_deg)
-        expressions = referring.expressions(nouns(kind)[0], name, alike, marks, place)
+        pose = start(spot, yaw)
+        marks = referring.landmarks(site.name, site.seed, kind, spot, None if hidden else pose.yaw_deg)
+        expressions = referring.expressions(nouns(kind)[0], name, places, marks, spot)
         expressions = [e for e in expressions if not hidden or e.relation in ANYWHERE]
         for expression in rng.sample(expressions, len(expressions)):
             worth = 2 if expression.relation == drawn else int(expression.relation != "nearest")

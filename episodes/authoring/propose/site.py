@@ -17,8 +17,7 @@ from episodes.authoring.check.finding import ALTITUDE_M, BODY_M, REACH_M
 from episodes.authoring.check.placement import StaticObstacles
 from episodes.authoring.check.sight import CAMERA, Framing, box_corners, framing, level
 from episodes.maps import assets
-from episodes.maps.places import Places
-from episodes.maps.scene import Instance, Mesh
+from episodes.maps.scene import Instance, Mesh, Places
 from episodes.records.record import StartPose, TargetRecord
 from episodes.world import world
 from episodes.world.target import motion

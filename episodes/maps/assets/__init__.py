@@ -1,10 +1,21 @@
-"""The catalogue of things a scene can hold, by name."""
+"""The catalogue of assets by name: targets, campus fixtures, and the scenery of other maps."""
 
 import difflib
 from collections.abc import Callable
 from functools import lru_cache, partial
 
-from episodes.maps.assets import bus, exhibits, fixtures, materials, people, vehicles
+from episodes.maps.assets import (
+    campus_fixtures,
+    houses,
+    lettering,
+    materials,
+    multirotor,
+    people,
+    service_vehicles,
+    street,
+    vehicles,
+)
+from episodes.maps.assets.houses import HousePlan
 from episodes.maps.scene import Mesh
 from foundation.errors import UsageError
 
@@ -12,20 +23,57 @@ PAINTS = tuple(materials.PAINTS)
 
 # asset → its maker: (paint, inscription) → mesh
 _INSCRIBED: dict[str, Callable[[str, str], Mesh]] = {kind: partial(vehicles.car, kind) for kind in vehicles.SHAPES} | {
-    "bus": bus.bus,
+    "bus": service_vehicles.bus,
     "motorcycle": people.motorcycle,
-    "sign": exhibits.sign,
+    "sign": lettering.sign,
 }
 # asset → its maker: paint → mesh
 _PLAIN: dict[str, Callable[[str], Mesh]] = {
     "cyclist": people.cyclist,
-    "delivery_robot": fixtures.delivery_robot,
+    "delivery_robot": service_vehicles.delivery_robot,
     "pedestrian": people.pedestrian,
     "person": people.person,
-    "quadrotor": exhibits.quadrotor,
-    "service_cart": fixtures.service_cart,
+    "quadrotor": multirotor.quadrotor,
+    "service_cart": service_vehicles.service_cart,
 }
-PLATE = "DC 2475"  # written where a record names no inscription
+# kind of campus fixture → its maker
+FIXTURES: dict[str, Callable[[], Mesh]] = {
+    "bench": campus_fixtures.bench,
+    "bike-rack": campus_fixtures.bike_rack,
+    "bin": campus_fixtures.bin,
+    "bollard": campus_fixtures.bollard,
+    "clock-tower": campus_fixtures.clock_tower,
+    "fountain": campus_fixtures.fountain,
+    "kiosk": campus_fixtures.kiosk,
+    "lamp": campus_fixtures.lamp,
+    "notice-board": campus_fixtures.notice_board,
+    "picnic-table": campus_fixtures.picnic_table,
+    "planter": campus_fixtures.planter,
+    "statue": campus_fixtures.statue,
+    "vending-machine": campus_fixtures.vending_machine,
+}
+# what else maps are furnished with → its maker
+SCENERY: dict[str, Callable[[], Mesh]] = {
+    "barrier": street.barrier,
+    "birch": partial(street.tree, "birch", 7.2, 2),
+    "board-fence": partial(street.board_fence, 6.0),
+    "bungalow": partial(houses.house, HousePlan(dormers=2, shutters="ink", wall="mist")),
+    "bush": street.bush,
+    "fir": street.conifer,
+    "hedge": street.hedge,
+    "hydrant": street.hydrant,
+    "mailbox": street.mailbox,
+    "maple": partial(street.tree, "maple", 7.2, 1),
+    "oak": street.tree,
+    "picket-fence": street.picket_fence,
+    "refuse-bin": street.bin,
+    "street-lamp": street.lamp,
+    "street-sign": partial(street.name_post, "Main Street", "Hill Road"),
+    "two-storey-house": partial(
+        houses.house, HousePlan(width=9.4, storeys=2, band=True, hipped=True, wall="linen", roof="umber", garage=-1)
+    ),
+}
+PLATE = "DC 2475"  # of a vehicle whose record has no inscription
 
 
 def names() -> list[str]:

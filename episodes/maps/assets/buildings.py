@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import campus_textures as textures
 from episodes.maps.assets import materials
 from episodes.maps.assets.materials import linear, surface
 from episodes.maps.geometry import Array, MeshPart
@@ -44,15 +43,15 @@ def hall(plan: HallPlan) -> Mesh:
     """Return the hall of a plan."""
     wall, tile = _wall(plan)
     half_d, half_w = plan.depth / 2, plan.width / 2
-    parts = [g.box((-half_d, -half_w, -FOOT_M), (half_d, half_w, plan.top), wall, tile)]
+    solids = [g.box((-half_d, -half_w, -FOOT_M), (half_d, half_w, plan.top), wall, tile)]
     faces = ((half_d, plan.width, 0.0), (half_w, plan.depth, 0.5), (half_d, plan.width, 1.0), (half_w, plan.depth, 1.5))
     facade = {"brick": _brick_face, "ribbon": _ribbon_face, "columns": _stone_face, "glass": _glass_face}[plan.style]
     for k, (out, width, turns) in enumerate(faces):
-        found = facade(plan, width, k == 0)
-        parts += [g.placed(g.placed(p, (out, 0.0, 0.0)), yaw=turns * np.pi) for p in found]
-    parts += [g.placed(p, (half_d, 0.0, 0.0)) for p in _entrance(plan)]
-    parts += _portico(plan) if plan.style == "columns" else []
-    return g.assemble([*parts, *_roof(plan)])
+        panels = facade(plan, width, k == 0)
+        solids += [g.placed(g.placed(p, (out, 0.0, 0.0)), yaw=turns * np.pi) for p in panels]
+    solids += [g.placed(p, (half_d, 0.0, 0.0)) for p in _entrance(plan)]
+    solids += _portico(plan) if plan.style == "columns" else []
+    return g.assemble([*solids, *_roof(plan)])
 
 
 def reach(plan: HallPlan) -> tuple[float, float, float]:
@@ -61,7 +60,7 @@ def reach(plan: HallPlan) -> tuple[float, float, float]:
 
 
 def _stone(plan: HallPlan) -> Material:
-    return textures.material("ashlar", linear(TINTS[plan.tint]))
+    return surface("ashlar", linear(TINTS[plan.tint]))
 
 
 def _wall(plan: HallPlan) -> tuple[Material, float]:
@@ -69,9 +68,9 @@ def _wall(plan: HallPlan) -> tuple[Material, float]:
     if plan.style == "brick":
         return surface("brick"), 0.6
     if plan.style == "ribbon":
-        return textures.material("panels", linear(TINTS[plan.tint])), 3.6
+        return surface("panels", linear(TINTS[plan.tint])), 3.6
     if plan.style == "glass":
-        return textures.material("curtain", specular=0.6), 3.6
+        return surface("curtain", specular=0.6), 3.6
     return _stone(plan), 2.4
 
 
@@ -115,112 +114,112 @@ def _brick_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a brick wall: piers and bands of brick and stone stand out, sashes lie behind them."""
     brick, stone = surface("brick"), surface("concrete", (0.98, 0.94, 0.86))
     edges, half = _bays(plan, width), width / 2
-    parts = [g.box((-0.1, -half - 0.06, -FOOT_M), (0.34, half + 0.06, FLOOR_M), stone, 1.5)]
-    parts += [g.box((-0.1, y - 0.42, _foot_of(plan, y, front)), (0.26, y + 0.42, plan.top), brick, 0.6) for y in edges]
-    parts += [
+    solids = [g.box((-0.1, -half - 0.06, -FOOT_M), (0.34, half + 0.06, FLOOR_M), stone, 1.5)]
+    solids += [g.box((-0.1, y - 0.42, _foot_of(plan, y, front)), (0.26, y + 0.42, plan.top), brick, 0.6) for y in edges]
+    solids += [
         g.box((-0.1, min(a, b), FLOOR_M), (0.26, max(a, b), plan.top), brick, 0.6)
         for a, b in ((-half, edges[0]), (edges[-1], half))
     ]
     for storey in range(plan.storeys):
         floor = FLOOR_M + storey * plan.storey_m
         if storey:
-            parts.append(g.box((-0.1, -half - 0.02, floor - 0.12), (0.32, half + 0.02, floor + 0.14), stone, 1.5))
+            solids.append(g.box((-0.1, -half - 0.02, floor - 0.12), (0.32, half + 0.02, floor + 0.14), stone, 1.5))
         for k, y in enumerate((edges[:-1] + edges[1:]) / 2):
             if not _kept(plan, y, storey, front):
                 continue
             w, sill, head = 0.88, floor + 0.85, floor + plan.storey_m - 0.55
-            parts.append(_quad(0.03, (y - w, y + w), (sill, head), textures.window(PALE_FRAME, 2, _blind(k, storey))))
-            parts.append(g.box((0.0, y - w - 0.1, sill - 0.14), (0.2, y + w + 0.1, sill), stone))
-            parts.append(g.box((0.0, y - w - 0.14, head), (0.12, y + w + 0.14, head + 0.26), stone))
-    parts.append(g.box((-0.1, -half - 0.08, plan.top), (0.4, half + 0.08, plan.top + 0.4), stone, 1.5))
-    return parts
+            solids.append(_quad(0.03, (y - w, y + w), (sill, head), materials.window(PALE_FRAME, 2, _blind(k, storey))))
+            solids.append(g.box((0.0, y - w - 0.1, sill - 0.14), (0.2, y + w + 0.1, sill), stone))
+            solids.append(g.box((0.0, y - w - 0.14, head), (0.12, y + w + 0.14, head + 0.26), stone))
+    solids.append(g.box((-0.1, -half - 0.08, plan.top), (0.4, half + 0.08, plan.top + 0.4), stone, 1.5))
+    return solids
 
 
 def _ribbon_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a concrete wall: bands of glass between spandrels, cut by upright fins."""
-    panel, fin = textures.material("panels", linear(TINTS[plan.tint])), materials.plain("fin", (210, 208, 200))
+    panel, fin = surface("panels", linear(TINTS[plan.tint])), materials.plain("fin", (210, 208, 200))
     edges, half = _bays(plan, width), width / 2
-    parts = []
+    solids = []
     for storey in range(plan.storeys):
         floor = FLOOR_M + storey * plan.storey_m
         sill, head = floor + 1.0, floor + plan.storey_m - 0.5
         low = -FOOT_M if storey == 0 else floor - 0.5
-        parts += _band((-half - 0.02, half + 0.02), (low, sill), 0.22, panel, 3.6, front and storey == 0)
+        solids += _band((-half - 0.02, half + 0.02), (low, sill), 0.22, panel, 3.6, front and storey == 0)
         for k, (a, b) in enumerate(itertools.pairwise(edges)):
             if _kept(plan, (a + b) / 2, storey, front):
-                parts.append(_quad(0.03, (a, b), (sill, head), textures.window(DARK_FRAME, 3, _blind(k, storey))))
-    parts.append(g.box((-0.1, -half - 0.02, plan.top - 0.5), (0.22, half + 0.02, plan.top + 0.7), panel, 3.6))
-    parts += [
+                solids.append(_quad(0.03, (a, b), (sill, head), materials.window(DARK_FRAME, 3, _blind(k, storey))))
+    solids.append(g.box((-0.1, -half - 0.02, plan.top - 0.5), (0.22, half + 0.02, plan.top + 0.7), panel, 3.6))
+    solids += [
         g.box((-0.1, a, FLOOR_M), (0.22, b, plan.top), panel, 3.6) for a, b in ((-half, edges[0]), (edges[-1], half))
     ]
     fins = [y for y in edges if not (front and abs(y) < 3.4)]
-    parts += [g.box((0.0, y - 0.09, FLOOR_M + 1.0), (0.5, y + 0.09, plan.top + 0.2), fin) for y in fins]
+    solids += [g.box((0.0, y - 0.09, FLOOR_M + 1.0), (0.5, y + 0.09, plan.top + 0.2), fin) for y in fins]
     if front:
-        parts += [
+        solids += [
             g.box((0.0, y - 0.09, FLOOR_M + plan.storey_m), (0.5, y + 0.09, plan.top + 0.2), fin)
             for y in edges
             if abs(y) < 3.4
         ]
-    return parts
+    return solids
 
 
 def _stone_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a wall of dressed stone: flat pilasters, tall windows with hoods, a heavy cornice."""
     stone = _stone(plan)
     edges, half = _bays(plan, width), width / 2
-    parts = _band((-half - 0.1, half + 0.1), (-FOOT_M, FLOOR_M + 0.5), 0.4, stone, 2.4, front)
+    solids = _band((-half - 0.1, half + 0.1), (-FOOT_M, FLOOR_M + 0.5), 0.4, stone, 2.4, front)
     for y in edges:
-        parts.append(g.box((-0.1, y - 0.36, _foot_of(plan, y, front)), (0.3, y + 0.36, plan.top), stone, 2.4))
-        parts.append(g.box((-0.1, y - 0.46, plan.top - 0.5), (0.38, y + 0.46, plan.top - 0.15), stone, 2.4))
+        solids.append(g.box((-0.1, y - 0.36, _foot_of(plan, y, front)), (0.3, y + 0.36, plan.top), stone, 2.4))
+        solids.append(g.box((-0.1, y - 0.46, plan.top - 0.5), (0.38, y + 0.46, plan.top - 0.15), stone, 2.4))
     for storey in range(plan.storeys):
         floor = FLOOR_M + storey * plan.storey_m
         for k, y in enumerate((edges[:-1] + edges[1:]) / 2):
             if not _kept(plan, y, storey, front):
                 continue
             w, sill, head = 0.75, floor + 0.75, floor + plan.storey_m - 0.6
-            parts.append(
-                _quad(0.03, (y - w, y + w), (sill, head), textures.window(DARK_FRAME, 2, _blind(k, storey) / 2))
+            solids.append(
+                _quad(0.03, (y - w, y + w), (sill, head), materials.window(DARK_FRAME, 2, _blind(k, storey) / 2))
             )
-            parts.append(g.box((0.0, y - w - 0.12, sill - 0.16), (0.22, y + w + 0.12, sill), stone, 2.4))
+            solids.append(g.box((0.0, y - w - 0.12, sill - 0.16), (0.22, y + w + 0.12, sill), stone, 2.4))
             hood = [(0.0, head), (0.26, head), (0.26, head + 0.12), (0.0, head + 0.3)]
-            parts.append(g.profile(hood, y - w - 0.2, y + w + 0.2, stone, 2.4))
-    parts.append(g.box((-0.1, -half - 0.2, plan.top - 0.15), (0.62, half + 0.2, plan.top + 0.3), stone, 2.4))
-    parts.append(g.box((-0.3, -half - 0.05, plan.top + 0.3), (0.25, half + 0.05, plan.top + 1.1), stone, 2.4))
-    return parts
+            solids.append(g.profile(hood, y - w - 0.2, y + w + 0.2, stone, 2.4))
+    solids.append(g.box((-0.1, -half - 0.2, plan.top - 0.15), (0.62, half + 0.2, plan.top + 0.3), stone, 2.4))
+    solids.append(g.box((-0.3, -half - 0.05, plan.top + 0.3), (0.25, half + 0.05, plan.top + 1.1), stone, 2.4))
+    return solids
 
 
 def _glass_face(plan: HallPlan, width: float, front: bool) -> list[MeshPart]:
     """Return a glass wall: floor slabs show as bands, fins stand before it."""
     band, fin = materials.plain("slab-band", (214, 214, 208), 0.1), materials.plain("glass-fin", (92, 98, 104), 0.4)
     half = width / 2
-    parts = [g.box((-0.1, -half - 0.1, -FOOT_M), (0.3, half + 0.1, FLOOR_M), surface("concrete"), 1.5)]
+    solids = [g.box((-0.1, -half - 0.1, -FOOT_M), (0.3, half + 0.1, FLOOR_M), surface("concrete"), 1.5)]
     for storey in range(1, plan.storeys + 1):
         z = FLOOR_M + storey * plan.storey_m
-        parts.append(g.box((-0.1, -half - 0.2, z - 0.3), (0.45, half + 0.2, z), band))
+        solids.append(g.box((-0.1, -half - 0.2, z - 0.3), (0.45, half + 0.2, z), band))
     for y in np.linspace(-half, half, max(3, round(width / 2.4) + 1)):
-        parts.append(g.box((-0.1, y - 0.05, _foot_of(plan, y, front)), (0.36, y + 0.05, plan.top), fin))
-    parts.append(g.box((-0.1, -half - 0.3, plan.top), (1.1, half + 0.3, plan.top + 0.35), band))
-    return parts
+        solids.append(g.box((-0.1, y - 0.05, _foot_of(plan, y, front)), (0.36, y + 0.05, plan.top), fin))
+    solids.append(g.box((-0.1, -half - 0.3, plan.top), (1.1, half + 0.3, plan.top + 0.35), band))
+    return solids
 
 
 def _steps(front: float, half: float, count: int = 3) -> list[MeshPart]:
     """Return a landing and steps down to the ground, forward of x = front."""
     stone, rise = surface("concrete", (0.9, 0.88, 0.84)), FLOOR_M / count
-    found = [g.box((front - 0.1, -half, -FOOT_M), (front + 1.7, half, FLOOR_M), stone, 1.5)]
+    steps = [g.box((front - 0.1, -half, -FOOT_M), (front + 1.7, half, FLOOR_M), stone, 1.5)]
     for k in range(1, count):
         out, up = front + 1.7 + 0.36 * k, FLOOR_M - rise * k
-        found.append(g.box((front, -half - 0.36 * k, -FOOT_M), (out, half + 0.36 * k, up), stone, 1.5))
-    return found
+        steps.append(g.box((front, -half - 0.36 * k, -FOOT_M), (out, half + 0.36 * k, up), stone, 1.5))
+    return steps
 
 
 def _entrance(plan: HallPlan) -> list[MeshPart]:
     """Return doors in their surround, steps, a canopy, and the hall's name above, on the plane x = 0."""
     floor, pale = FLOOR_M, surface("concrete", (0.98, 0.94, 0.86))
-    door = textures.material("doors", specular=0.4)
+    door = surface("doors", specular=0.4)
     high = floor + plan.storey_m
     out = 0.42
-    parts = [] if plan.style == "columns" else _steps(0.0, 3.0)
-    parts += [
+    solids = [] if plan.style == "columns" else _steps(0.0, 3.0)
+    solids += [
         g.box((0.0, -3.1, floor), (out, -2.2, high), pale, 1.5),
         g.box((0.0, 2.2, floor), (out, 3.1, high), pale, 1.5),
         g.box((0.0, -3.1, floor + 2.6), (out, 3.1, high), pale, 1.5),
@@ -229,42 +228,42 @@ def _entrance(plan: HallPlan) -> list[MeshPart]:
         _quad(0.06, (0.18, 2.2), (floor, floor + 2.6), door),
     ]
     if plan.style != "columns":
-        parts.append(
+        solids.append(
             g.box((0.0, -3.3, high - 0.95), (1.9, 3.3, high - 0.75), materials.plain("canopy", (76, 80, 84), 0.2))
         )
         for y in (-3.1, 3.1):
-            parts.append(g.rod((1.7, y, floor), (1.7, y, high - 0.95), (0.06, 0.06), materials.STEEL, 8))
-    name = textures.lettered(plan.name)
+            solids.append(g.rod((1.7, y, floor), (1.7, y, high - 0.95), (0.06, 0.06), materials.STEEL, 8))
+    name = materials.lettered(plan.name)
     assert name.texture is not None
     wide = 0.9 * name.texture.shape[1] / name.texture.shape[0] / 2
     out_x, low = (6.06, plan.top - 2.32) if plan.style == "columns" else (0.56, high + 0.1)
-    parts.append(
+    solids.append(
         g.box(
             (0.0 if out_x < 1 else out_x - 0.2, -wide - 0.1, low - 0.08), (out_x - 0.02, wide + 0.1, low + 0.98), pale
         )
     )
-    parts.append(_quad(out_x, (-wide, wide), (low, low + 0.9), name))
-    return parts
+    solids.append(_quad(out_x, (-wide, wide), (low, low + 0.9), name))
+    return solids
 
 
 def _portico(plan: HallPlan) -> list[MeshPart]:
     """Return six columns on a broad stair, an entablature and a pediment before the front."""
     stone, front, half = _stone(plan), plan.depth / 2, 8.2
     beam = plan.top - 2.6
-    parts = [g.box((front, -half - 0.6, -FOOT_M), (front + 6.0, half + 0.6, FLOOR_M), stone, 2.4)]
+    solids = [g.box((front, -half - 0.6, -FOOT_M), (front + 6.0, half + 0.6, FLOOR_M), stone, 2.4)]
     for k in range(1, 3):
         out = front + 6.0 + 0.45 * k
-        parts.append(g.box((front, -half - 0.6, -FOOT_M), (out, half + 0.6, FLOOR_M * (1 - k / 3)), stone, 2.4))
+        solids.append(g.box((front, -half - 0.6, -FOOT_M), (out, half + 0.6, FLOOR_M * (1 - k / 3)), stone, 2.4))
     shaft = [(0.0, FLOOR_M), (0.66, FLOOR_M), (0.66, FLOOR_M + 0.22), (0.52, FLOOR_M + 0.34), (0.50, FLOOR_M + 2.5)]
     shaft += [(0.42, beam - 0.5), (0.44, beam - 0.45), (0.60, beam - 0.18), (0.60, beam)]
-    column = g.lathe(shaft, textures.material("panels", linear(TINTS[plan.tint])), 18, 3.6)
-    parts += [g.placed(column, (front + 5.1, y, 0.0)) for y in np.linspace(-half + 0.5, half - 0.5, 6)]
-    parts.append(g.box((front, -half - 0.4, beam), (front + 5.85, half + 0.4, plan.top - 1.1), stone, 2.4))
-    parts.append(g.box((front, -half - 0.8, plan.top - 1.1), (front + 6.2, half + 0.8, plan.top - 0.7), stone, 2.4))
+    column = g.lathe(shaft, surface("panels", linear(TINTS[plan.tint])), 18, 3.6)
+    solids += [g.placed(column, (front + 5.1, y, 0.0)) for y in np.linspace(-half + 0.5, half - 0.5, 6)]
+    solids.append(g.box((front, -half - 0.4, beam), (front + 5.85, half + 0.4, plan.top - 1.1), stone, 2.4))
+    solids.append(g.box((front, -half - 0.8, plan.top - 1.1), (front + 6.2, half + 0.8, plan.top - 0.7), stone, 2.4))
     gable = [(-half - 0.8, plan.top - 0.7), (half + 0.8, plan.top - 0.7), (0.0, plan.top + 2.4)]
     # a profile shows in x and z: turned a quarter, its x becomes the portico's width
-    parts.append(g.placed(g.placed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2), (0, 0, 0)))
-    return parts
+    solids.append(g.placed(g.placed(g.profile(gable, -front - 6.1, -front, stone, 2.4), yaw=np.pi / 2), (0, 0, 0)))
+    return solids
 
 
 def _roof(plan: HallPlan) -> list[MeshPart]:
@@ -294,5 +293,5 @@ def _roof(plan: HallPlan) -> list[MeshPart]:
             ]
         return roof
     units = [((-d * 0.5, -w * 0.55), (d * 0.2, -w * 0.15), 2.2), ((-d * 0.4, w * 0.25), (d * 0.1, w * 0.5), 1.6)]
-    found = [g.box((-d + 0.2, -w + 0.2, top), (d - 0.2, w - 0.2, top + 0.1), deck)]
-    return found + [g.box((*a, top), (*b, top + h), plant) for a, b, h in units]
+    roof_boxes = [g.box((-d + 0.2, -w + 0.2, top), (d - 0.2, w - 0.2, top + 0.1), deck)]
+    return roof_boxes + [g.box((*a, top), (*b, top + h), plant) for a, b, h in units]

@@ -82,21 +82,21 @@ def gable(low: tuple[float, float], high: tuple[float, float], eave: float, pitc
         return [g.placed(p, yaw=np.pi / 2) for p in turned]
     middle, half = (x0 + x1) / 2, (x1 - x0) / 2
     ridge = eave + pitch * half
-    parts = [g.profile([(x0, eave), (x1, eave), (middle, ridge)], y0, y1, wall, tile)]
+    solids = [g.profile([(x0, eave), (x1, eave), (middle, ridge)], y0, y1, wall, tile)]
     drop = pitch * overhang
     for end in (x0 - overhang, x1 + overhang):
         ring = [(middle, ridge), (middle, ridge + thick), (end, eave - drop + thick), (end, eave - drop)]
-        parts.append(g.profile(ring, y0 - overhang, y1 + overhang, roof, 1.6))
+        solids.append(g.profile(ring, y0 - overhang, y1 + overhang, roof, 1.6))
         # fascia board under the eave
         near, far = sorted((end + np.sign(end - middle) * 0.03, end - np.sign(end - middle) * 0.05))
-        parts.append(
+        solids.append(
             g.box(
                 (near, y0 - overhang + 0.02, eave - drop - 0.10),
                 (far, y1 + overhang - 0.02, eave - drop + 0.12),
                 materials.WHITE_WOOD,
             )
         )
-    return parts
+    return solids
 
 
 def hip(
@@ -122,15 +122,15 @@ def hip(
 
 def _dormers(plan: HousePlan, eave: float, wall: Material, tile: float, roof: Material) -> list[MeshPart]:
     """Return gabled dormers on the front slope, each with its window."""
-    parts: list[MeshPart] = []
+    solids: list[MeshPart] = []
     front, run = plan.depth / 2 - 1.1, 1.5 / plan.pitch
     base = eave + plan.pitch * 1.1 + 0.1
     for y in np.linspace(-0.25, 0.25, plan.dormers) * plan.width if plan.dormers > 1 else (0.0,):
         low, high = (front - run, float(y) - 0.7), (front, float(y) + 0.7)
-        parts.append(g.box((*low, base - 0.3), (*high, base + 1.15), wall, tile))
-        parts += gable(low, high, base + 1.15, 0.6, False, wall, tile, roof, 0.2)
-        parts += window((front, float(y)), base + 0.2, 0.8, 0.85, "+x")
-    return parts
+        solids.append(g.box((*low, base - 0.3), (*high, base + 1.15), wall, tile))
+        solids += gable(low, high, base + 1.15, 0.6, False, wall, tile, roof, 0.2)
+        solids += window((front, float(y)), base + 0.2, 0.8, 0.85, "+x")
+    return solids
 
 
 def window(
@@ -139,7 +139,7 @@ def window(
     """Return a framed sash window on the plane `face` ('+x', '-x', '+y', '-y') through `centre` (x, y)."""
     frame, glass = materials.WHITE_WOOD, materials.WINDOW
     half, top, bar = width / 2, sill + height, 0.075
-    parts = [
+    solids = [
         g.box((-0.02, -half - bar, sill - bar), (0.06, -half, top + bar), frame),
         g.box((-0.02, half, sill - bar), (0.06, half + bar, top + bar), frame),
         g.box((-0.02, -half, top), (0.06, half, top + bar), frame),
@@ -148,14 +148,14 @@ def window(
         g.quad([(0.02, -half, sill), (0.02, half, sill), (0.02, half, top), (0.02, -half, top)], glass),
     ]
     if width > 1.3:
-        parts.append(g.box((-0.02, -0.03, sill), (0.035, 0.03, top), frame))
+        solids.append(g.box((-0.02, -0.03, sill), (0.035, 0.03, top), frame))
     if shutter is not None:
         for y in (-half - bar - 0.34, half + bar):
-            parts.append(g.box((-0.01, y, sill - bar), (0.045, y + 0.34, top + bar), shutter))
+            solids.append(g.box((-0.01, y, sill - bar), (0.045, y + 0.34, top + bar), shutter))
     # what lies against the wall is never seen
-    parts = [g.without(p, (-1.0, 0.0, 0.0)) for p in parts]
+    solids = [g.without(p, (-1.0, 0.0, 0.0)) for p in solids]
     turn = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}[face]
-    return [g.placed(p, (*centre, 0.0), turn) for p in parts]
+    return [g.placed(p, (*centre, 0.0), turn) for p in solids]
 
 
 def _door(x: float, y: float, floor: float, material: Material) -> list[MeshPart]:
@@ -172,7 +172,7 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
     """Return a deck, steps, posts, railings and a lean-to roof before the door."""
     reach, half, high = 1.9, plan.porch / 2, FOUNDATION_M + 2.45
     stone = surface("concrete")
-    parts = [
+    solids = [
         g.box((front, y - half, FOOTING_M), (front + reach, y + half, FOUNDATION_M), stone, 1.5),
         g.box((front + reach, y - 0.8, FOOTING_M), (front + reach + 0.32, y + 0.8, FOUNDATION_M / 2), stone, 1.5),
         g.box((front, y - half - 0.1, high), (front + reach + 0.1, y + half + 0.1, high + 0.16), materials.WHITE_WOOD),
@@ -183,10 +183,10 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
         (front + reach + 0.35, high + 0.26),
         (front, high + 0.85),
     ]
-    parts.append(g.profile(ring, y - half - 0.3, y + half + 0.3, roof, 1.6))
+    solids.append(g.profile(ring, y - half - 0.3, y + half + 0.3, roof, 1.6))
     for side in (-1.0, 1.0):
         py = y + side * (half - 0.12)
-        parts.append(
+        solids.append(
             g.box(
                 (front + reach - 0.2, py - 0.08, FOUNDATION_M),
                 (front + reach - 0.04, py + 0.08, high),
@@ -195,7 +195,7 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
         )
         a, b = sorted((y + side * 0.85, py))
         if b - a > 0.3:
-            parts.append(
+            solids.append(
                 g.box(
                     (front + reach - 0.15, a, FOUNDATION_M + 0.85),
                     (front + reach - 0.09, b, FOUNDATION_M + 0.93),
@@ -209,8 +209,8 @@ def _porch(plan: HousePlan, front: float, y: float, roof: Material) -> list[Mesh
             )
             for end in (-1.0, 1.0):
                 baluster = g.without(baluster, (0.0, 0.0, end))
-            parts += [g.placed(baluster, (0.0, float(k), 0.0)) for k in np.arange(a + 0.1, b, 0.22)]
-    return parts
+            solids += [g.placed(baluster, (0.0, float(k), 0.0)) for k in np.arange(a + 0.1, b, 0.22)]
+    return solids
 
 
 def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> list[MeshPart]:
@@ -218,42 +218,42 @@ def _garage(plan: HousePlan, wall: Material, tile: float, roof: Material) -> lis
     side = float(plan.garage)
     y0, y1 = sorted((side * plan.width / 2, side * (plan.width / 2 + plan.garage_width)))
     x0, x1, eave = plan.depth / 2 - 6.3, plan.depth / 2 + 0.5, 2.55
-    parts = [g.box((x0, y0, FOOTING_M), (x1, y1, eave), wall, tile)]
+    solids = [g.box((x0, y0, FOOTING_M), (x1, y1, eave), wall, tile)]
     if plan.hipped:
-        parts += hip((x0, y0), (x1, y1), eave, 0.5, roof)
+        solids += hip((x0, y0), (x1, y1), eave, 0.5, roof)
     else:
-        parts += gable((x0, y0), (x1, y1), eave, 0.5, False, wall, tile, roof)
+        solids += gable((x0, y0), (x1, y1), eave, 0.5, False, wall, tile, roof)
     half, middle = plan.garage_width / 2 - 0.6, (y0 + y1) / 2
     door = surface("garage_door", materials.linear(GARAGE_DOORS[plan.garage_door]), 0.05)
     x = x1 + 0.03
-    parts.append(
+    solids.append(
         g.box((x1 - 0.02, middle - half - 0.12, 0.0), (x1 + 0.02, middle + half + 0.12, 2.32), materials.WHITE_WOOD)
     )
-    parts.append(
+    solids.append(
         g.quad(
             [(x, middle - half, 0.02), (x, middle + half, 0.02), (x, middle + half, 2.2), (x, middle - half, 2.2)], door
         )
     )
-    parts.append(g.box((x1, middle - 0.09, 2.36), (x1 + 0.14, middle + 0.09, 2.52), materials.STEEL))
-    return parts
+    solids.append(g.box((x1, middle - 0.09, 2.36), (x1 + 0.14, middle + 0.09, 2.52), materials.STEEL))
+    return solids
 
 
 def _windows(plan: HousePlan, door: float) -> list[MeshPart]:
     """Return the windows of every free wall."""
-    front, half, parts = plan.depth / 2, plan.width / 2, []
+    front, half, solids = plan.depth / 2, plan.width / 2, []
     shutter = None if plan.shutters == "none" else materials.plain(f"shutter-{plan.shutters}", SHUTTERS[plan.shutters])
     for storey in range(plan.storeys):
         sill = FOUNDATION_M + storey * STOREY_M + 0.85
         for y in np.linspace(-half + 1.6, half - 1.6, 3 if plan.width < 11.5 else 4):
             if storey > 0 or abs(y - door) > 1.75:
-                parts += window((front, y), sill, 1.5 if storey == 0 else 1.15, 1.35, "+x", shutter)
-            parts += window((-front, y), sill, 1.2, 1.3, "-x")
+                solids += window((front, y), sill, 1.5 if storey == 0 else 1.15, 1.35, "+x", shutter)
+            solids += window((-front, y), sill, 1.2, 1.3, "-x")
         for side, face in ((1, "+y"), (-1, "-y")):
             if storey == 0 and plan.garage == side:
                 continue
             for x in (-front + 2.0, front - 2.2):
-                parts += window((x, side * half), sill, 1.1, 1.3, face)
-    return parts
+                solids += window((x, side * half), sill, 1.1, 1.3, face)
+    return solids
 
 
 def house(plan: HousePlan) -> Mesh:
@@ -265,41 +265,41 @@ def house(plan: HousePlan) -> Mesh:
     door = door_y(plan)
     stone = surface("concrete")
     middle = FOUNDATION_M + STOREY_M if plan.band and plan.storeys == 2 else FOUNDATION_M
-    parts: list[MeshPart] = [
+    solids: list[MeshPart] = [
         g.box((-front - 0.03, -half - 0.03, FOOTING_M), (front + 0.03, half + 0.03, FOUNDATION_M), stone, 1.5),
         g.box((-front, -half, middle), (front, half, eave), wall, tile),
         *_door(front, door, FOUNDATION_M, materials.plain(f"door-{plan.door}", DOORS[plan.door], 0.2)),
         *_windows(plan, door),
     ]
     if plan.hipped:
-        parts += hip((-front, -half), (front, half), eave, plan.pitch, roof)
+        solids += hip((-front, -half), (front, half), eave, plan.pitch, roof)
     else:
-        parts += gable((-front, -half), (front, half), eave, plan.pitch, not plan.gable_front, wall, tile, roof)
+        solids += gable((-front, -half), (front, half), eave, plan.pitch, not plan.gable_front, wall, tile, roof)
     if plan.dormers:
-        parts += _dormers(plan, eave, wall, tile, roof)
+        solids += _dormers(plan, eave, wall, tile, roof)
     if middle > FOUNDATION_M:
-        parts.append(g.box((-front, -half, FOUNDATION_M), (front, half, middle), surface("brick"), 0.6))
+        solids.append(g.box((-front, -half, FOUNDATION_M), (front, half, middle), surface("brick"), 0.6))
     if not plan.brick:
         for x in (-front, front):
             for y in (-half, half):
-                parts.append(
+                solids.append(
                     g.box((x - 0.08, y - 0.08, FOUNDATION_M), (x + 0.08, y + 0.08, eave), materials.WHITE_WOOD)
                 )
     if plan.gable_front and not plan.hipped:
-        parts += window((front, 0.0), eave + 0.5, 0.9, 0.9, "+x")
+        solids += window((front, 0.0), eave + 0.5, 0.9, 0.9, "+x")
     if plan.garage:
-        parts += _garage(plan, wall, tile, roof)
+        solids += _garage(plan, wall, tile, roof)
     if plan.porch > 0.0:
-        parts += _porch(plan, front, door, roof)
+        solids += _porch(plan, front, door, roof)
     else:
-        parts.append(g.box((front, door - 0.8, FOOTING_M), (front + 1.0, door + 0.8, FOUNDATION_M), stone, 1.5))
+        solids.append(g.box((front, door - 0.8, FOOTING_M), (front + 1.0, door + 0.8, FOUNDATION_M), stone, 1.5))
     if plan.chimney:
         ridge = eave + plan.pitch * (min(front, half) if plan.hipped else half if plan.gable_front else front)
         x, y = (-0.9, -plan.garage * half * 0.6) if not plan.gable_front else (-front * 0.4, 0.9)
-        parts.append(g.box((x - 0.4, y - 0.5, eave - 0.5), (x + 0.4, y + 0.5, ridge + 0.75), surface("brick"), 0.6))
-        parts.append(g.box((x - 0.48, y - 0.58, ridge + 0.70), (x + 0.48, y + 0.58, ridge + 0.82), stone))
-        parts.append(g.rod((x, y, ridge + 0.8), (x, y, ridge + 1.15), (0.15, 0.13), materials.STEEL))
-    return g.assemble(parts)
+        solids.append(g.box((x - 0.4, y - 0.5, eave - 0.5), (x + 0.4, y + 0.5, ridge + 0.75), surface("brick"), 0.6))
+        solids.append(g.box((x - 0.48, y - 0.58, ridge + 0.70), (x + 0.48, y + 0.58, ridge + 0.82), stone))
+        solids.append(g.rod((x, y, ridge + 0.8), (x, y, ridge + 1.15), (0.15, 0.13), materials.STEEL))
+    return g.assemble(solids)
 
 
 def plan_of(seed: int) -> HousePlan:

@@ -1,4 +1,7 @@
-"""Inscriptions: capitals and digits of an exact height, drawn large and reduced by area so that strokes stay even."""
+"""Inscriptions: plates and boards with capitals and digits of an exact height, and the sign that shows a board.
+
+Letters are drawn large and reduced by area so that strokes stay even.
+"""
 
 from functools import cache
 
@@ -6,6 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from episodes.maps import geometry as g
+from episodes.maps.assets import materials
+from episodes.maps.scene import Material, Mesh
 from foundation.frames import Vec3
 
 CAP_PX = 40  # height of a capital in every picture made here
@@ -17,6 +23,11 @@ SPACING = 0.19  # of the height of a capital, between letters
 LEADING = 1.55  # lines of a sign, heights of a capital apart
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 ZERO_WIDTH = 0.86  # of the letter O, by which a nought is drawn: a slash through it would make it an 8 from afar
+
+LETTER_M = 0.136  # height of a sign's letters (paper, appendix "Maps and Episodes")
+BOARD_M = (1.2, 0.8)  # least width and height of a sign's board
+BOARD_FOOT_M = 0.75  # m, its lower edge above the ground
+PAPER, INK = (242, 242, 238), (24, 26, 30)
 
 Picture = NDArray[np.uint8]
 
@@ -65,7 +76,7 @@ def line(text: str) -> NDArray[np.float32]:
     Capitals and digits fill the height exactly.
     """
     cap = CAP_PX * OVERSAMPLED
-    gap = np.zeros((cap, round((SPACING) * cap)), np.uint8)
+    gap = np.zeros((cap, round(SPACING * cap)), np.uint8)
     pieces = [piece for letter in text for piece in (_glyph(letter), gap)][:-1]
     image = np.concatenate(pieces, axis=1)
     width = -(-image.shape[1] // OVERSAMPLED)
@@ -109,3 +120,38 @@ def board(text: str, ink: Vec3, ground: Vec3, least_px: tuple[int, int]) -> Pict
     wide = max([least_px[1], *(line(text).shape[1] + CAP_PX for text in lines)])
     high = max(least_px[0], round(LEADING * CAP_PX * len(lines)) + CAP_PX // 2)
     return _printed((high, wide), tuple(lines), ink, ground)
+
+
+def contrasting(paint: str) -> tuple[int, int, int]:
+    """Return the ink that reads best on a paint: near black or near white."""
+    materials.paint(paint)  # raises for a paint that is not known
+    r, g_, b = materials.linear(materials.PAINTS[paint])
+    return INK if 0.2126 * r + 0.7152 * g_ + 0.0722 * b > 0.25 else PAPER
+
+
+@cache
+def sign(paint: str, text: str) -> Mesh:
+    """Return a board in a paint on two posts, `text` on both faces in letters LETTER_M high.
+
+    Raises UsageError for an unknown paint.
+    """
+    per_px = LETTER_M / CAP_PX
+    least = (round(BOARD_M[1] / per_px), round(BOARD_M[0] / per_px))
+    ink = contrasting(paint)
+    srgb = materials.PAINTS[paint]
+    picture = board(text, ink, srgb, least)
+    face = Material(f"sign-{paint}-{text}", (1.0, 1.0, 1.0), picture, specular=0.05)
+    shell = Material(f"paint-{paint}", materials.linear(srgb), specular=0.05)
+    high, wide = picture.shape[0] * per_px, picture.shape[1] * per_px / 2
+    low, x = BOARD_FOOT_M, 0.026
+    solids = [
+        g.box((-0.025, -wide - 0.03, low - 0.03), (0.025, wide + 0.03, low + high + 0.03), shell),
+        g.quad([(x, -wide, low), (x, wide, low), (x, wide, low + high), (x, -wide, low + high)], face),
+        g.quad([(-x, wide, low), (-x, -wide, low), (-x, -wide, low + high), (-x, wide, low + high)], face),
+    ]
+    for s in (-1, 1):
+        y = s * (wide - 0.14)
+        solids.append(g.box((-0.024, y - 0.04, 0.0), (0.024, y + 0.04, low), materials.STEEL))
+        solids.append(g.box((-0.22, y - 0.07, 0.0), (0.22, y + 0.07, 0.03), materials.STEEL))
+        solids.append(g.rod((0.20, y, 0.02), (-0.02, y, low - 0.02), (0.018, 0.018), materials.STEEL, 6))
+    return g.assemble(solids)

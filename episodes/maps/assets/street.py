@@ -30,9 +30,9 @@ def _leaves(clump: MeshPart, count: int, size: float, rng: np.random.Generator, 
     middle, normal = clump.corners[at].mean(axis=1), clump.normals[at].mean(axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     spread = rng.normal(size=(count, 3, 3)) * size + middle[:, None, :] + normal[:, None, :] * size * 0.5
-    both = np.concatenate([spread, spread[:, ::-1]])
+    sprays = np.concatenate([spread, spread[:, ::-1]])
     normals = np.repeat(np.concatenate([normal, normal])[:, None, :], 3, axis=1)
-    return MeshPart(both, normals, g.slope_uv(both, 1.2), material)
+    return MeshPart(sprays, normals, g.slope_uv(sprays, 1.2), material)
 
 
 def _clump(centre: Array, radii: Array, seed: int, material: Material, sprays: int, level: int = 2) -> list[MeshPart]:
@@ -49,27 +49,27 @@ def tree(species: str = "oak", height: float = 8.0, seed: int = 1) -> Mesh:
     rng, leaf, bark = np.random.default_rng(seed), _foliage(species), surface("bark")
     fork, reach = 0.36 * height, 0.26 * height
     thick = 0.022 * height + 0.04
-    parts = [g.rod((0, 0, -0.2), (0, 0, fork), (thick * 1.25, thick * 0.85), bark, 8)]
-    parts.append(g.rod((0, 0, -0.2), (0, 0, 0.35), (thick * 1.9, thick * 1.15), bark, 8))
+    solids = [g.rod((0, 0, -0.2), (0, 0, fork), (thick * 1.25, thick * 0.85), bark, 8)]
+    solids.append(g.rod((0, 0, -0.2), (0, 0, 0.35), (thick * 1.9, thick * 1.15), bark, 8))
     count = 5
     for k in range(count):
         turn = 2 * np.pi * (k + rng.uniform(-0.25, 0.25)) / count
         out = reach * rng.uniform(0.45, 0.75)
         centre = np.array([out * np.cos(turn), out * np.sin(turn), height * rng.uniform(0.50, 0.70)])
-        parts.append(g.rod((0, 0, fork * 0.9), centre, (thick * 0.55, thick * 0.2), bark, 5))
+        solids.append(g.rod((0, 0, fork * 0.9), centre, (thick * 0.55, thick * 0.2), bark, 5))
         radius = reach * rng.uniform(0.52, 0.70)
-        parts += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 14)
-    parts += _clump(
+        solids += _clump(centre, np.array([radius, radius, radius * 0.8]), seed * 17 + k, leaf, 14)
+    solids += _clump(
         np.array([0, 0, height * 0.80]), np.array([reach * 0.72, reach * 0.72, height * 0.19]), seed * 17 + 9, leaf, 30
     )
-    return g.assemble(parts)
+    return g.assemble(solids)
 
 
 @lru_cache(maxsize=64)
 def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
     """Return a fir: tiers of ragged skirts about a straight trunk."""
     rng, leaf = np.random.default_rng(seed), _foliage("conifer")
-    parts = [g.rod((0, 0, -0.2), (0, 0, 0.9 * height), (0.022 * height, 0.05), surface("bark"), 8)]
+    solids = [g.rod((0, 0, -0.2), (0, 0, 0.9 * height), (0.022 * height, 0.05), surface("bark"), 8)]
     tiers, sides = 6, 10
     for k in range(tiers):
         low = height * (0.12 + 0.80 * k / tiers)
@@ -82,8 +82,8 @@ def conifer(height: float = 9.0, seed: int = 1) -> Mesh:
         tip = np.broadcast_to((0.0, 0.0, min(high, height)), hem.shape)
         waist = 0.45 * hem + 0.55 * tip - (0, 0, 0.05 * height / tiers)
         under = np.broadcast_to((0.0, 0.0, low + 0.12), hem.shape)
-        parts.append(g.grid(np.stack([under, hem, waist, tip], axis=1), leaf, 45.0, 1.2))
-    return g.assemble(parts)
+        solids.append(g.grid(np.stack([under, hem, waist, tip], axis=1), leaf, 45.0, 1.2))
+    return g.assemble(solids)
 
 
 @lru_cache(maxsize=64)
@@ -147,7 +147,7 @@ def lamp(height: float = 5.6) -> Mesh:
     steel = materials.plain("lamp-steel", (58, 64, 66), 0.3)
     glass = materials.plain("lamp-glass", (235, 232, 214), 0.5, 0.3)
     arm = 1.5
-    parts = [
+    solids = [
         g.rod((0, 0, 0), (0, 0, 0.5), (0.14, 0.11), steel, 10),
         g.rod((0, 0, 0.4), (0, 0, height), (0.075, 0.05), steel, 10),
         g.rod((0, 0, height - 0.25), (arm * 0.45, 0, height + 0.12), (0.045, 0.04), steel, 8),
@@ -165,7 +165,7 @@ def lamp(height: float = 5.6) -> Mesh:
         ),
         g.box((arm, -0.09, height + 0.06), (arm + 0.42, 0.09, height + 0.10), glass),
     ]
-    return g.assemble(parts)
+    return g.assemble(solids)
 
 
 @lru_cache(maxsize=1)
@@ -190,33 +190,33 @@ def board_fence(length: float = 10.0, height: float = 1.8) -> Mesh:
     """Return a close-boarded fence along the forward axis."""
     wood = surface("boards")
     half = length / 2
-    parts = [g.box((-half, -0.02, 0.05), (half, 0.02, height), wood, 1.2)]
-    parts += [g.box((-half, 0.02, z), (half, 0.07, z + 0.09), wood, 1.2) for z in (0.35, height - 0.4)]
-    parts += [
+    solids = [g.box((-half, -0.02, 0.05), (half, 0.02, height), wood, 1.2)]
+    solids += [g.box((-half, 0.02, z), (half, 0.07, z + 0.09), wood, 1.2) for z in (0.35, height - 0.4)]
+    solids += [
         g.box((x - 0.05, -0.03, -0.2), (x + 0.05, 0.09, height + 0.06), wood, 1.2)
         for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 3.3) + 1))
     ]
-    return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in parts])
+    return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in solids])
 
 
 def picket_fence(length: float = 6.0, height: float = 0.95) -> Mesh:
     """Return a white picket fence along the forward axis."""
     wood, half = materials.WHITE_WOOD, length / 2
-    parts = [g.box((-half, -0.035, z), (half, -0.01, z + 0.08), wood) for z in (0.25, height - 0.28)]
-    parts += [
+    solids = [g.box((-half, -0.035, z), (half, -0.01, z + 0.08), wood) for z in (0.25, height - 0.28)]
+    solids += [
         g.box((x - 0.05, -0.09, -0.2), (x + 0.05, 0.0, height + 0.05), wood)
         for x in np.linspace(-half + 0.05, half - 0.05, max(2, round(length / 2.0) + 1))
     ]
     ring = [(-0.045, 0.06), (0.045, 0.06), (0.045, height - 0.07), (0.0, height), (-0.045, height - 0.07)]
     picket = g.profile(ring, -0.01, 0.012, wood)
-    parts += [g.placed(picket, (float(x), 0.0, 0.0)) for x in np.arange(-half + 0.08, half - 0.04, 0.19)]
-    return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in parts])
+    solids += [g.placed(picket, (float(x), 0.0, 0.0)) for x in np.arange(-half + 0.08, half - 0.04, 0.19)]
+    return g.assemble([g.without(p, (0.0, 0.0, -1.0)) for p in solids])
 
 
 def name_post(along: str, across: str) -> Mesh:
     """Return a post with two street-name blades: `along` for the street that runs forward, `across` for the other."""
     steel = materials.STEEL
-    parts = [g.rod((0, 0, -0.2), (0, 0, 2.75), (0.035, 0.035), steel, 8)]
+    solids = [g.rod((0, 0, -0.2), (0, 0, 2.75), (0.035, 0.035), steel, 8)]
     for text, z, turn in ((along, 2.25, 0.0), (across, 2.5, np.pi / 2)):
         picture = plate(text.upper(), ink=(238, 238, 232), ground=(52, 60, 68))
         look = Material(f"name-{text}", (1.0, 1.0, 1.0), picture)
@@ -229,19 +229,19 @@ def name_post(along: str, across: str) -> Mesh:
         blade.append(
             g.quad([(-half, -0.014, z), (half, -0.014, z), (half, -0.014, z + high), (-half, -0.014, z + high)], look)
         )
-        parts += [g.placed(p, yaw=turn) for p in blade]
-    return g.assemble(parts)
+        solids += [g.placed(p, yaw=turn) for p in blade]
+    return g.assemble(solids)
 
 
 def barrier(length: float = 7.4) -> Mesh:
     """Return a timber guard rail along the forward axis, such as ends a road that goes no further."""
     wood, half = surface("boards"), length / 2
-    parts = [g.box((-half, -0.05, z), (half, 0.03, z + 0.22), wood, 1.2) for z in (0.30, 0.66)]
-    parts += [
+    solids = [g.box((-half, -0.05, z), (half, 0.03, z + 0.22), wood, 1.2) for z in (0.30, 0.66)]
+    solids += [
         g.box((x - 0.09, 0.03, -0.3), (x + 0.09, 0.19, 0.98), wood, 1.2)
         for x in np.linspace(-half + 0.3, half - 0.3, max(2, round(length / 1.8) + 1))
     ]
-    return g.assemble(parts)
+    return g.assemble(solids)
 
 
 @lru_cache(maxsize=1)
@@ -251,11 +251,11 @@ def bin() -> Mesh:
     low = [(-0.24, -0.22, 0.06), (0.24, -0.22, 0.06), (0.24, 0.22, 0.06), (-0.24, 0.22, 0.06)]
     high = [(-0.30, -0.28, 0.98), (0.30, -0.28, 0.98), (0.30, 0.28, 0.98), (-0.30, 0.28, 0.98)]
     lid = [(-0.34, -0.30, 0.98), (0.33, -0.30, 0.98), (0.33, 0.30, 0.98), (-0.34, 0.30, 0.98)]
-    parts = [g.hull(low, high, shell), g.hull(lid, [(x * 0.9, y * 0.9, 1.06) for x, y, _ in lid], shell)]
-    parts += [
+    solids = [g.hull(low, high, shell), g.hull(lid, [(x * 0.9, y * 0.9, 1.06) for x, y, _ in lid], shell)]
+    solids += [
         g.rod((-0.24, y, 0.10), (-0.24, y + 0.06, 0.10), (0.10, 0.10), materials.RUBBER, 12) for y in (-0.26, 0.20)
     ]
-    return g.assemble(parts)
+    return g.assemble(solids)
 
 
 def hydrant() -> Mesh:

@@ -11,6 +11,8 @@ from episodes.maps.assets import lettering, materials
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
+DIGIT_M = 0.10  # height of a plate's letters (paper, appendix "Maps and Episodes")
+
 
 @dataclass(frozen=True, slots=True)
 class CarShape:
@@ -136,19 +138,19 @@ def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
         return np.array(right + [(x, -y, z) for x, y, z in right[::-1]])
 
     rings = [ring(z, i) for z, i in zip(levels, inset, strict=True)]
-    parts = [g.hull(a, b, material, crease_deg=40.0) for a, b in itertools.pairwise(rings)]
+    solids = [g.hull(a, b, material, crease_deg=40.0) for a, b in itertools.pairwise(rings)]
     low, high = shape.belt + 0.02, shape.roof - 0.10
     proud = 0.012
     # wind screen and rear window
     for end, sign in ((1, 1.0), (0, -1.0)):
         if end == 0 and shape.bed is None and shape.side_glass[0] > shape.cabin_low[0] + 1.0:
-            parts += _rear_doors(shape)
+            solids += _rear_doors(shape)
             continue
         x0, x1 = _edge(shape, end, low), _edge(shape, end, high)
         y0, y1 = _cabin_side(shape, x0, low) - 0.13, _cabin_side(shape, x1, high) - 0.13
         x0, x1 = x0 + sign * proud, x1 + sign * proud
         pane = [(x0, -y0, low), (x0, y0, low), (x1, y1, high), (x1, -y1, high)]
-        parts.append(g.quad(_facing(pane, (sign, 0.0, 0.3)), materials.GLASS))
+        solids.append(g.quad(_facing(pane, (sign, 0.0, 0.3)), materials.GLASS))
     # side windows
     rear, front = shape.side_glass
     cuts = sorted([rear, *[p for p in shape.pillars if rear < p < front], front])
@@ -160,21 +162,21 @@ def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
         rim = [(a + 0.035, low), (b - 0.035, low), (top_b, high), (top_a, high)]
         for side in (1.0, -1.0):
             pane = [(x, side * (_cabin_side(shape, x, z) + proud), z) for x, z in rim]
-            parts.append(g.quad(_facing(pane, (0.0, side, 0.2)), materials.GLASS))
+            solids.append(g.quad(_facing(pane, (0.0, side, 0.2)), materials.GLASS))
     if shape.rails:
         for side in (-1.0, 1.0):
             x0, x1 = shape.cabin_high[0] + 0.25, shape.cabin_high[1] - 0.25
             y, z = side * (_cabin_side(shape, x0, shape.roof) - 0.12), shape.roof + 0.03
-            parts.append(g.box((x0, y - 0.018, z), (x1, y + 0.018, z + 0.028), materials.TRIM))
+            solids.append(g.box((x0, y - 0.018, z), (x1, y + 0.018, z + 0.028), materials.TRIM))
             for x in (x0 + 0.06, (x0 + x1) / 2, x1 - 0.06):
-                parts.append(g.box((x - 0.04, y - 0.015, z - 0.06), (x + 0.04, y + 0.015, z + 0.01), materials.TRIM))
-    return parts
+                solids.append(g.box((x - 0.04, y - 0.015, z - 0.06), (x + 0.04, y + 0.015, z + 0.01), materials.TRIM))
+    return solids
 
 
 def _rear_doors(shape: CarShape) -> list[MeshPart]:
     """Return the split rear doors of a panel van, a window in each, and the rail of the sliding door on either side."""
     low, high, proud = shape.roof - 0.72, shape.roof - 0.26, 0.012
-    parts = []
+    solids = []
     for side in (1.0, -1.0):
         pane = []
         for z in (low, high):
@@ -182,15 +184,15 @@ def _rear_doors(shape: CarShape) -> list[MeshPart]:
             wide = _cabin_side(shape, x, z) - 0.18
             pane += [(x, side * 0.07, z), (x, side * wide, z)]
         pane = [pane[0], pane[1], pane[3], pane[2]]
-        parts.append(g.quad(_facing(pane, (-1.0, 0.0, 0.2)), materials.GLASS))
+        solids.append(g.quad(_facing(pane, (-1.0, 0.0, 0.2)), materials.GLASS))
         rail = [(x, side * (_cabin_side(shape, x, z) + 0.01), z) for x, z in
                 ((-2.2, low + 0.10), (0.4, low + 0.10), (0.4, low + 0.14), (-2.2, low + 0.14))]  # fmt: skip
-        parts.append(g.quad(_facing(rail, (0.0, side, 0.2)), materials.SHADOW))
+        solids.append(g.quad(_facing(rail, (0.0, side, 0.2)), materials.SHADOW))
     seam = []
     for y, z in ((0.012, shape.belt), (-0.012, shape.belt), (-0.012, shape.roof - 0.1), (0.012, shape.roof - 0.1)):
         seam.append((_edge(shape, 0, z) - proud, y, z))
-    parts.append(g.quad(_facing(seam, (-1.0, 0.0, 0.2)), materials.SHADOW))
-    return parts
+    solids.append(g.quad(_facing(seam, (-1.0, 0.0, 0.2)), materials.SHADOW))
+    return solids
 
 
 def _facing(points: list[tuple[float, float, float]], outward: tuple[float, float, float]) -> Array:
@@ -211,7 +213,7 @@ def wheel(radius: float, width: float) -> list[MeshPart]:
         (0.70 * radius, half),
     ]
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
-    parts = [
+    solids = [
         g.lathe(outline, materials.RUBBER, 20),
         g.lathe(dish[:2], materials.RIM, 14),
         g.lathe(dish[1:], materials.TRIM, 14),
@@ -222,9 +224,9 @@ def wheel(radius: float, width: float) -> list[MeshPart]:
         [(inner, -0.038, 2 * root), (outer, -0.026, 0.8 * half), (outer, 0.026, 0.8 * half), (inner, 0.038, 2 * root)],
         materials.RIM,
     )
-    parts += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
-    parts.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], materials.RIM, 8))
-    return [about_y(p) for p in parts]
+    solids += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
+    solids.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], materials.RIM, 8))
+    return [about_y(p) for p in solids]
 
 
 def about_y(part: MeshPart) -> MeshPart:
@@ -235,27 +237,27 @@ def about_y(part: MeshPart) -> MeshPart:
 
 def _wheels(shape: CarShape) -> list[MeshPart]:
     """Return four wheels, their housings and the dark underbody."""
-    parts = []
-    one = wheel(shape.wheel_radius, 0.23)
+    solids = []
+    wheel_solids = wheel(shape.wheel_radius, 0.23)
     for x in (-shape.wheelbase / 2, shape.wheelbase / 2):
         y = shape.width / 2 - 0.135
-        left = [g.placed(p, (x, y, shape.wheel_radius)) for p in one]
-        parts += left + [g.mirrored(p) for p in left]
+        left = [g.placed(p, (x, y, shape.wheel_radius)) for p in wheel_solids]
+        solids += left + [g.mirrored(p) for p in left]
     reach, inner = shape.length / 2 - 0.35, shape.width / 2 - 0.30
-    parts.append(g.box((-reach, -inner, shape.clearance - 0.02), (reach, inner, shape.belt - 0.35), materials.SHADOW))
-    return parts
+    solids.append(g.box((-reach, -inner, shape.clearance - 0.02), (reach, inner, shape.belt - 0.35), materials.SHADOW))
+    return solids
 
 
 def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) -> list[MeshPart]:
     """Return grille, bumpers and lamps; `end` is the half width at nose and tail."""
     half, mid = shape.length / 2, shape.clearance + 0.42 * (nose - shape.clearance)
-    parts = [
+    solids = [
         g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), materials.TRIM),
         g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), materials.TRIM),
         g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), materials.TRIM),
     ]
     for z in np.linspace(mid + 0.06, nose - 0.11, 3):
-        parts.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), materials.CHROME))
+        solids.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), materials.CHROME))
     tall = min(0.36, tail - 0.12 - (shape.clearance + 0.38))
     inner = 0.62 if tall < 0.36 else 0.76
     pair = [
@@ -264,34 +266,34 @@ def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) ->
         g.box((-half - 0.022, inner * end, tail - tall), (-half + 0.12, 0.99 * end, tail - 0.05), materials.TAIL_LAMP),
         g.box((-half - 0.026, inner * end, tail - tall), (-half, 0.99 * end, tail - tall + 0.05), materials.INDICATOR),
     ]
-    return parts + pair + [g.mirrored(p) for p in pair]
+    return solids + pair + [g.mirrored(p) for p in pair]
 
 
 def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
     """Return the left side's door gaps, handles, mirror and cladding."""
     side, axle, arch = shape.width / 2, shape.wheelbase / 2, shape.wheel_radius * 1.22
     sill, belt = shape.clearance + 0.16, shape.belt - 0.05
-    parts = []
+    solids = []
     doors = sorted({*shape.pillars, shape.side_glass[1] + 0.06, *((shape.cabin_low[0] + 0.08,) if shape.bed else ())})
     for x in doors:
         over = [
             shape.wheel_radius + math.sqrt(max(arch**2 - (x - c) ** 2, 0.0)) for c in (-axle, axle) if abs(x - c) < arch
         ]
-        parts.append(
+        solids.append(
             g.box((x - 0.006, side - 0.03, max([sill, *over])), (x + 0.006, side + 0.003, belt - 0.1), materials.SHADOW)
         )
-    parts.append(
+    solids.append(
         g.box((doors[0], side - 0.03, belt - 0.105), (doors[-1], side + 0.002, belt - 0.098), materials.SHADOW)
     )
     for x in doors[:-1]:
-        parts.append(g.box((x + 0.10, side - 0.02, belt - 0.20), (x + 0.28, side + 0.022, belt - 0.165), material))
+        solids.append(g.box((x + 0.10, side - 0.02, belt - 0.20), (x + 0.28, side + 0.022, belt - 0.165), material))
     x, z = shape.side_glass[1] - 0.08, shape.belt
     base = _cabin_side(shape, x, z + 0.1)
-    parts.append(g.box((x - 0.06, base + 0.05, z + 0.03), (x + 0.06, base + 0.24, z + 0.18), material))
-    parts.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), materials.GLASS))
-    parts.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), materials.TRIM))
+    solids.append(g.box((x - 0.06, base + 0.05, z + 0.03), (x + 0.06, base + 0.24, z + 0.18), material))
+    solids.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), materials.GLASS))
+    solids.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), materials.TRIM))
     if shape.cladding:
-        parts.append(
+        solids.append(
             g.box(
                 (arch - axle, side - 0.03, shape.clearance),
                 (axle - arch, side + 0.012, shape.clearance + 0.14),
@@ -306,8 +308,8 @@ def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
                 )
                 for r in (arch * 1.12, arch * 0.985)
             ]
-            parts.append(g.grid(arcs, materials.TRIM, 0.0))
-    return parts
+            solids.append(g.grid(arcs, materials.TRIM, 0.0))
+    return solids
 
 
 def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> list[MeshPart]:
@@ -321,9 +323,6 @@ def _bed(shape: CarShape, reach: tuple[float, float], material: Material) -> lis
         wall,
         g.mirrored(wall),
     ]
-
-
-DIGIT_M = 0.10  # height of a plate's letters (paper, appendix "Maps and Episodes")
 
 
 def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> list[MeshPart]:
@@ -346,10 +345,10 @@ def car(kind: str, paint: str, plate: str) -> Mesh:
     nose, tail, low = shape.deck[-1][1], shape.deck[0][1], shape.clearance + 0.08
     end = float(plan_at(shape, np.array([shape.length / 2]))[0])
     flank = _flank(shape, material)
-    parts = [*body(shape, material), *_cabin(shape, material), *_wheels(shape), *flank, *map(g.mirrored, flank)]
-    parts += _lamps(shape, end, nose, tail, low)
+    solids = [*body(shape, material), *_cabin(shape, material), *_wheels(shape), *flank, *map(g.mirrored, flank)]
+    solids += _lamps(shape, end, nose, tail, low)
     half = shape.length / 2 + 0.027
-    parts += plates(plate, (-half, max(tail - 0.52, low + 0.20)), (half, low - 0.01))
+    solids += plates(plate, (-half, max(tail - 0.52, low + 0.20)), (half, low - 0.01))
     if shape.bed is not None:
-        parts += _bed(shape, shape.bed, material)
-    return g.assemble(parts)
+        solids += _bed(shape, shape.bed, material)
+    return g.assemble(solids)

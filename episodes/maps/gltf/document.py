@@ -1,14 +1,33 @@
-"""The JSON of a glTF file, read with every number checked before anything is done with it."""
+"""A glTF file: the GLB container, its JSON, its arrays and its axes. Every number is checked before it is used.
+
+Source: glTF 2.0, sections 3.6.2 and 4.4. glTF has +X right, +Y up and −Z ahead. Our axes are north or forward, east or
+right, and down. Both are in metres.
+"""
 
 import base64
 import binascii
+import json
 import math
+import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
-from episodes.maps.gltf import container
+import numpy as np
+from numpy.typing import NDArray
+
 from foundation.errors import UsageError
+
+_F = TypeVar("_F", np.float32, np.float64)
+
+# ours = AXES @ glTF's; a rotation, so what is wound counter-clockwise stays so
+AXES = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+
+MAX_BYTES = 256 * 2**20  # of a whole file
+MAX_JSON_BYTES = 32 * 2**20
+MAX_JSON_OBJECTS = 1_000_000  # brackets in the JSON: what its decoded form costs goes with them, not with its bytes
+_HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<II")
+_JSON, _BIN = 0x4E4F534A, 0x004E4942
 
 LIMITS = {
     "scenes": 1_000,
@@ -21,8 +40,8 @@ LIMITS = {
     "textures": 5_000,
     "images": 2_000,
 }
-# a required extension that is not here changes what the file means, so that it cannot be read without
-KNOWN = frozenset(
+# a file that requires another extension cannot be read, as its meaning would change without it
+SUPPORTED = frozenset(
     {
         "KHR_materials_unlit",
         "KHR_materials_pbrSpecularGlossiness",
@@ -48,6 +67,100 @@ REMEDY = {
     "EXT_mesh_gpu_instancing": "export it without GPU instancing",
 }
 
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+
+
+def from_gltf(xyz: NDArray[_F]) -> NDArray[_F]:
+    """Return vectors (…, 3) in our axes; signs and order change only, so the numbers stay exact."""
+    turned: NDArray[_F] = np.stack([-xyz[..., 2], xyz[..., 0], -xyz[..., 1]], axis=-1) + xyz.dtype.type(
+        0
+    )  # + 0: no negative zeros
+    return turned
+
+
+def to_gltf(frd: NDArray[_F]) -> NDArray[_F]:
+    """Return vectors (…, 3) in glTF's axes, exactly."""
+    turned: NDArray[_F] = np.stack([frd[..., 1], -frd[..., 2], -frd[..., 0]], axis=-1) + frd.dtype.type(0)
+    return turned
+
+
+def linear_from_gltf(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a (3, 3) linear map of glTF's axes as the same map of ours."""
+    return np.asarray(AXES @ matrix @ AXES.T)
+
+
+def quaternion_of(yaw: float) -> list[float]:
+    """Return glTF's (x, y, z, w) of a turn by `yaw` (rad, clockwise from above): counter-clockwise about +Y."""
+    return [0.0, -math.sin(yaw / 2) + 0.0, 0.0, math.cos(yaw / 2)]
+
+
+def read_glb(path: Path) -> tuple[dict[str, Any], bytes]:
+    """Return (the JSON object, the binary chunk or b"") of a .glb. Raises UsageError in one sentence."""
+    try:
+        if not path.is_file():
+            raise UsageError(f"map file '{path}' does not exist or is not a regular file.")
+        with path.open("rb") as file:
+            size = path.stat().st_size
+            if size > MAX_BYTES:
+                _refuse(path, f"is {size / 2**20:.0f} MiB large; a map may have {MAX_BYTES // 2**20} MiB")
+            head = file.read(_HEADER.size)
+            if head[:1] == b"{":
+                _refuse(path, "is glTF text: export it as one binary file (.glb)")
+            if len(head) < _HEADER.size or head[:4] != b"glTF":
+                _refuse(path, "is not a binary glTF file (.glb): it does not begin with 'glTF'")
+            _, version, length = _HEADER.unpack(head)
+            if version != 2:
+                _refuse(path, f"is of glTF container version {version}; version 2 is read")
+            if not _HEADER.size < length <= size:
+                _refuse(path, f"declares {length} bytes but has {size}")
+            text, binary, left = b"", b"", length - _HEADER.size
+            while left >= _CHUNK.size:
+                span, kind = _CHUNK.unpack(file.read(_CHUNK.size))
+                left -= _CHUNK.size
+                if span > left:
+                    _refuse(path, f"has a chunk that declares {span} bytes where {left} are left")
+                left -= span
+                if kind == _JSON and not text:
+                    if span > MAX_JSON_BYTES:
+                        _refuse(path, f"has more than {MAX_JSON_BYTES // 2**20} MiB of JSON, which no map needs")
+                    text = file.read(span)
+                elif kind == _BIN and not binary:
+                    binary = file.read(span)
+                else:  # chunks of other kinds are to be ignored, says the specification
+                    file.seek(span, 1)
+    except OSError as error:
+        raise UsageError(f"map file '{path}' cannot be read: {error.strerror}.") from None
+    return _document(path, text), binary
+
+
+def pack_glb(document: dict[str, Any], binary: bytes) -> bytes:
+    """Return the bytes of a .glb; the same document gives the same bytes."""
+    text = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    text += b" " * (-len(text) % 4)
+    binary += b"\0" * (-len(binary) % 4)
+    chunks = _CHUNK.pack(len(text), _JSON) + text + _CHUNK.pack(len(binary), _BIN) + binary
+    return _HEADER.pack(b"glTF", 2, _HEADER.size + len(chunks)) + chunks
+
+
+def _refuse(path: Path, reason: str) -> NoReturn:
+    raise UsageError(f"map file '{path}' {reason}.")
+
+
+def _document(path: Path, text: bytes) -> dict[str, Any]:
+    def constant(name: str) -> NoReturn:
+        _refuse(path, f"has {name} in its JSON, which is not a number that JSON allows")
+
+    if text.count(b"[") + text.count(b"{") > MAX_JSON_OBJECTS:
+        _refuse(path, f"has more than {MAX_JSON_OBJECTS} lists and objects in its JSON")
+    try:
+        tree = json.loads(text.decode("utf-8"), parse_constant=constant)
+    except (ValueError, RecursionError) as error:  # malformed, not UTF-8, numbers of thousands of digits, nested deeply
+        _refuse(path, f"has JSON that cannot be read: {str(error).split(';')[0].split(': line')[0].rstrip('.')}")
+    if not isinstance(tree, dict):
+        _refuse(path, "has JSON that is not an object")
+    return tree
+
 
 class Document:
     """A glTF document. Every reader raises UsageError that names the file, the place and the reason."""
@@ -55,7 +168,7 @@ class Document:
     def __init__(self, path: Path) -> None:
         """Read the container and the tables of a file."""
         self.source = str(path)
-        self.tree, self._binary = container.read(path)
+        self.tree, self._binary = read_glb(path)
         self._decoded: dict[str, bytes] = {}
         version = self.mapping(self.tree, "asset", "asset").get("version")
         if not isinstance(version, str) or not version.startswith("2."):
@@ -63,7 +176,7 @@ class Document:
         self._lists = {name: self.objects(self.tree, name, name, limit) for name, limit in LIMITS.items()}
         required = self.tree.get("extensionsRequired", [])
         for name in required if isinstance(required, list) else [required]:
-            if not isinstance(name, str) or name not in KNOWN:
+            if not isinstance(name, str) or name not in SUPPORTED:
                 remedy = REMEDY.get(str(name), "export it without")
                 self.fail("extensionsRequired", f"asks for {quoted(name)}, which is not supported: {remedy}")
 
@@ -103,7 +216,7 @@ class Document:
         extensions = self.mapping(parent, "extensions", f"{where}.extensions")
         return self.mapping(extensions, name, f"{where}.extensions.{name}") if name in extensions else None
 
-    def whole(self, parent: Mapping[str, Any], key: str, where: str, default: int | None = None) -> int:
+    def natural(self, parent: Mapping[str, Any], key: str, where: str, default: int | None = None) -> int:
         """Return a whole number ≥ 0."""
         value = parent.get(key, default)
         if isinstance(value, float) and value.is_integer():  # some exporters write 3.0
@@ -137,17 +250,17 @@ class Document:
         if self.extension(view, "EXT_meshopt_compression", name) is not None:
             self.fail(name, f"is compressed: {REMEDY['EXT_meshopt_compression']}")
         data = self._buffer(view.get("buffer"), f"{name}.buffer")
-        start = self.whole(view, "byteOffset", name, 0)
-        length = self.whole(view, "byteLength", name)
+        start = self.natural(view, "byteOffset", name, 0)
+        length = self.natural(view, "byteLength", name)
         if start + length > len(data):
             self.fail(name, f"ends at byte {start + length} of a buffer of {len(data)}")
-        stride = self.whole(view, "byteStride", name) if "byteStride" in view else None
+        stride = self.natural(view, "byteStride", name) if "byteStride" in view else None
         return memoryview(data)[start : start + length], stride
 
     def _buffer(self, index: Any, where: str) -> bytes:
         buffer = self.entry("buffers", index, where)
         name = f"buffers[{index}]"
-        declared = self.whole(buffer, "byteLength", name)
+        declared = self.natural(buffer, "byteLength", name)
         data = self.data(buffer["uri"], f"{name}.uri") if "uri" in buffer else self._binary
         if declared > len(data):
             self.fail(name, f"declares {declared} bytes but {len(data)} are there")
@@ -181,3 +294,60 @@ def quoted(value: Any) -> str:
         return f"a number of {int(math.log10(abs(value))) + 1} digits"
     text = repr(value[:64] if isinstance(value, str) else value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+def element_count(document: Document, index: Any, where: str) -> int:
+    """Return how many elements an accessor declares, before anything of it is read."""
+    entry = document.entry("accessors", index, where)
+    return document.natural(entry, "count", f"accessors[{index}]")
+
+
+def vectors(document: Document, index: Any, where: str, *widths: int) -> NDArray[np.float32]:
+    """Return an accessor's vectors (count, width) as floats, whole numbers scaled if it says that they are normalised.
+
+    Raises UsageError unless its width is one of `widths` and all of it lies in the file and is finite.
+    """
+    raw, normalised = _elements(document, index, where, widths)
+    if raw.dtype.kind == "f":
+        if not np.isfinite(raw).all():
+            document.fail(f"accessors[{index}]", "holds numbers that are not finite")
+        return raw.astype(np.float32)
+    floats = raw.astype(np.float32)
+    return np.maximum(floats / np.float32(np.iinfo(raw.dtype).max), np.float32(-1.0)) if normalised else floats
+
+
+def indices(document: Document, index: Any, where: str, vertices: int) -> NDArray[np.int32]:
+    """Return an accessor's (count,) indices. Raises UsageError unless each names one of `vertices` vertices."""
+    raw, _ = _elements(document, index, where, (1,))
+    if raw.dtype.kind != "u":
+        document.fail(f"accessors[{index}]", "holds indices that are not unsigned whole numbers")
+    if raw.size and int(raw.max()) >= vertices:
+        document.fail(f"accessors[{index}]", f"points at vertex {int(raw.max())} of {vertices}")
+    return raw[:, 0].astype(np.int32)
+
+
+def _elements(document: Document, index: Any, where: str, widths: tuple[int, ...]) -> tuple[NDArray[Any], bool]:
+    """Return an accessor's elements (count, width) as a view of the file, and whether they are normalised."""
+    entry = document.entry("accessors", index, where)
+    name = f"accessors[{index}]"
+    if "sparse" in entry:
+        document.fail(name, "is sparse, which is not supported: export it without sparse accessors")
+    if "bufferView" not in entry:
+        document.fail(name, "has no bufferView, so there is nothing in it")
+    component, kind = entry.get("componentType"), entry.get("type")
+    if not isinstance(component, int) or component not in COMPONENTS:
+        document.fail(f"{name}.componentType", "is none that glTF knows")
+    if not isinstance(kind, str) or WIDTHS.get(kind) not in widths:
+        document.fail(f"{name}.type", f"does not suit {where}")
+    dtype, width = np.dtype(COMPONENTS[component]), WIDTHS[kind]
+    view, stride = document.view(entry["bufferView"], f"{name}.bufferView")
+    stride = stride or dtype.itemsize * width
+    total, offset = element_count(document, index, where), document.natural(entry, "byteOffset", name, 0)
+    if stride < dtype.itemsize * width:
+        document.fail(name, f"steps by {stride} bytes over elements of {dtype.itemsize * width}")
+    if total == 0:
+        document.fail(name, "is empty")
+    if offset + stride * (total - 1) + dtype.itemsize * width > len(view):
+        document.fail(name, f"declares {total} elements, more than its {len(view)} bytes hold")
+    elements = np.ndarray((total, width), dtype, view, offset, (stride, dtype.itemsize))
+    return elements, entry.get("normalized") is True

@@ -1,4 +1,4 @@
-"""What glTF has no words for, in its `extras`: other programs show and edit them as custom properties."""
+"""The `extras` of a glTF file: facts of a map without a glTF field. Other programs show them as custom properties."""
 
 import zlib
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ _ID, _KIND, _SOLID, _MOVABLE, _YAW = (f"dronecats_{name}" for name in ("id", "ki
 
 @dataclass(frozen=True, slots=True)
 class NodeFacts:
-    """What a node says about the thing that it places."""
+    """The facts of a node about the instance that it places."""
 
     id: int | None = None
     kind: str | None = None
@@ -31,7 +31,7 @@ class NodeFacts:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SceneFacts:
-    """What a file says about the map as a whole. None where it does not."""
+    """The facts of a file about its map; None where it has none."""
 
     name: str = ""
     sun: Sun | None = None
@@ -42,18 +42,24 @@ class SceneFacts:
     terrain: HeightField | None = None
 
 
-def of_instance(one: Instance) -> dict[str, Any]:
+def of_instance(instance: Instance) -> dict[str, Any]:
     """Return a node's extras."""
-    return {_ID: one.id, _KIND: one.kind, _SOLID: one.solid, _MOVABLE: one.movable, _YAW: float(one.yaw)}
+    return {
+        _ID: instance.id,
+        _KIND: instance.kind,
+        _SOLID: instance.solid,
+        _MOVABLE: instance.movable,
+        _YAW: float(instance.yaw),
+    }
 
 
 def node_facts(extras: Mapping[str, Any]) -> NodeFacts:
-    """Return what a node's extras say; what makes no sense is as if it were not there."""
+    """Return the facts in a node's extras; invalid values are ignored."""
     number, kind, yaw = extras.get(_ID), extras.get(_KIND), extras.get(_YAW)
-    whole = isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= MAX_ID
+    has_id = isinstance(number, int) and not isinstance(number, bool) and 1 <= number <= MAX_ID
     named = isinstance(kind, str) and 0 < len(kind) <= 64 and kind.isprintable()
     return NodeFacts(
-        id=number if whole else None,
+        id=number if has_id else None,
         kind=kind if named else None,
         solid=_flag(extras.get(_SOLID), True),
         movable=_flag(extras.get(_MOVABLE), False),
@@ -93,56 +99,56 @@ def of_scene(scene: Scene, terrain_view: int, terrain_bytes: bytes) -> dict[str,
 
 
 def scene_facts(document: Document) -> SceneFacts:
-    """Return what the file's scene says in words of ours. Raises UsageError when they are wrong."""
+    """Return the facts in our extras of the file's scene. Raises UsageError when they are wrong."""
     if not document.count("scenes"):
         return SceneFacts()
     scene = document.entry("scenes", document.tree.get("scene", 0), "scene")
     extras = scene.get("extras")
     if not isinstance(extras, dict) or not isinstance(extras.get(_SCENE), dict):
         return SceneFacts()
-    said, where = extras[_SCENE], f"scene.extras.{_SCENE}"
-    notes = said.get("notes", [])
+    facts, where = extras[_SCENE], f"scene.extras.{_SCENE}"
+    notes = facts.get("notes", [])
     return SceneFacts(
-        name=document.name_of(said),
-        sun=_sun(document, said, f"{where}.sun"),
-        origin=_origin(document, said, where),
-        spawn_ned=_triple(document, said, "spawn_ned", where) if "spawn_ned" in said else None,
-        spawn_yaw=document.number(said, "spawn_yaw", where, 0.0),
+        name=document.name_of(facts),
+        sun=_sun(document, facts, f"{where}.sun"),
+        origin=_origin(document, facts, where),
+        spawn_ned=_triple(document, facts, "spawn_ned", where) if "spawn_ned" in facts else None,
+        spawn_yaw=document.number(facts, "spawn_yaw", where, 0.0),
         notes=tuple(n[:500] for n in notes[:100] if isinstance(n, str)) if isinstance(notes, list) else (),
-        terrain=_terrain(document, said, f"{where}.terrain"),
+        terrain=_terrain(document, facts, f"{where}.terrain"),
     )
 
 
-def _sun(document: Document, said: Mapping[str, Any], where: str) -> Sun | None:
-    if "sun" not in said:
+def _sun(document: Document, facts: Mapping[str, Any], where: str) -> Sun | None:
+    if "sun" not in facts:
         return None
-    sun = document.mapping(said, "sun", where)
-    known = Sun(_triple(document, sun, "toward_ned", where))
-    length = float(np.linalg.norm(known.toward_ned))
+    sun = document.mapping(facts, "sun", where)
+    default = Sun(_triple(document, sun, "toward_ned", where))
+    length = float(np.linalg.norm(default.toward_ned))
     if not 0.9 < length < 1.1:
         document.fail(f"{where}.toward_ned", "is not a direction of length one")
     return Sun(
-        toward_ned=known.toward_ned,
-        color=_triple(document, sun, "color", where, known.color),
-        strength=document.number(sun, "strength", where, known.strength),
-        sky=_triple(document, sun, "sky", where, known.sky),
+        toward_ned=default.toward_ned,
+        color=_triple(document, sun, "color", where, default.color),
+        strength=document.number(sun, "strength", where, default.strength),
+        sky=_triple(document, sun, "sky", where, default.sky),
     )
 
 
-def _origin(document: Document, said: Mapping[str, Any], where: str) -> tuple[float, float, float] | None:
-    if "origin" not in said:
+def _origin(document: Document, facts: Mapping[str, Any], where: str) -> tuple[float, float, float] | None:
+    if "origin" not in facts:
         return None
-    north, east, height = _triple(document, said, "origin", where)
+    north, east, height = _triple(document, facts, "origin", where)
     if not (abs(north) <= 85.0 and abs(east) <= 180.0 and -500.0 <= height <= 9000.0):
         document.fail(f"{where}.origin", "is no place on Earth that can be flown at (latitude, longitude, altitude)")
     return north, east, height
 
 
-def _terrain(document: Document, said: Mapping[str, Any], where: str) -> HeightField | None:
+def _terrain(document: Document, facts: Mapping[str, Any], where: str) -> HeightField | None:
     """Return the heights that were written, or None when another program has rearranged the file since."""
-    if "terrain" not in said:
+    if "terrain" not in facts:
         return None
-    terrain = document.mapping(said, "terrain", where)
+    terrain = document.mapping(facts, "terrain", where)
     rows, columns = document.numbers(terrain, "shape", where, (0.0, 0.0))
     cell = document.number(terrain, "cell_m", where, 0.0)
     if not (rows.is_integer() and columns.is_integer() and min(rows, columns) >= 1 and 1e-3 <= cell <= 1e4):

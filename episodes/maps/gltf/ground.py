@@ -1,4 +1,4 @@
-"""The ground of a map that nobody described: found from above, by rays.
+"""The ground of a map without a description: found from above, by rays.
 
 Every column of a grid is cut by a ray that goes down through everything. The surfaces that face up are joined to those
 of the neighbouring columns that one could step or drive onto; what hangs together with the place under the spawn is the
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ground:
-    """What was found."""
+    """The ground of a map."""
 
     field: HeightField
     triangles: NDArray[np.bool_]  # (T,) which of the given triangles are ground
@@ -133,13 +133,13 @@ def _grow(
         chosen = label.ravel()[np.nanargmin(gap)]
     else:
         chosen = label[np.nanargmin(gap), here]
-    mine = (label == chosen) & ~np.isnan(depth)
-    lowest = np.argmax(np.where(mine, depth, -np.inf), axis=0)
+    is_ground = (label == chosen) & ~np.isnan(depth)
+    lowest = np.argmax(np.where(is_ground, depth, -np.inf), axis=0)
     columns = np.arange(depth.shape[1])
-    known = mine[lowest, columns]
-    down = np.where(known, depth[lowest, columns], np.nan).reshape(shape)
+    has_ground = is_ground[lowest, columns]
+    down = np.where(has_ground, depth[lowest, columns], np.nan).reshape(shape)
     flagged = np.zeros(len(triangles), np.bool_)
-    flagged[which[lowest, columns][known]] = True
+    flagged[which[lowest, columns][has_ground]] = True
     nearest = ndimage.distance_transform_edt(np.isnan(down), return_distances=False, return_indices=True)
     field = HeightField(float(first[0]), float(first[1]), cell, np.ascontiguousarray(down[tuple(nearest)]))
     return Ground(field, flagged | _lying_on(triangles, facing, field), spawn_down)

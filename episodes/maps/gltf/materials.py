@@ -20,6 +20,8 @@ OPAQUE_FROM = 128  # alpha below which a texel of a cut-out texture does not cou
 
 Picture = NDArray[np.uint8]
 
+EXTRA = "dronecats_look"  # [red, green, blue, emission, specular] of ours
+
 
 def encode(picture: Picture) -> bytes:
     """Return an (H, W, 3) sRGB picture as PNG, which keeps every bit."""
@@ -131,9 +133,6 @@ def source_of(document: Document, texture: Any, where: str) -> int:
     return int(entry["source"])
 
 
-EXTRA = "dronecats_look"  # [red, green, blue, emission, specular] of ours
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Look:
     """A material with what a mesh needs to know to wear it."""
@@ -171,12 +170,12 @@ def standard(material: Material) -> dict[str, Any]:
 
 def used_images(document: Document, materials: set[int]) -> set[int]:
     """Return the indices of the images that some materials show."""
-    found = set()
+    images = set()
     for k in materials:
         texture = _texture(document, document.entry("materials", k, "material"), f"materials[{k}]")
         if texture is not None:
-            found.add(source_of(document, texture.get("index"), f"materials[{k}].baseColorTexture.index"))
-    return found
+            images.add(source_of(document, texture.get("index"), f"materials[{k}].baseColorTexture.index"))
+    return images
 
 
 def read(document: Document, index: int, images: Images) -> Look:
@@ -199,13 +198,13 @@ def read(document: Document, index: int, images: Images) -> Look:
     made = _ours(document, entry, where, name, picture) or made
     if texture is None:
         return Look(made)
-    uv_set = document.whole(texture, "texCoord", f"{where}.baseColorTexture", 0)
+    uv_set = document.natural(texture, "texCoord", f"{where}.baseColorTexture", 0)
     moved = document.extension(texture, "KHR_texture_transform", f"{where}.baseColorTexture") or {}
     place = f"{where}.KHR_texture_transform"
     scale = document.numbers(moved, "scale", place, (1.0, 1.0))
     offset = document.numbers(moved, "offset", place, (0.0, 0.0))
     turn = document.number(moved, "rotation", place, 0.0)
-    uv_set = document.whole(moved, "texCoord", place, uv_set)
+    uv_set = document.natural(moved, "texCoord", place, uv_set)
     return Look(made, uv_set, (scale[0], scale[1]), turn, (offset[0], offset[1]))
 
 

@@ -8,9 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.gltf import accessors
-from episodes.maps.gltf.container import from_gltf, linear_from_gltf
-from episodes.maps.gltf.document import REMEDY, Document
+from episodes.maps.gltf.document import REMEDY, Document, element_count, from_gltf, indices, linear_from_gltf, vectors
 from episodes.maps.gltf.materials import Look
 from episodes.maps.scene import Material, Mesh, turn
 from foundation.frames import Vec3
@@ -23,6 +21,10 @@ TINTS = 31.0  # levels per channel to which vertex colours are rounded; each bec
 
 _POINTS_AND_LINES = (0, 1, 2, 3)
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
+
+MAX_DEPTH = 200
+MAX_PLACE_M = 20_000.0
+_EXACT = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,15 +43,17 @@ def triangle_count(document: Document, index: int) -> int:
     total = 0
     for k, primitive in enumerate(_primitives(document, index)):
         where = f"meshes[{index}].primitives[{k}]"
-        mode = document.whole(primitive, "mode", where, _TRIANGLES)
-        corners = accessors.count(document, _of(document, primitive, where), where)
+        mode = document.natural(primitive, "mode", where, _TRIANGLES)
+        corners = element_count(document, _of(document, primitive, where), where)
         total += 0 if mode in _POINTS_AND_LINES else corners // 3 if mode == _TRIANGLES else max(corners - 2, 0)
     return total
 
 
 def materials_of(document: Document, index: int) -> set[int]:
     """Return the indices of the materials that a mesh wears."""
-    return {document.whole(p, "material", f"meshes[{index}]") for p in _primitives(document, index) if "material" in p}
+    return {
+        document.natural(p, "material", f"meshes[{index}]") for p in _primitives(document, index) if "material" in p
+    }
 
 
 def _primitives(document: Document, index: int) -> list[Mapping[str, Any]]:
@@ -96,7 +100,7 @@ class Shapes:
         start = self._read_vertices
         for k, primitive in enumerate(_primitives(self._document, index)):
             where = f"meshes[{index}].primitives[{k}]"
-            mode = self._document.whole(primitive, "mode", where, _TRIANGLES)
+            mode = self._document.natural(primitive, "mode", where, _TRIANGLES)
             if mode in _POINTS_AND_LINES:
                 self.left_out += 1
                 continue
@@ -121,7 +125,7 @@ class Shapes:
         if not triangles:
             return None
         blocks = made.values()
-        whole = Mesh(
+        joined = Mesh(
             vertices=np.concatenate([b.position for b in blocks]),
             normals=np.concatenate([b.normal for b in blocks if b.normal is not None]),
             uv=np.concatenate([b.uv for b in blocks]),
@@ -129,7 +133,7 @@ class Shapes:
             material=np.concatenate(which),
             materials=tuple(material for _, material in worn.values()),
         )
-        mesh = compact(whole)
+        mesh = compact(joined)
         self._kept_vertices += len(mesh.vertices)
         if self._kept_vertices > MAX_VERTICES:
             self._document.fail(f"meshes[{index}]", f"brings the map above {MAX_VERTICES} vertices: simplify it")
@@ -152,10 +156,10 @@ class Shapes:
         key = (*(p if isinstance(p, int) else None for p in places), look.uv_scale, look.uv_turn, look.uv_offset)
         if key in blocks:
             return key, blocks[key]
-        size = accessors.count(self._document, places[0], f"{where}.attributes.POSITION")
+        size = element_count(self._document, places[0], f"{where}.attributes.POSITION")
         self._room(size, where)
         read = {
-            name: accessors.vectors(self._document, place, f"{where}.attributes.{name}", *widths)
+            name: vectors(self._document, place, f"{where}.attributes.{name}", *widths)
             for name, place, widths in zip(names, places, ((3,), (3,), (2,), (3, 4)), strict=True)
             if name in attributes
         }
@@ -175,7 +179,7 @@ class Shapes:
         """Return a primitive's triangles (T, 3); strips and fans are taken apart."""
         size = len(block.position)
         if "indices" in primitive:
-            order = accessors.indices(self._document, primitive["indices"], f"{where}.indices", size)
+            order = indices(self._document, primitive["indices"], f"{where}.indices", size)
         else:
             order = np.arange(size, dtype=np.int32)
         if mode == _TRIANGLES:
@@ -251,11 +255,6 @@ def _flat(block: _Block, corners: NDArray[np.int32]) -> tuple[_Block, NDArray[np
     return flat, np.arange(len(order), dtype=np.int32).reshape(-1, 3)
 
 
-MAX_DEPTH = 200
-MAX_PLACE_M = 20_000.0
-_EXACT = 1e-6
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
     """One node that shows a mesh."""
@@ -271,7 +270,7 @@ def placed(document: Document) -> list[Placed]:
 
     Raises UsageError for a node with two parents, a loop, a tree deeper than MAX_DEPTH, or a place far away.
     """
-    found: list[Placed] = []
+    nodes: list[Placed] = []
     seen: set[int] = set()
     waiting: list[tuple[Any, NDArray[np.float64] | None, int]] = [
         (index, None, 0) for index in reversed(_roots(document))
@@ -293,17 +292,17 @@ def placed(document: Document) -> list[Placed]:
             mesh = document.entry("meshes", node["mesh"], f"{where}.mesh")
             extras = node.get("extras")
             name = document.name_of(node) or document.name_of(mesh)
-            found.append(Placed(name, node["mesh"], matrix, extras if isinstance(extras, dict) else {}))
+            nodes.append(Placed(name, node["mesh"], matrix, extras if isinstance(extras, dict) else {}))
         children = node.get("children", [])
         if not isinstance(children, list) or len(children) > document.count("nodes"):
             document.fail(f"{where}.children", "is not a list of nodes")
         waiting.extend((child, matrix, depth + 1) for child in reversed(children))
-    return found
+    return nodes
 
 
 def _roots(document: Document) -> list[Any]:
     if not document.count("scenes"):
-        children = {c for node in _nodes(document) for c in _whole(node.get("children"))}
+        children = {c for node in _nodes(document) for c in _integers(node.get("children"))}
         return [k for k in range(document.count("nodes")) if k not in children]
     scene = document.entry("scenes", document.tree.get("scene", 0), "scene")
     roots = scene.get("nodes", [])
@@ -316,7 +315,7 @@ def _nodes(document: Document) -> Iterator[Mapping[str, Any]]:
     return (document.entry("nodes", k, "nodes") for k in range(document.count("nodes")))
 
 
-def _whole(values: Any) -> list[int]:
+def _integers(values: Any) -> list[int]:
     return [v for v in values if isinstance(v, int)] if isinstance(values, list) else []
 
 

@@ -34,10 +34,10 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
     """
     document = Document(path)
     placed = meshes.placed(document)
-    total = sum(shapes.triangle_count(document, one.mesh) for one in placed)
+    total = sum(shapes.triangle_count(document, node.mesh) for node in placed)
     if total > shapes.MAX_TRIANGLES:
         document.fail("the scene", f"has {total} triangles; {shapes.MAX_TRIANGLES} are allowed: simplify it")
-    worn = set().union(*(shapes.materials_of(document, one.mesh) for one in placed)) if placed else set()
+    worn = set().union(*(shapes.materials_of(document, node.mesh) for node in placed)) if placed else set()
     images = Images(document, looks.used_images(document, worn))
     reader = shapes.Shapes(document, {k: looks.read(document, k, images) for k in sorted(worn)})
     instances, notes = _instances(document, placed, reader)
@@ -48,7 +48,7 @@ def load(path: Path, spawn: Sequence[float] | None = None, name: str | None = No
     notes = (*facts.notes, *notes)
     described = Scene(name, tuple(instances), _NOWHERE, facts.sun or SUN, *(facts.origin or ORIGIN), notes=notes)
     if facts.terrain is not None and facts.spawn_ned is not None:
-        return _standing(replace(described, terrain=facts.terrain), facts, spawn, document)
+        return _as_written(replace(described, terrain=facts.terrain), facts, spawn, document)
     return _grounded(described, facts, spawn, document)
 
 
@@ -56,27 +56,27 @@ def _instances(
     document: Document, placed: list[meshes.Placed], reader: shapes.Shapes
 ) -> tuple[list[Instance], tuple[str, ...]]:
     """Return what stands in the file, numbered, and remarks on what of it could not be taken along."""
-    facts = [extras.node_facts(one.extras) for one in placed]
+    facts = [extras.node_facts(node.extras) for node in placed]
     ids = [fact.id for fact in facts]
     ours = None not in ids and len(set(ids)) == len(ids)
     taken: dict[str, int] = {}
     bent: dict[tuple[int, bytes], Mesh | None] = {}
-    found, flat = [], 0
-    for k, (one, fact) in enumerate(zip(placed, facts, strict=True), 1):
-        mesh = reader.mesh(one.mesh)
-        place, yaw, linear = meshes.pose(one.matrix, fact.yaw)
+    instances, flat = [], 0
+    for k, (node, fact) in enumerate(zip(placed, facts, strict=True), 1):
+        mesh = reader.mesh(node.mesh)
+        place, yaw, linear = meshes.pose(node.matrix, fact.yaw)
         if mesh is not None and linear is not None:
-            key = (one.mesh, linear.tobytes())
+            key = (node.mesh, linear.tobytes())
             if key not in bent:
                 bent[key] = meshes.deformed(mesh, linear)
                 flat += bent[key] is None
             mesh = bent[key]
         if mesh is None:
             continue
-        name = _unused(one.name or f"node-{k}", taken)
+        name = _unused(node.name or f"node-{k}", taken)
         number = fact.id if ours and fact.id is not None else k
-        kind = fact.kind or _kind(one.name)
-        found.append(Instance(number, name, kind, mesh, place, yaw, fact.movable, fact.solid))
+        kind = fact.kind or _kind(node.name)
+        instances.append(Instance(number, name, kind, mesh, place, yaw, fact.movable, fact.solid))
     notes = []
     if reader.left_out:
         notes.append(f"{reader.left_out} sets of points or lines are left out: they have no surface.")
@@ -85,10 +85,10 @@ def _instances(
     for feature, word in (("animations", "Animations"), ("skins", "Skins")):
         if document.tree.get(feature):
             notes.append(f"{word} are ignored: everything stands as the file places it at rest.")
-    return found, tuple(notes)
+    return instances, tuple(notes)
 
 
-def _standing(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | None, document: Document) -> Scene:
+def _as_written(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | None, document: Document) -> Scene:
     """Return a map of ours, the spawn moved to where it is asked for."""
     if spawn is None:
         place = facts.spawn_ned
@@ -105,43 +105,45 @@ def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | N
     if wanted is None:
         raise UsageError(f"map file '{document.source}' does not say where one can stand: give a spawn.")
     north, east = _on_map(scene, wanted, document)
-    named = [one for one in scene.instances if one.kind == extras.GROUND]
-    searched = named or [one for one in scene.instances if one.solid and not one.movable]
+    named = [instance for instance in scene.instances if instance.kind == extras.GROUND]
+    searched = named or [instance for instance in scene.instances if instance.solid and not instance.movable]
     if not searched:
         document.fail("the scene", "has nothing solid that could be its ground")
-    corners = [one.triangles_ned() for one in searched]
-    found = ground.find(np.concatenate(corners), north, east, float(wanted[2]) if len(wanted) > 2 else None)
-    if found is None:
+    corners = [instance.triangles_ned() for instance in searched]
+    soil = ground.find(np.concatenate(corners), north, east, float(wanted[2]) if len(wanted) > 2 else None)
+    if soil is None:
         raise UsageError(
             f"map file '{document.source}' has no ground under the spawn {north:g}, {east:g}: "
             "name a place (north, east) above a surface that faces up."
         )
-    flags = dict(zip((one.id for one in searched), np.split(found.triangles, _ends(corners)), strict=True))
+    flags = dict(zip((instance.id for instance in searched), np.split(soil.triangles, _ends(corners)), strict=True))
     instances = scene.instances if named else _split(scene.instances, flags)
     return replace(
         scene,
         instances=tuple(instances),
-        terrain=found.field,
-        spawn_ned=(north, east, found.spawn_down),
+        terrain=soil.field,
+        spawn_ned=(north, east, soil.spawn_down),
         spawn_yaw=facts.spawn_yaw if spawn is None else 0.0,
     )
 
 
 def _split(instances: Sequence[Instance], flags: Mapping[int, Any]) -> list[Instance]:
     """Return the instances with the triangles flagged as ground in instances of their own."""
-    found, number = [], max(one.id for one in instances)
-    for one in instances:
-        flag = flags.get(one.id)
+    result, number = [], max(instance.id for instance in instances)
+    for instance in instances:
+        flag = flags.get(instance.id)
         if flag is None or not flag.any():
-            found.append(one)
+            result.append(instance)
         elif flag.all():
-            found.append(replace(one, kind=extras.GROUND))
+            result.append(replace(instance, kind=extras.GROUND))
         else:
             number += 1
-            found.append(replace(one, mesh=_part(one.mesh, ~flag)))
-            soil = replace(one, id=number, name=f"{one.name} ground", kind=extras.GROUND, mesh=_part(one.mesh, flag))
-            found.append(soil)
-    return found
+            result.append(replace(instance, mesh=_part(instance.mesh, ~flag)))
+            soil = replace(
+                instance, id=number, name=f"{instance.name} ground", kind=extras.GROUND, mesh=_part(instance.mesh, flag)
+            )
+            result.append(soil)
+    return result
 
 
 def _part(mesh: Mesh, keep: Any) -> Mesh:
@@ -157,8 +159,8 @@ def _part(mesh: Mesh, keep: Any) -> Mesh:
     )
 
 
-def _ends(parts: Sequence[Any]) -> list[int]:
-    return [int(end) for end in np.cumsum([len(part) for part in parts])[:-1]]
+def _ends(pieces: Sequence[Any]) -> list[int]:
+    return [int(end) for end in np.cumsum([len(piece) for piece in pieces])[:-1]]
 
 
 def _on_map(scene: Scene, spawn: Sequence[float], document: Document) -> tuple[float, float]:
@@ -176,8 +178,8 @@ def _on_map(scene: Scene, spawn: Sequence[float], document: Document) -> tuple[f
 def extent(scene: Scene) -> tuple[Vec3, Vec3]:
     """Return the lower and the upper corner (m, NED) of the box around everything in a scene."""
     boxes = []
-    for one in scene.instances:
-        placed = one.vertices_ned()[np.unique(one.mesh.triangles)]
+    for instance in scene.instances:
+        placed = instance.vertices_ned()[np.unique(instance.mesh.triangles)]
         boxes.append((placed.min(axis=0), placed.max(axis=0)))
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.maps.gltf import container, extras, materials
-from episodes.maps.gltf.container import quaternion_of, to_gltf
+from episodes.maps.gltf import extras, materials
+from episodes.maps.gltf.document import pack_glb, quaternion_of, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.scene import Instance, Material, Mesh, Scene
 
@@ -41,13 +41,13 @@ class _Writer:
         self._row_of: dict[int, int] = {}  # identity of a mesh, material or picture → where it is written
 
     def pack(self, scene: Scene) -> bytes:
-        nodes = [self._node(one) for one in scene.instances if len(one.mesh.triangles)]
+        nodes = [self._node(instance) for instance in scene.instances if len(instance.mesh.triangles)]
         heights = np.ascontiguousarray(scene.terrain.down, "<f8").tobytes()
-        told = extras.of_scene(scene, self._view(heights), heights)
+        facts = extras.of_scene(scene, self._view(heights), heights)
         document = {
             "asset": {"version": "2.0", "generator": "DroneCATS"},
             "scene": 0,
-            "scenes": [{"name": scene.name, "nodes": list(range(len(nodes))), "extras": told}],
+            "scenes": [{"name": scene.name, "nodes": list(range(len(nodes))), "extras": facts}],
             "nodes": nodes,
             "meshes": self._meshes,
             "materials": self._materials,
@@ -59,21 +59,21 @@ class _Writer:
             document["samplers"] = [{"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}]
             document["textures"] = [{"sampler": 0, "source": k} for k in range(len(self._images))]
             document["images"] = self._images
-        return container.pack(document, bytes(self._binary))
+        return pack_glb(document, bytes(self._binary))
 
-    def _node(self, one: Instance) -> dict[str, Any]:
-        place = to_gltf(np.array(one.position_ned, np.float64))
-        node: dict[str, Any] = {"name": one.name, "mesh": self._mesh(one), "translation": place.tolist()}
-        if one.yaw != 0.0:
-            node["rotation"] = quaternion_of(one.yaw)
-        return {**node, "extras": extras.of_instance(one)}
+    def _node(self, instance: Instance) -> dict[str, Any]:
+        place = to_gltf(np.array(instance.position_ned, np.float64))
+        node: dict[str, Any] = {"name": instance.name, "mesh": self._mesh(instance), "translation": place.tolist()}
+        if instance.yaw != 0.0:
+            node["rotation"] = quaternion_of(instance.yaw)
+        return {**node, "extras": extras.of_instance(instance)}
 
-    def _mesh(self, one: Instance) -> int:
-        mesh = one.mesh
+    def _mesh(self, instance: Instance) -> int:
+        mesh = instance.mesh
         if id(mesh) not in self._row_of:
             primitives = self._primitives(compact(mesh))
             self._row_of[id(mesh)] = len(self._meshes)
-            self._meshes.append({"name": one.kind, "primitives": primitives})
+            self._meshes.append({"name": instance.kind, "primitives": primitives})
         return self._row_of[id(mesh)]
 
     def _primitives(self, mesh: Mesh) -> list[dict[str, Any]]:

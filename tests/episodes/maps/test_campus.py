@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.maps import campus, campus_ground, campus_plan
-from episodes.maps.assets import fixtures
+from episodes.maps import assets, campus, campus_ground, campus_plan
 from episodes.maps.scene import Instance, Scene, turn
 from episodes.world.visibility import Solids
 from tests.episodes.maps.map_plan import apart, foot
@@ -49,7 +48,7 @@ def test_budget_and_ids(scene: Scene) -> None:
 def test_many_of_each_kind_and_all_alike(scene: Scene) -> None:
     count = Counter(i.kind for i in scene.instances)
     assert not {kind: count[kind] for kind in MANY if count[kind] < 4}
-    for kind in (*fixtures.MAKERS, "delivery-robot", "service-cart", "person"):
+    for kind in (*assets.FIXTURES, "delivery-robot", "service-cart", "person"):
         looks = {id(i.mesh) for i in scene.instances if i.kind == kind}
         assert len(looks) == (2 if kind == "fountain" else 1), kind
     for one in standing(scene):

@@ -9,9 +9,8 @@ import pytest
 from episodes import maps
 from episodes.maps import residential_plan as plan
 from episodes.maps.assets.vehicles import SHAPES
-from episodes.maps.places import Lane, Places, Spot
-from episodes.maps.residential import places
-from episodes.maps.scene import Scene, turn
+from episodes.maps.residential_places import places
+from episodes.maps.scene import Lane, Places, Scene, Spot, turn
 from episodes.world.visibility import Solids
 
 TARGET_M, SPEED_MPS, CAP_S = 16.0, 0.3, 300.0  # paper: residential map

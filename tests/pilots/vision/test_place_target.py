@@ -12,9 +12,9 @@ from dronecats.pilots.fitting import shapes
 from dronecats.pilots.vision import pilot, place_target, shape_detector
 from dronecats.pilots.vision.command import read_place_expression
 from episodes.camera.renderer import renderer as renderers
-from episodes.maps import campus
+from episodes.maps import assets, campus
 from episodes.maps import scene as scenes
-from episodes.maps.assets import fixtures
+from episodes.maps.assets import service_vehicles
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import quat_from_euler
 from foundation.picture import encode
@@ -48,8 +48,8 @@ def court():
 
 
 def mesh(kind):
-    movers = {"service-cart": fixtures.service_cart, "delivery-robot": fixtures.delivery_robot}
-    return movers[kind]("white") if kind in movers else fixtures.MAKERS[kind]()
+    movers = {"service-cart": service_vehicles.service_cart, "delivery-robot": service_vehicles.delivery_robot}
+    return movers[kind]("white") if kind in movers else assets.FIXTURES[kind]()
 
 
 def decide(picture, command, past=()):

@@ -15,7 +15,7 @@ from episodes.authoring.propose import draft, proposals
 from episodes.authoring.propose.proposals import RecordRequest, first_free, propose
 from episodes.authoring.propose.site import stretch
 from episodes.maps import assets
-from episodes.maps.places import Places
+from episodes.maps.scene import Places
 from episodes.records import catalogue
 from episodes.records.record import CELLS, HIDDEN, parse
 from episodes.world.world import World

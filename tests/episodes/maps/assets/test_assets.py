@@ -9,7 +9,7 @@ import pytest
 
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
-from episodes.maps.assets import exhibits, lettering, materials, scenery
+from episodes.maps.assets import lettering, materials
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from episodes.world.visibility import ray_scene, surface_samples
 from foundation.camera import CameraModel, CameraPose
@@ -126,7 +126,7 @@ def test_a_sign_contrasts_with_its_letters_in_every_paint() -> None:
     for color in assets.PAINTS:
         board, ink = (
             sum(w * c for w, c in zip((0.2126, 0.7152, 0.0722), materials.linear(srgb), strict=True))
-            for srgb in (materials.PAINTS[color], exhibits.contrasting(color))
+            for srgb in (materials.PAINTS[color], lettering.contrasting(color))
         )
         assert (max(board, ink) + 0.05) / (min(board, ink) + 0.05) >= 3.0, color
 
@@ -179,7 +179,7 @@ def test_what_can_be_a_target_from_sixteen_metres_fills_enough_of_the_picture() 
 
 
 def test_scenery_is_sound() -> None:
-    for name, make in scenery.MAKERS.items():
+    for name, make in assets.SCENERY.items():
         mesh = make()
         assert np.isfinite(mesh.vertices).all(), name
         assert len(mesh.triangles) < 4000, name

@@ -6,12 +6,13 @@ from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from episodes.maps.assets import buildings, fixtures
+from episodes.maps import assets
+from episodes.maps.assets import buildings, service_vehicles
 from episodes.maps.campus_plan import HALLS
 from episodes.maps.scene import Mesh
 from foundation.errors import UsageError
 
-DRIVEN = {"delivery_robot": fixtures.delivery_robot, "service_cart": fixtures.service_cart}
+DRIVEN = {"delivery_robot": service_vehicles.delivery_robot, "service_cart": service_vehicles.service_cart}
 RAYS = 4000
 # kind → length along its forward axis, width, height (m), as such things are bought
 SIZES = {
@@ -54,8 +55,8 @@ def facing_share(mesh: Mesh, seed: int = 1) -> float:
 
 
 def test_fixtures() -> None:
-    for kind in sorted(fixtures.MAKERS):
-        mesh = fixtures.MAKERS[kind]()
+    for kind in sorted(assets.FIXTURES):
+        mesh = assets.FIXTURES[kind]()
         size = np.ptp(mesh.vertices, axis=0)
         assert size == pytest.approx(np.array(SIZES[kind]), abs=0.12 + 0.02 * max(SIZES[kind])), kind
         assert 0.0 <= mesh.vertices[:, 2].max() <= 0.45, kind  # feet a little below the ground
