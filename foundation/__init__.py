@@ -1,4 +1,4 @@
-"""Everything that crosses a wall between two rooms, declared once: types with unit and frame, conversions, errors.
+"""Types and functions that several packages share: types with unit and frame, conversions, errors.
 
-Every room stands on it. It imports nothing of ours.
+Every package imports it. It imports none of them.
 """

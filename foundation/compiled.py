@@ -1,8 +1,8 @@
-"""`njit` for every kernel of the project, with a cache on disk that no edit can outdate.
+"""`njit` for every kernel of the project, with a cache on disk that is never out of date.
 
-numba's own cache notices a change in the file of the outermost function only: after an update of `vehicles/rotor.py`,
-a cached `vehicles.multirotor.step` would go on flying the old rotor. So the cache lives in a folder named after the
-sources of all kernels.
+numba's own cache notices a change only in the file of the outermost function: after an edit of `vehicles/rotor.py`, a
+cached `vehicles.multirotor.step` would still use the old rotor. So the cache folder is named after the sources of all
+kernels.
 """
 
 import contextlib
@@ -26,11 +26,11 @@ from foundation.machine import user_cache
 P = ParamSpec("P")
 R = TypeVar("R", covariant=True)
 # in a kernel's signature:
-Record = Any  # a numpy record, its fields as attributes; the argument's name tells its dtype
+Record = Any  # a numpy record, its fields as attributes; the argument's name gives its dtype
 Grid = NDArray[np.float64]
 
 ROOT = Path(__file__).resolve().parents[1]
-# where kernels live, and the constants and records that they are compiled with; tests/architecture holds it complete
+# files with kernels, and with the constants and records compiled into them; tests/architecture checks the list
 SOURCES = (
     "vehicles/*.py",
     "autopilot/*.py",
@@ -42,11 +42,11 @@ SOURCES = (
     "dronecats/flight/sitl/fused.py",
     "dronecats/study/loop/feedback.py",
 )
-KEPT_S = 30 * 86_400  # s, a cache of sources that nobody has run for so long is removed
+KEPT_S = 30 * 86_400  # s, an older unused cache is removed
 
 
 def digest() -> str:
-    """Return a name for the present state of every source that kernels are compiled from."""
+    """Return a digest of all sources that kernels are compiled from."""
     state = hashlib.sha256(numba.__version__.encode())
     for path in sources():
         state.update(str(path.relative_to(ROOT)).encode())
@@ -60,15 +60,12 @@ def sources() -> list[Path]:
 
 
 def cache_folder() -> Path:
-    """Return where compiled kernels are kept: below NUMBA_CACHE_DIR, or the user's cache folder. Raises UsageError."""
+    """Return the cache of compiled kernels, below NUMBA_CACHE_DIR or the user's cache folder. Raises UsageError."""
     return user_cache() / digest()
 
 
 def _prepare() -> bool:
-    """Point numba at the folder and return whether it can be written to.
-
-    At import, since a decorator reads it when it is applied.
-    """
+    """Set numba's cache folder and return whether it is writable. At import, since decorators read it."""
     try:
         folder = cache_folder()
     except UsageError:
@@ -81,25 +78,25 @@ def _prepare() -> bool:
         return False
     with contextlib.suppress(OSError):  # another process may be tidying up, too
         os.utime(folder)
-        for other in folder.parent.iterdir():
-            if time.time() - other.stat().st_mtime > KEPT_S:
-                shutil.rmtree(other, ignore_errors=True)
+        for folder_entry in folder.parent.iterdir():
+            if time.time() - folder_entry.stat().st_mtime > KEPT_S:
+                shutil.rmtree(folder_entry, ignore_errors=True)
     return True
 
 
 @contextlib.contextmanager
 def in_turn() -> Iterator[None]:
-    """Let one process at a time compile, so that those that come after it read what it has left in the cache."""
+    """Let one process at a time compile, so that the next ones read its results from the cache."""
     if not KEEPS:
         yield
         return
     with (cache_folder() / "turn").open("w") as turn:
-        fcntl.flock(turn, fcntl.LOCK_EX)  # given back when it is closed, however that comes about
+        fcntl.flock(turn, fcntl.LOCK_EX)  # released when the file is closed
         yield
 
 
 class Kernel(Protocol[P, R]):
-    """A function as numba keeps it: called like its source, and compiled at the first call or when asked to."""
+    """A function compiled by numba, at its first call or by `compile`."""
 
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R: ...
 
@@ -108,12 +105,11 @@ class Kernel(Protocol[P, R]):
 
 
 def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
-    """Return the decorator `numba.njit(…)`, which caches where that can be; signatures stay for the type checker.
+    """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
 
-
-    Without a folder that can be written to nothing is cached, and each start compiles: numba would keep its work beside
-    the sources instead, where an update outdates it, or refuse where they are read-only.
-    Without the wrapper by which C code would call a kernel: nobody does, and it takes a tenth of the compile time.
+    Without a writable folder nothing is cached, and each start compiles: numba's own default, a cache beside the
+    sources, gets out of date, or fails where they are read-only. The wrapper for calls from C is left out, which saves
+    a tenth of the compile time.
     """
     compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(
         **{"cache": cache and KEEPS, "no_cfunc_wrapper": True, **options}
@@ -122,4 +118,4 @@ def njit(*, cache: bool = True, **options: Any) -> Callable[[Callable[P, R]], Ke
 
 
 prange = numba.prange
-KEEPS = _prepare()  # whether what is compiled is kept for the next start
+KEEPS = _prepare()  # compiled code is cached for the next start

@@ -1,9 +1,9 @@
-"""Numbers that people set, declared once on the field of the dataclass that holds them.
+"""Declarations of numbers that users set, on the dataclass field that holds them.
 
     loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words="{percent:g} % lost")
 
-Bounds, error messages, options, factors of studies, tables of the docs and sentences about a value are all made from
-the declaration.
+Bounds, error messages, options, factors of studies, tables of the docs and sentences about a value all come from the
+declaration.
 """
 
 import sys
@@ -19,7 +19,7 @@ ABOVE_0 = sys.float_info.min  # the lower bound of a number that must not be 0
 
 
 def shown(bound: float) -> str:
-    """Return a bound as people read it: 0.0033, 0.95, 100,000,000."""
+    """Return a bound as text: 0.0033, 0.95, 100,000,000."""
     return f"{bound:,.15g}" if abs(bound) >= 1.0 else f"{bound:.2g}"
 
 
@@ -43,7 +43,7 @@ class DeclaredNumber:
         )
 
     def read(self, value: object) -> float:
-        """Return a number, or the number in a text. Raises UsageError where it is none, or out of bounds."""
+        """Return a number, or the number in a text. Raises UsageError for any other value, or out of bounds."""
         try:
             number = float(value) if isinstance(value, int | float | str) and not isinstance(value, bool) else None
         except (ValueError, OverflowError):
@@ -56,32 +56,32 @@ class DeclaredNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Declaration:
-    """What is known of a field beside its type and default."""
+    """The metadata of a declared field."""
 
-    quantity: DeclaredNumber | None = None  # of the field's value; None: it is checked elsewhere
-    size: Callable[[Any], float] = float  # the number of a value that is several numbers, as the speed of a wind
-    words: str | Callable[[Any], str] = ""  # of a value that is not the default; format of value, percent and owner
-    first: bool = False  # whether its words come before those of the other fields
+    quantity: DeclaredNumber | None = None  # None: the value is checked elsewhere
+    size: Callable[[Any], float] = float  # the number of a value with several numbers, such as the speed of a wind
+    words: str | Callable[[Any], str] = ""  # of a value other than the default; format of value, percent and owner
+    first: bool = False  # its words come before those of the other fields
 
 
 def declared(default: T, declaration: Declaration) -> T:
-    """Return the field of a dataclass with this default and declaration."""
+    """Return a dataclass field with this default and declaration."""
     return field(default=default, metadata={KEY: declaration})
 
 
 def number(default: T, name: str, help: str, *, words: str = "", first: bool = False, **bounds: Any) -> T:
-    """Return a declared field that holds one number; `bounds`: the other fields of a `DeclaredNumber`."""
+    """Return a declared field of one number; `bounds`: the other fields of `DeclaredNumber`."""
     quantity = DeclaredNumber(name=name, help=help, **bounds)
     return declared(default, Declaration(quantity=quantity, words=words, first=first))
 
 
 def declarations(owner: type) -> dict[str, Any]:
     """Return the declaration of each declared field of a dataclass, by the field's name."""
-    return {each.name: each.metadata[KEY] for each in _declared_fields(owner)}
+    return {entry.name: entry.metadata[KEY] for entry in _declared_fields(owner)}
 
 
 def check_bounds(owner: Any) -> None:
-    """Raise UsageError where a declared value of a dataclass is out of its bounds; None is without bounds."""
+    """Raise UsageError where a declared value of a dataclass is out of bounds. None is allowed."""
     for name, declaration in declarations(type(owner)).items():
         value = getattr(owner, name)
         if declaration.quantity is not None and value is not None:
@@ -89,10 +89,10 @@ def check_bounds(owner: Any) -> None:
 
 
 def words_of(owner: Any) -> Iterator[str]:
-    """Yield the words of each declared value of a dataclass that is not its default."""
-    for each in sorted(_declared_fields(type(owner)), key=lambda each: not each.metadata[KEY].first):
-        value, words = getattr(owner, each.name), each.metadata[KEY].words
-        if value == each.default or not words:
+    """Yield the words of all declared values of a dataclass that differ from their defaults."""
+    for entry in sorted(_declared_fields(type(owner)), key=lambda entry: not entry.metadata[KEY].first):
+        value, words = getattr(owner, entry.name), entry.metadata[KEY].words
+        if value == entry.default or not words:
             continue
         if callable(words):
             yield words(value)
@@ -101,4 +101,4 @@ def words_of(owner: Any) -> Iterator[str]:
 
 
 def _declared_fields(owner: type) -> list[Field[Any]]:
-    return [each for each in fields(owner) if KEY in each.metadata]
+    return [candidate for candidate in fields(owner) if KEY in candidate.metadata]

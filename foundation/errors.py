@@ -1,29 +1,26 @@
-"""Whose fault it was decides what happens: wrong usage exits 2, broken infrastructure exits 3, a lost episode 0."""
+"""Errors and their exit statuses: 2 for wrong usage, 3 for broken infrastructure. A failed episode exits with 0."""
 
 
 class DronecatsError(Exception):
-    """Base of every error this project raises on purpose. Its text is one sentence for a person."""
+    """Base class of the project's errors. The text is one sentence for the user."""
 
     exit_status = 3
 
 
 class UsageError(DronecatsError):
-    """The caller asked for something that cannot be: names what, where, and what to do instead."""
+    """The caller asked for something impossible. The text names it, its place, and what to do instead."""
 
     exit_status = 2
 
 
 class InfrastructureError(DronecatsError):
-    """A part that the flight stands on broke (simulator, link, camera, model endpoint, logger).
-
-    Never scored as a failed episode.
-    """
+    """A part of the infrastructure failed (simulator, link, camera, model endpoint, logger). Never scored."""
 
     exit_status = 3
 
 
 class LinkError(InfrastructureError):
-    """The autopilot is silent, gone, or refused a command that the flight cannot do without."""
+    """The autopilot is silent or gone, or has refused a necessary command."""
 
 
 class ModelError(InfrastructureError):
@@ -33,17 +30,17 @@ class ModelError(InfrastructureError):
 class ModelRejectedError(ModelError):
     """The model endpoint rejects every question: a wrong key, no such model or path, no credit."""
 
-    def __init__(self, said: str, status: int) -> None:
-        super().__init__(said)
+    def __init__(self, message: str, status: int) -> None:
+        super().__init__(message)
         self.status = status  # of HTTP
 
     def __reduce__(self) -> tuple[type, tuple[str, int]]:
-        """Make it anew from both where it crosses to another process."""
+        """Pickle both arguments."""
         return type(self), (str(self), self.status)
 
 
 class UnreadableError(ModelError):
-    """So many replies in a row are no actions that the settings of the model are taken to be wrong."""
+    """Too many replies in a row without an action: the settings of the model must be wrong."""
 
 
 class CameraError(InfrastructureError):
@@ -51,4 +48,4 @@ class CameraError(InfrastructureError):
 
 
 class BudgetError(InfrastructureError):
-    """What the flight may cost is spent. Nobody's fault, and nobody's score."""
+    """The budget of the flight is spent. Never scored."""

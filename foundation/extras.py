@@ -1,4 +1,4 @@
-"""The extras of `pip install "dronecats[…]"`: what each enables, and the packages that it adds."""
+"""The extras of `pip install "dronecats[…]"`: their features and their packages."""
 
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -55,8 +55,8 @@ EXTRAS = (
 
 
 def extra_of(module: str) -> Extra | None:
-    """Return the extra that adds an imported module, None for a package of no extra."""
-    return next((extra for extra in EXTRAS for each in extra.modules if f"{module}.".startswith(f"{each}.")), None)
+    """Return the extra that adds an imported module; None without one."""
+    return next((extra for extra in EXTRAS for name in extra.modules if f"{module}.".startswith(f"{name}.")), None)
 
 
 def is_installed(module: str) -> bool:
@@ -78,13 +78,13 @@ def require(*modules: str) -> None:
 
 
 def not_installed(module: str) -> str:
-    """Return the sentence that names a missing package and the command that installs it."""
+    """Return the message about a missing package, with the command that installs it."""
     extra = extra_of(module)
     return f"the package {module} is not installed: {extra.command if extra else BASE_COMMAND}"
 
 
 def missing_package(error: ImportError) -> str | None:
-    """Return the sentence for an import that failed, None for a module of this project: that is a bug."""
+    """Return the message about a failed import; None for a module of this project, which is a bug."""
     if error.name is None:
         return f"a package cannot be loaded: {error}"
     if error.name.split(".")[0] in OWN_PACKAGES:

@@ -16,10 +16,9 @@ from foundation.errors import InfrastructureError, UsageError
 
 @contextlib.contextmanager
 def whole_file(path: Path) -> Iterator[Path]:
-    """Give the path of a draft beside `path`, which takes its place when the block ends well, and else is removed.
+    """Yield the path of a draft beside `path`, which replaces it when the block succeeds, and is removed otherwise.
 
-    Threads and processes that write the same file have drafts of their own: the one that ends last stays. Raises
-    OSError.
+    Each thread and process has its own draft of a file; the last one to finish wins. Raises OSError.
     """
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")
     try:
@@ -32,15 +31,15 @@ def whole_file(path: Path) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str, *, errors: str = "strict") -> None:
-    """Write a text file in UTF-8, its line ends as they are, whole or not at all. Raises OSError."""
+    """Write a UTF-8 text file atomically, with its line ends unchanged. Raises OSError."""
     with whole_file(path) as draft:
         draft.write_text(text, encoding="utf-8", errors=errors, newline="\n")
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Write a JSON file beside its place and move it there. Raises OSError, and leaves no draft behind then."""
+    """Write a JSON file atomically. Raises OSError."""
     text = json.dumps(value, indent=2, ensure_ascii=False) + "\n"
-    write_text(path, text, errors="backslashreplace")  # half a surrogate pair: JSON has it
+    write_text(path, text, errors="backslashreplace")  # for half a surrogate pair, valid in JSON
 
 
 BUSY_S = 30.0  # wall s that another process may hold the file
@@ -48,21 +47,21 @@ BUSY_S = 30.0  # wall s that another process may hold the file
 
 @dataclass(frozen=True, slots=True)
 class FileKind:
-    """What a file is for."""
+    """One kind of SQLite file."""
 
-    name: str  # as a sentence calls it
+    name: str  # in messages
     application_id: int  # in the file's header
     version: int  # of the tables
     tables: str  # SQL that makes them
 
 
 class SqliteFile:
-    """One open file. A statement, or a transaction, at a time, whichever thread asks."""
+    """An open SQLite file for several processes. One statement or transaction at a time, from any thread."""
 
     def __init__(self, path: Path, kind: FileKind) -> None:
-        """Open the file, and make it where there is none.
+        """Open the file, or create it.
 
-        Raises UsageError for one that is damaged, of something else or of a newer version, and leaves it as it is.
+        Raises UsageError for a damaged file, another kind, or another version, and leaves the file unchanged.
         """
         self._path, self._kind, self._lock = path, kind, threading.Lock()
         try:
@@ -70,11 +69,11 @@ class SqliteFile:
                 make(path, kind)
             self._db = _connected(path)
         except (OSError, sqlite3.OperationalError) as error:
-            said = error.strerror if isinstance(error, OSError) else error
-            raise UsageError(f"the {kind.name} {path} cannot be opened: {said}") from None
+            reason = error.strerror if isinstance(error, OSError) else error
+            raise UsageError(f"the {kind.name} {path} cannot be opened: {reason}") from None
         try:
             self._check()
-            self._db.execute("PRAGMA synchronous=NORMAL")  # a kill loses nothing; a power cut may, of the last moment
+            self._db.execute("PRAGMA synchronous=NORMAL")  # a kill loses nothing; a power cut may lose the last moment
         except sqlite3.DatabaseError as error:
             self._db.close()
             raise UsageError(f"{path} is no {kind.name}: {error}; move it away, or name another file") from None
@@ -90,13 +89,13 @@ class SqliteFile:
             raise UsageError(f"{path} is no {kind.name} but another database; name another file")
         if version != kind.version:
             raise UsageError(f"the {kind.name} {path} is of version {version}, not {kind.version}; name another file")
-        (said,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
-        if said != "ok":
-            raise UsageError(f"the {kind.name} {path} is damaged: {said}; move it away, or name another file")
+        (fault,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
+        if fault != "ok":
+            raise UsageError(f"the {kind.name} {path} is damaged: {fault}; move it away, or name another file")
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:
-        """Have the file to oneself: all that is written is there at the end, or none. Raises InfrastructureError."""
+        """Yield the connection in an exclusive transaction. Raises InfrastructureError."""
         with self._lock, self._faults():
             self._db.execute("BEGIN IMMEDIATE")
             try:
@@ -107,10 +106,10 @@ class SqliteFile:
             self._db.execute("COMMIT")
 
     def row(self, question: str, *values: object) -> tuple[object, ...] | None:
-        """Return the first row that a question has. Raises InfrastructureError."""
+        """Return the first row of a query. Raises InfrastructureError."""
         with self._lock, self._faults():
-            found: tuple[object, ...] | None = self._db.execute(question, values).fetchone()
-            return found
+            row: tuple[object, ...] | None = self._db.execute(question, values).fetchone()
+            return row
 
     @contextmanager
     def _faults(self) -> Iterator[None]:
@@ -120,7 +119,7 @@ class SqliteFile:
             raise InfrastructureError(f"the {self._kind.name} {self._path} cannot be used: {error}") from None
 
     def close(self) -> None:
-        """Close it; may be called more than once."""
+        """Close the file. May be called more than once."""
         with self._lock:
             self._db.close()
 
@@ -130,7 +129,7 @@ def _connected(path: Path) -> sqlite3.Connection:
 
 
 def make(path: Path, kind: FileKind) -> None:
-    """Make the file beside its place and link it there: whoever comes second finds a whole one and keeps it."""
+    """Create the file as a draft and link it to its place: the second of two processes keeps the first one's."""
     path.parent.mkdir(parents=True, exist_ok=True)
     draft = path.with_name(f"{path.name}.{os.getpid()}.{threading.get_ident()}.part")
     try:

@@ -1,8 +1,8 @@
-"""This machine: the user's cache folder, its memory, and who holds a local port.
+"""This machine: the user's cache folder, the limit of address space, and the holder of a local port.
 
-Memory is asked for before compiled code is loaded, which crashes when it gets none. A limit on the address space
-(`ulimit -v`, RLIMIT_AS) counts what is reserved, which is several times what is used: each thread reserves a stack and
-an arena of the allocator.
+The limit is checked before compiled code is loaded, which crashes without memory. A limit on the address space
+(`ulimit -v`, RLIMIT_AS) counts reserved memory, several times the used memory: each thread reserves a stack and an
+arena of the allocator.
 """
 
 import os
@@ -13,7 +13,7 @@ from foundation.errors import UsageError
 
 
 def user_cache() -> Path:
-    """Return the folder: below NUMBA_CACHE_DIR where that is set, else the user's. Raises UsageError without a home."""
+    """Return the cache folder, below NUMBA_CACHE_DIR if that is set. Raises UsageError without a home."""
     base = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         return Path(base or Path.home() / ".cache") / "dronecats"
@@ -21,17 +21,17 @@ def user_cache() -> Path:
         raise UsageError("this user has no home folder for compiled code, and NUMBA_CACHE_DIR is not set") from None
 
 
-PER_CORE_GB = 0.08  # reserved by the threads that numerical libraries start, one a core
-CORES_MEASURED = 2  # on which `needed_gb` of callers was measured
+PER_CORE_GB = 0.08  # reserved by the threads of numerical libraries, one per core
+CORES_MEASURED = 2  # cores of the machine on which callers measured `needed_gb`
 
 
 def limit_gb() -> float | None:
-    """Return how much address space this process may have, None where it is not limited."""
+    """Return the limit of this process's address space; None without one."""
     limit, _ = resource.getrlimit(resource.RLIMIT_AS)
     return None if limit == resource.RLIM_INFINITY else limit / 1e9
 
 
-def check(what: str, needed_gb: float) -> None:
+def check(name: str, needed_gb: float) -> None:
     """Raise UsageError if the limit on the address space is below what `what` needs.
 
     `needed_gb`: on `CORES_MEASURED` cores; on a machine with more it is more.
@@ -39,13 +39,13 @@ def check(what: str, needed_gb: float) -> None:
     limit = limit_gb()
     if needed_gb and limit is not None and limit < (needed := on_this_machine(needed_gb)):
         raise UsageError(
-            f"{what} needs {needed:.1f} GB of address space, and the limit is {limit:.1f} GB; raise it, for example "
+            f"{name} needs {needed:.1f} GB of address space, and the limit is {limit:.1f} GB; raise it, for example "
             f"with: ulimit -v {round(1e6 * needed + 1e5)}"
         )
 
 
 def on_this_machine(needed_gb: float) -> float:
-    """Return what is needed here of what was measured on `CORES_MEASURED` cores."""
+    """Return the memory needed here, from that measured on `CORES_MEASURED` cores."""
     return needed_gb + PER_CORE_GB * max(0, (os.cpu_count() or 1) - CORES_MEASURED)
 
 
@@ -60,6 +60,6 @@ def port_holder(protocol: str, port: int) -> str | None:
         for connection in psutil.net_connections(protocol.lower()):
             if connection.laddr and connection.laddr.port == port and connection.pid:
                 return f"{psutil.Process(connection.pid).name()} (process id {connection.pid})"
-    except Exception:  # psutil is optional, and looking at other people's processes may be refused
+    except Exception:  # psutil is optional, and other users' processes may be hidden
         return None
     return None

@@ -14,11 +14,11 @@ __all__ = ["Packer", "Parser", "dialect", "frame_of"]
 
 
 class Parser:
-    """Turns a byte stream from a wire into messages; garbage is skipped and counted, never raised."""
+    """Parses a byte stream into messages. Garbage is skipped and counted."""
 
     def __init__(self) -> None:
         self._mav = dialect.MAVLink(None)
-        self._rest = b""  # the beginning of a frame whose end has not come yet
+        self._rest = b""  # the beginning of an incomplete frame
         self.bad = 0
 
     def feed(self, data: bytes) -> list[dialect.MAVLink_message]:
@@ -32,39 +32,39 @@ class Parser:
         return messages
 
     def frames(self, data: bytes) -> list[bytes]:
-        """Return the messages completed by `data` as their bytes on the wire, for whoever only passes them on."""
+        """Return the messages completed by `data` as bytes, for forwarding."""
         data = self._rest + data if self._rest else bytes(data)
-        found, end, bad = wire.scan(data)
+        frames, end, bad = wire.scan(data)
         self._rest = data[end:]
         self.bad += bad
-        return found
+        return frames
 
     def _decoded(self, frame: bytes) -> list[dialect.MAVLink_message]:
-        """Return the message of a MAVLink 1 or signed frame, or nothing where pymavlink refuses it."""
+        """Return the message of a MAVLink 1 or signed frame; empty where pymavlink rejects it."""
         try:
             return [self._mav.decode(bytearray(frame))]
-        except Exception:  # pymavlink raises more than MAVError on hostile lengths; a wire must never stop the flight
+        except Exception:  # hostile lengths raise more than MAVError, and must never stop the flight
             self.bad += 1
             return []
 
 
 def frame_of(message: dialect.MAVLink_message) -> bytes:
-    """Return a message that was parsed as its bytes on the wire."""
+    """Return the bytes of a parsed message."""
     frame = message.__dict__.get("_frame")
     return bytes(message.get_msgbuf()) if frame is None else bytes(frame)
 
 
 class Packer:
-    """Turns messages into the bytes of one MAVLink 2 component, with its own sequence numbers."""
+    """Packs the messages of one MAVLink 2 component, with its own sequence numbers."""
 
     def __init__(self, system: int, component: int) -> None:
         self.system, self.component = system, component
         self._sequence = 0
 
     def pack(self, message: dialect.MAVLink_message) -> bytes:
-        """Return the message as bytes of the wire, next sequence number.
+        """Return the message as bytes, with the next sequence number.
 
-        Raises struct.error for a value that its field cannot hold, TypeError for what is no message of the dialect.
+        Raises struct.error for a value that its field cannot hold, TypeError for a message of another dialect.
         """
         layout = wire.BY_CLASS[type(message)]
         data = layout.frame(message, self._sequence, self.system, self.component)
@@ -77,7 +77,7 @@ PX4_AUTOPILOT = dialect.MAV_AUTOPILOT_PX4
 
 @dataclass(frozen=True, slots=True)
 class Px4Mode:
-    """A flight mode as HEARTBEAT.custom_mode carries it."""
+    """A flight mode in HEARTBEAT.custom_mode."""
 
     name: str
     main: int
@@ -113,7 +113,7 @@ MODES: dict[str, Px4Mode] = {
 
 
 def mode_name(custom_mode: int) -> str:
-    """Return the name of a HEARTBEAT.custom_mode, `main/sub` in numbers when it is none of ours."""
+    """Return the name of a HEARTBEAT.custom_mode; `main/sub` in numbers for an unknown one."""
     for mode in MODES.values():
         if mode.custom_mode == custom_mode:
             return mode.name

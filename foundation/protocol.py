@@ -1,7 +1,6 @@
-"""The protocol's numbers and words: what makes two flights of the benchmark comparable. Each cites the paper's section.
+"""Numbers and words of the benchmark's protocol, which make flights comparable. Each cites the paper's section.
 
-Numbers that one room alone decides, because the paper leaves them open, stand in that room. The camera is
-`foundation.camera.CameraModel`.
+Numbers that the paper leaves open are in the package that decides them. The camera is `foundation.camera.CameraModel`.
 """
 
 # One Success Criterion for the Whole Grid; appendix "Metrics"

@@ -1,7 +1,7 @@
-"""Keeps keys and passwords out of sentences and files.
+"""Removes keys and passwords from messages and files.
 
-Nobody can know which part of an address is a key. So only what is none is shown of it: scheme, host, port, short words
-of the path, the names of the query. The rest is looked for in whatever comes back from there, in any spelling.
+Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
+the query. The other parts are hidden, in any spelling, in all text that comes from there.
 """
 
 import base64
@@ -11,12 +11,12 @@ from collections.abc import Mapping
 from urllib.parse import unquote, unquote_plus
 
 HIDDEN = "***"
-MAX_URL_CHARS = 2000  # a longer one is not worth reading
-MIN_CHARS = 5  # shorter texts are no keys, and hiding them would garble words and numbers
-SPOKEN = frozenset(("action", "angle_deg", "depth_m", "finished", "point", "rotate", "think"))  # a pilot's own words
+MAX_URL_CHARS = 2000  # a longer one is not parsed
+MIN_CHARS = 5  # shorter texts are not keys, and hiding them would garble words and numbers
+SPOKEN = frozenset(("action", "angle_deg", "depth_m", "finished", "point", "rotate", "think"))  # words of replies
 _WEB = ("http", "https", "ws", "wss", "rtsp", "rtsps", "")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]{0,15}://[^\s'\"<>]*[^\s'\"<>.,:;!)\]}]")
-_PARTS = re.compile(
+_URL_FIELDS = re.compile(
     r"(?:(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://)?(?:(?P<user>[^/?#]*)@)?(?P<host>\[[^/?#\]@]*\]|[^/?#:@\[\]]*)(?P<port>:\d*)?"
     r"(?P<path>/[^?#]*)?(?:\?(?P<query>[^#]*))?(?:#(?P<fragment>.*))?",
     re.DOTALL,
@@ -28,35 +28,35 @@ _DATE = re.compile(r"\d{4}-\d\d(-\d\d)?(-preview)?")
 
 
 def redacted(text: str, *secrets: str | None) -> str:
-    """Return `text` with its addresses as `redacted_url` shows them and without the secrets, however they are spelt."""
+    """Return `text` with redacted addresses and without the secrets in any spelling."""
     return _URL.sub(lambda match: redacted_url(match[0]), without(text, *secrets))
 
 
 def without(text: str, *secrets: str | None) -> str:
-    """Return `text` without the secrets, however they are spelt; its addresses stay."""
+    """Return `text` without the secrets in any spelling; its addresses stay."""
     for secret in sorted(filter(None, secrets), key=len, reverse=True):
         text = _spellings(secret).sub(HIDDEN, text)
     return text
 
 
 def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return what of an environment a program gets that asks nobody: all but what is named as a key, whoever's."""
+    """Return an environment without all variables named as keys."""
     return {name: value for name, value in environment.items() if not _KEY_VARIABLE.search(name)}
 
 
 def redacted_url(url: str) -> str:
-    """Return an address as it may be shown. Of one that cannot be taken apart nothing is shown but the scheme.
+    """Return an address for display. One that cannot be parsed shows only its scheme.
 
-    An address that is not of the web (a serial port, a UDP port) keeps all but its user.
+    An address that is not of the web (a serial port, a UDP port) loses only its user.
     """
-    parts = _PARTS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
-    if parts is None:
+    match = _URL_FIELDS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
+    if match is None:
         scheme, separator, _ = url.partition("://")
         return f"{scheme}://{HIDDEN}" if separator and scheme.isalnum() else HIDDEN
-    scheme, user, host, port, path, query, fragment = (parts[name] or "" for name in _PARTS.groupindex)
+    scheme, user, host, port, path, query, fragment = (match[name] or "" for name in _URL_FIELDS.groupindex)
     shown = (f"{scheme}://" if scheme else "") + (f"{HIDDEN}@" if user else "") + host + port
     if scheme.lower() not in _WEB:
-        return shown + url[parts.end("port") if port else parts.end("host") :]
+        return shown + url[match.end("port") if port else match.end("host") :]
     shown += "/".join(piece if _plain(piece) else HIDDEN for piece in path.split("/"))
     if query:
         shown += "?" + "&".join(_named(pair) for pair in query.split("&"))
@@ -64,39 +64,39 @@ def redacted_url(url: str) -> str:
 
 
 def keyless(url: str) -> str:
-    """Return an address without its user and without the values in its query that are named as keys.
+    """Return an address without its user and without query values named as keys, for a digest.
 
-    It is for a digest: a piece of its path may still be a secret. One that cannot be taken apart is returned whole.
+    Its path may still contain a secret. An address that cannot be parsed is returned unchanged.
     """
-    parts = _PARTS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
-    if parts is None:
+    match = _URL_FIELDS.fullmatch(url) if len(url) <= MAX_URL_CHARS else None
+    if match is None:
         return url
-    scheme, host, port, path, query = (parts[name] or "" for name in ("scheme", "host", "port", "path", "query"))
+    scheme, host, port, path, query = (match[name] or "" for name in ("scheme", "host", "port", "path", "query"))
     kept = [pair for pair in query.split("&") if pair and not _KEY.search(pair.partition("=")[0])]
     return f"{scheme}://{host}{port}{path}?{'&'.join(kept)}"
 
 
 def secrets_of(url: str) -> tuple[str, ...]:
-    """Return what may be a key in an address: what `redacted_url` does not show of it, as it stands and decoded."""
-    parts = _PARTS.fullmatch(url)
-    if parts is None:
+    """Return the possible keys in an address: all that `redacted_url` hides, raw and decoded."""
+    match = _URL_FIELDS.fullmatch(url)
+    if match is None:
         return worth_hiding(url)
-    user, path, query, fragment = (parts[name] or "" for name in ("user", "path", "query", "fragment"))
+    user, path, query, fragment = (match[name] or "" for name in ("user", "path", "query", "fragment"))
     name, _, password = user.partition(":")
     basic = base64.b64encode(unquote(user).encode()).decode() if user else ""
     pieces = [piece for piece in path.split("/") if not _plain(piece)]
     values = [pair.partition("=")[2] or pair for pair in query.split("&")]
-    found = (user, name, password, basic, *pieces, *values, fragment)
-    return worth_hiding(*found, *map(unquote, found), *map(unquote_plus, values))
+    candidates = (user, name, password, basic, *pieces, *values, fragment)
+    return worth_hiding(*candidates, *map(unquote, candidates), *map(unquote_plus, values))
 
 
 def worth_hiding(*texts: str | None) -> tuple[str, ...]:
-    """Return those of the texts, each once, that may be hidden wherever they occur: no scraps, no words of a pilot."""
+    """Return the texts that may be hidden everywhere, without duplicates: not short, and not words of replies."""
     return tuple(dict.fromkeys(text for text in texts if text and len(text) >= MIN_CHARS and text not in SPOKEN))
 
 
 def _plain(piece: str) -> bool:
-    """Return whether a piece of a path is a short word or a date, and so no key."""
+    """Return whether a piece of a path is a short word or a date, so not a key."""
     if _DATE.fullmatch(piece):
         return True
     few = sum(map(str.isdigit, piece)) <= 3 and sum(map(str.isupper, piece)) <= 2
@@ -111,7 +111,7 @@ def _named(pair: str) -> str:
 
 
 def _spellings(secret: str) -> re.Pattern[str]:
-    """Return what matches a text letter by letter: as it is, percent-encoded (even twice), escaped for JSON or HTML."""
+    """Return a pattern of a text in all spellings: raw, percent-encoded (even twice), escaped for JSON or HTML."""
     return re.compile("".join(map(_letter, secret)))
 
 

@@ -1,4 +1,4 @@
-"""What the agent asks of a vehicle, below the action and above MAVLink."""
+"""Setpoints of the agent for a vehicle, between actions and MAVLink."""
 
 from dataclasses import dataclass
 
@@ -7,13 +7,13 @@ from foundation.frames import Vec3
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """Where a vehicle was when a picture was taken, by its own estimate: what a decision on it is bound to."""
+    """The estimated pose of a vehicle when a picture was taken. A decision on the picture counts from it."""
 
     position_ned: Vec3  # m, local frame of the autopilot
     heading: float  # rad, 0 = north, clockwise
     roll: float = 0.0  # rad, right side down
     pitch: float = 0.0  # rad, nose up
-    carried_on: bool = False  # beyond the newest telemetry, which may tell it otherwise when it comes
+    carried_on: bool = False  # extrapolated beyond the newest telemetry
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Turn:
     """Yaw at a rate, place and height held."""
 
     yaw_rate: float  # rad/s, + right
-    angle: float | None = None  # rad from the sight's heading, signed as the rate; None: as long as it is flown
+    angle: float | None = None  # rad from the sight's heading, signed as the rate; None: without end
     onto_line: bool = False  # a move along the new heading follows: hold a place on its line through the sight's place
 
 

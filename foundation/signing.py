@@ -1,8 +1,8 @@
-"""MAVLink 2 message signing of one end of a wire: off until a key is set, then nothing unsigned is believed.
+"""MAVLink 2 message signing of one end of a wire: off until a key is set, then only signed messages are accepted.
 
 Source: mavlink.io, guide/message_signing. A signature is the link, a timestamp and the first 48 bits of
-SHA-256(key, message, link, timestamp). pymavlink's own check takes the timestamp of a message before it looks at the
-signature, so that one forged message shuts out the true sender; hence this one.
+SHA-256(key, message, link, timestamp). pymavlink's own check stores the timestamp of a message before it verifies the
+signature, so that one forged message shuts out the true sender.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ SIGNATURE_BYTES = 13  # link, 48-bit timestamp, 48-bit digest
 SIGNED = dialect.MAVLINK_IFLAG_SIGNED
 UNITS_PER_MINUTE = 6_000_000  # a timestamp counts 10 µs
 LATEST = (1 << 48) - 1
-ALWAYS_HEARD = frozenset({"RADIO_STATUS"})  # modems speak without a key
+UNSIGNED_MESSAGES = frozenset({"RADIO_STATUS"})  # modems speak without a key
 EPOCH_S = 1_420_070_400  # s of Unix time, 2015-01-01
 
 
@@ -32,7 +32,7 @@ def load_key(path: Path) -> bytes:
     if len(digits) == 2 * KEY_BYTES:
         try:
             data = bytes.fromhex(digits.decode("ascii"))
-        except ValueError:  # says what it has read, which is no business of an error message
+        except ValueError:  # its text contains the key
             data = b""
     if len(data) != KEY_BYTES or not any(data):
         raise UsageError(
@@ -48,7 +48,7 @@ def timestamp(unix_s: float) -> int:
 
 
 def is_signed(frame: bytes) -> bool:
-    """Return whether a message's bytes have a signature, good or not, of someone who has a key.
+    """Return whether a message has a signature, valid or not, other than that of a key of zeros.
 
     PX4 1.17 signs with 32 zero bytes while it has no key.
     """
@@ -64,7 +64,7 @@ def _digest(key: bytes, data: bytes) -> bytes:
 
 
 class Signing:
-    """Signs what a port sends and judges what it receives, once a key is set."""
+    """Signs the messages of a port and verifies received ones, once a key is set."""
 
     def __init__(self, link: int) -> None:
         self.rejected = 0  # messages without a good signature, …
@@ -74,22 +74,22 @@ class Signing:
         self._key = b""
         self._time = 0  # newest timestamp sent or believed
         self._set_us = 0  # vehicle time of `_time`
-        self._heard: dict[tuple[int, int, int], int] = {}  # system, component, link → newest timestamp
+        self._newest_times: dict[tuple[int, int, int], int] = {}  # system, component, link → newest timestamp
 
     @property
     def active(self) -> bool:
-        """Whether a key is set."""
+        """True when a key is set."""
         return bool(self._key)
 
     def set_up(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Take a key of 32 bytes and the time (10 µs since 2015); a key of zeros ends the signing."""
+        """Set a key of 32 bytes and the time (10 µs since 2015); a key of zeros ends the signing."""
         self._key = key if any(key) else b""
         self._time, self._set_us = min(timestamp, LATEST), now_us
-        self._heard.clear()
+        self._newest_times.clear()
 
     def accepts(self, message: dialect.MAVLink_message, now_us: int) -> bool:
         """Return whether a message may be acted on. Counts those that may not."""
-        if not self._key or message.get_type() in ALWAYS_HEARD:
+        if not self._key or message.get_type() in UNSIGNED_MESSAGES:
             return True
         frame = bytes(message.get_msgbuf())
         signed = is_signed(frame)
@@ -105,16 +105,16 @@ class Signing:
         timestamp = int.from_bytes(frame[-12:-6], "little")
         speaker = (frame[5], frame[6], frame[-13])
         now = self._now(now_us)
-        # who is heard for the first time may be a minute late; after that, time only goes on: nothing is replayed
-        if timestamp <= self._heard.get(speaker, now - UNITS_PER_MINUTE):
+        # the first message of a sender may be a minute late; after it time only increases, against replays
+        if timestamp <= self._newest_times.get(speaker, now - UNITS_PER_MINUTE):
             return False
-        self._heard[speaker] = timestamp
+        self._newest_times[speaker] = timestamp
         if timestamp > now:
             self._time, self._set_us = timestamp, now_us
         return True
 
     def sign(self, frame: bytes, crc_extra: int, now_us: int) -> bytes:
-        """Return a MAVLink 2 frame with its signature; as it is while no key is set."""
+        """Return a MAVLink 2 frame with its signature; unchanged without a key."""
         if not self._key:
             return frame
         self._time, self._set_us = min(max(self._now(now_us), self._time + 1), LATEST), now_us

@@ -38,7 +38,7 @@ FLAT = HeightField(0.0, 0.0, 1.0, np.zeros((1, 1)))
 
 @dataclass(frozen=True, slots=True)
 class MovingBox:
-    """An upright box that follows a pose: what a moving car is to a vehicle that meets it."""
+    """An upright box that follows a pose: the solid shape of a moving car."""
 
     name: str
     half_m: Vec3  # (3,) m, half its length, width and height, along its own forward, right and down axes

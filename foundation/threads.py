@@ -1,8 +1,8 @@
-"""Threads of one process: values made once, turns at computing, and work for the newest request only.
+"""Threads of one process: values computed once, turns at computing, and work for the newest request only.
 
 Eight threads of one interpreter that all compute are no faster than one. They take the interpreter from each other some
-thousand times a second, and with two cores that alone costs as much again as what they compute
-(`python -m benchmarks.agent`). So they compute in turns, in their order, and wait side by side.
+thousand times a second, which on two cores costs as much as the computation (`python -m benchmarks.agent`). So they
+compute in turns and wait side by side.
 """
 
 import sys
@@ -13,11 +13,11 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
 
-STEPS = 8  # in one turn; who waits for something outside in every step never takes so many
+STEPS = 8  # in one turn; a thread that waits in every step never reaches it
 
 
 class ComputingTurn:
-    """Which of the threads that ask for it computes: one at a time, in the order in which they have asked."""
+    """A fair lock for computing: one thread at a time, in the order of their requests."""
 
     def __init__(self) -> None:
         self._guard = threading.Lock()
@@ -27,7 +27,7 @@ class ComputingTurn:
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Have the turn for the block, as soon as all who asked before have had theirs. Not twice in one thread."""
+        """Hold the turn for the block, after all earlier requests. Not reentrant."""
         self._take()
         try:
             yield
@@ -36,9 +36,9 @@ class ComputingTurn:
 
     @contextmanager
     def lent(self) -> Iterator[None]:
-        """Let others have it during the block, which only waits, and then stand in the queue for it again.
+        """Release the turn during the block, which only waits, and queue for it again afterwards.
 
-        A thread that does not have it may do so too, and nothing comes of it.
+        Without effect in a thread that does not hold it.
         """
         if not getattr(self._own, "has", False):
             yield
@@ -50,9 +50,9 @@ class ComputingTurn:
             self._take()
 
     def step(self) -> None:
-        """Say that a step of many begins: after some in one turn the others have theirs, so that nobody waits long.
+        """Count a step. After STEPS of them in one turn the other threads have theirs.
 
-        Of a thread that does not have the turn nothing comes of it.
+        Without effect in a thread that does not hold the turn.
         """
         if getattr(self._own, "has", False):
             self._own.steps += 1
@@ -62,13 +62,13 @@ class ComputingTurn:
 
     def _take(self) -> None:
         with self._guard:
-            mine = threading.Lock() if self._taken else None
+            own_lock = threading.Lock() if self._taken else None
             self._taken = True
-            if mine is not None:
-                mine.acquire()
-                self._queue.append(mine)
-        if mine is not None:
-            mine.acquire()
+            if own_lock is not None:
+                own_lock.acquire()
+                self._queue.append(own_lock)
+        if own_lock is not None:
+            own_lock.acquire()
         self._own.has, self._own.steps = True, 0
 
     def _give(self) -> None:
@@ -82,19 +82,18 @@ class ComputingTurn:
 
 COMPUTING = ComputingTurn()  # of this process
 
-
 P = ParamSpec("P")
 T = TypeVar("T")
 _expects_more = threading.Event()
 
 
 def expect_more() -> None:
-    """Say that this process flies many episodes: what recurs is kept from the first on."""
+    """Declare that this process flies many episodes: `recurring` keeps values from the first request on."""
     _expects_more.set()
 
 
 def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Return a decorator that keeps the `maxsize` values used last; who asks for one in the making waits for it."""
+    """Return a thread-safe decorator that caches the `maxsize` values used last, and computes each only once."""
 
     def keeping(make: Callable[P, T]) -> Callable[P, T]:
         kept: OrderedDict[object, T] = OrderedDict()
@@ -117,26 +116,26 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
 
 
 def recurring(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T | None]]:
-    """Return a decorator as `once`, whose function returns None to who asks first, and makes what is asked for again.
+    """Return a decorator as `once`, whose function returns None at the first request of a value.
 
-    For what helps a process that flies many episodes, and would only cost memory in one that flies a single one. After
-    `expect_more` nobody is the first.
+    It is for values that help a process with many episodes, and only cost memory in one with a single episode. After
+    `expect_more` the first request, too, gets the value.
     """
 
     def keeping(make: Callable[P, T]) -> Callable[P, T | None]:
         kept = once(maxsize)(make)
-        asked: OrderedDict[object, None] = OrderedDict()
+        requested: OrderedDict[object, None] = OrderedDict()
         turn = threading.Lock()
 
         @wraps(make)
         def get(*arguments: P.args, **named: P.kwargs) -> T | None:
             key = (arguments, tuple(named.items()))
             with turn:
-                first = key not in asked and not _expects_more.is_set()
-                asked[key] = None
-                asked.move_to_end(key)
-                if len(asked) > maxsize:
-                    asked.popitem(last=False)
+                first = key not in requested and not _expects_more.is_set()
+                requested[key] = None
+                requested.move_to_end(key)
+                if len(requested) > maxsize:
+                    requested.popitem(last=False)
             return None if first else kept(*arguments, **named)
 
         return get
@@ -145,10 +144,10 @@ def recurring(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T | None]]
 
 
 class Latest(Generic[T]):
-    """One thread that calls `work` with the newest thing it was given, never twice at a time."""
+    """A thread that calls `work` with the newest item, one at a time."""
 
     def __init__(self, work: Callable[[T], None], name: str) -> None:
-        """Start the thread. What `work` raises goes to the threading module's hook and ends nothing."""
+        """Start the thread. Exceptions of `work` go to `threading.excepthook`, and the thread continues."""
         self._work = work
         self._waiting: list[T] = []
         self._busy = False
@@ -157,14 +156,14 @@ class Latest(Generic[T]):
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
-    def put(self, thing: T) -> None:
-        """Ask for work on a thing; one that still waits is forgotten."""
+    def put(self, item: T) -> None:
+        """Request work on an item. It replaces one that still waits."""
         with self._news:
-            self._waiting = [thing]
+            self._waiting = [item]
             self._news.notify_all()
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until everything asked for is done; return whether that came to pass within the time."""
+        """Wait until all work is done; return whether that happened within the time."""
         with self._news:
             return self._news.wait_for(lambda: not self._waiting and not self._busy, timeout_s)
 
@@ -183,8 +182,8 @@ class Latest(Generic[T]):
                 self._news.wait_for(lambda: self._waiting or not self._open)
                 if not self._open:
                     return
-                thing, self._waiting, self._busy = self._waiting[0], [], True
+                item, self._waiting, self._busy = self._waiting[0], [], True
             try:
-                self._work(thing)
+                self._work(item)
             except Exception:
                 threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self._thread)))

@@ -17,13 +17,13 @@ from foundation.mavlink import Parser, dialect
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
 Origin = tuple[float, float, float]  # lat °, lon °, alt m of the map's NED frame
 KEPT = 25  # samples of each drone: half a second at 50 Hz
-UNREAD = 1000  # deliveries of the bus that may wait to be read: 20 s at 50 Hz
-SILENT_US = 100_000  # µs; a drone that is not heard for longer is not waited for
+UNREAD = 1000  # unread deliveries of the bus, at most: 20 s at 50 Hz
+SILENT_US = 100_000  # µs; a drone that is silent for longer is not waited for
 
 
 @dataclass(frozen=True, slots=True)
 class TruthSample:
-    """Where a vehicle really is."""
+    """The true state of a vehicle."""
 
     drone: int
     time_us: int  # µs, vehicle clock
@@ -61,7 +61,7 @@ def truth_message(
 
 
 def truth_sample(message: dialect.MAVLink_message, origin: Origin) -> TruthSample:
-    """Return what a HIL_STATE_QUATERNION says; the drone's number is its system id less one."""
+    """Return the sample in a HIL_STATE_QUATERNION; the drone's number is its system id less one."""
     return TruthSample(
         drone=message.get_srcSystem() - 1,
         time_us=message.time_usec,
@@ -72,7 +72,7 @@ def truth_sample(message: dialect.MAVLink_message, origin: Origin) -> TruthSampl
 
 
 class Timed(Protocol):
-    """What is of one time of the vehicle clock."""
+    """A value with a time of the vehicle clock."""
 
     @property
     def time_us(self) -> int: ...
@@ -82,9 +82,9 @@ T = TypeVar("T", bound=Timed)
 
 
 def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
-    """Return the sample of the time nearest to `time_us`, of two the earlier. Raises ValueError when there is none.
+    """Return the sample nearest to `time_us`, the earlier of two. Raises ValueError without samples.
 
-    They are in order, and it is looked for from the newest, which is where it mostly is.
+    The samples are in order; the search begins at the newest.
     """
     best: T | None = None
     for sample in reversed(samples):
@@ -97,78 +97,77 @@ def nearest(samples: Sequence[T] | deque[T], time_us: int) -> T:
 
 
 class NewestTruth:
-    """Follows the truth bus and knows where each drone was last.
+    """Follows the truth bus and keeps the newest samples of each drone.
 
-    It is fed fifty times a second and asked every few: what it is fed is read when it is asked, and of that the newest.
+    It is fed fifty times a second and queried rarely, so a query decodes the bytes, and only the newest.
     """
 
     def __init__(self, origin: Origin, kept: int = KEPT) -> None:
-        """`kept`: how many samples of each drone are remembered."""
+        """`kept`: number of samples of each drone."""
         self._origin, self._kept = origin, kept
         self._parser = Parser()
         self._unread: deque[bytes] = deque()
-        self._lock = threading.RLock()  # whoever asks may be on another thread than whoever feeds
-        self._heard: dict[int, deque[TruthSample]] = {}
+        self._lock = threading.RLock()  # `feed` and the queries may be on different threads
+        self._samples: dict[int, deque[TruthSample]] = {}
 
     def feed(self, data: bytes) -> None:
         """Take bytes of the bus."""
-        self._unread.append(data)  # without the lock: whoever feeds waits for nobody, but when much has piled up
+        self._unread.append(data)  # without the lock, so that the feeder does not wait
         if len(self._unread) > UNREAD:
             self._read()
 
     def _read(self) -> None:
-        """Decode the newest samples of each drone among what has come since the last time."""
+        """Decode the newest samples of each drone in the unread bytes."""
         with self._lock:
             fed = b"".join(self._unread.popleft() for _ in range(len(self._unread)))
             newest = wire.newest(fed, dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, self._kept)
             for message in self._parser.feed(newest):
                 if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
                     sample = truth_sample(message, self._origin)
-                    self._heard.setdefault(sample.drone, deque(maxlen=self._kept)).append(sample)
+                    self._samples.setdefault(sample.drone, deque(maxlen=self._kept)).append(sample)
 
     def of(self, drone: int) -> TruthSample | None:
-        """Return the newest sample of a drone, None while it has not been heard."""
+        """Return the newest sample of a drone; None without one."""
         with self._lock:
             self._read()
-            heard = self._heard.get(drone)
-            return heard[-1] if heard else None
+            samples = self._samples.get(drone)
+            return samples[-1] if samples else None
 
     def together(self, drone: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return the newest sample of a drone at a time that all have reached, and the others' of that time, by number.
 
-        Whoever is silent for SILENT_US is not waited for and stays where it was heard last. None while the drone itself
-        has not been heard.
+        A drone that is silent for SILENT_US is not waited for: its last sample counts. None without own samples.
         """
         with self._lock:
             self._read()
-            own = self._heard.get(drone)
+            own = self._samples.get(drone)
             if not own:
                 return None
-            reached = min(heard[-1].time_us for heard in self._heard.values())
+            reached = min(samples[-1].time_us for samples in self._samples.values())
             sample = next((s for s in reversed(own) if s.time_us <= reached), own[-1])
-            if own[-1].time_us - sample.time_us > SILENT_US:
-                sample = own[-1]
-            others = {k: nearest(heard, sample.time_us) for k, heard in self._heard.items() if k != drone}
-            return sample, others
+            return self._with_others(sample if own[-1].time_us - sample.time_us <= SILENT_US else own[-1])
 
     def at(self, drone: int, time_us: int) -> tuple[TruthSample, dict[int, TruthSample]] | None:
         """Return the first sample of a drone at a time or after it, and the others' of that time, by number.
 
-        The newest where that time has not come, the oldest where it is forgotten. None while it has not been heard.
+        The newest if that time has not come, the oldest kept one if it is too long ago. None without a sample.
         """
         with self._lock:
             self._read()
-            own = self._heard.get(drone)
+            own = self._samples.get(drone)
             if not own:
                 return None
-            sample = next((s for s in own if s.time_us >= time_us), own[-1])
-            return sample, {k: nearest(heard, sample.time_us) for k, heard in self._heard.items() if k != drone}
+            return self._with_others(next((s for s in own if s.time_us >= time_us), own[-1]))
+
+    def _with_others(self, sample: TruthSample) -> tuple[TruthSample, dict[int, TruthSample]]:
+        tracks = {k: samples for k, samples in self._samples.items() if k != sample.drone}
+        return sample, {k: nearest(samples, sample.time_us) for k, samples in tracks.items()}
 
     def before(self, sample: TruthSample) -> TruthSample:
-        """Return the sample of the same drone before this one, itself where that is forgotten."""
+        """Return the sample of the same drone before this one; itself if that is no longer kept."""
         with self._lock:
             self._read()
-            own = self._heard.get(sample.drone, ())
+            own = self._samples.get(sample.drone, ())
             return next((s for s in reversed(own) if s.time_us < sample.time_us), sample)
 
 
@@ -191,7 +190,7 @@ def frame_message(taken: FrameTaken, sample: TruthSample, origin: Origin) -> dia
 
 
 def frame_taken(message: dialect.MAVLink_message) -> FrameTaken:
-    """Return what a CAMERA_IMAGE_CAPTURED says."""
+    """Return the content of a CAMERA_IMAGE_CAPTURED."""
     return FrameTaken(message.camera_id, message.image_index, message.time_boot_ms * 1000)
 
 
@@ -201,11 +200,11 @@ def _int16(value: float) -> int:
 
 @dataclass(frozen=True, slots=True)
 class SaidHit:
-    """A contact that began with some speed."""
+    """The beginning of a contact, in a STATUSTEXT."""
 
-    what: str  # name of what was hit
+    what: str  # name of the obstacle
     closing_speed: float | None  # m/s; None: it was the ground
-    crash: bool  # it was hard enough to break something
+    crash: bool  # hard enough to break something
 
 
 HIT = re.compile(r"(Collision|Crash): hit (.+?)(?: at ([\d.]+) m/s)?")
@@ -213,7 +212,7 @@ CLEAR = re.compile(r"Collision: clear after ([\d.]+) s")
 
 
 def hit_text(hit: SaidHit) -> str:
-    """Return the text of a hit, at most 50 bytes of UTF-8: MAVLink takes no more."""
+    """Return the text of a hit, at most 50 bytes of UTF-8, the limit of MAVLink."""
     speed = "" if hit.closing_speed is None else f" at {hit.closing_speed:.1f} m/s"
     begin = f"{'Crash' if hit.crash else 'Collision'}: hit "
     name = hit.what.encode()[: 50 - len(begin) - len(speed)].decode(errors="ignore")
@@ -226,12 +225,12 @@ def clear_text(seconds: float) -> str:
 
 
 def hit_of(text: str) -> SaidHit | None:
-    """Return the hit that a text tells, None for another text."""
-    found = HIT.fullmatch(text)
-    return found and SaidHit(found[2], float(found[3]) if found[3] else None, found[1] == "Crash")
+    """Return the hit in a text; None for another text."""
+    match = HIT.fullmatch(text)
+    return match and SaidHit(match[2], float(match[3]) if match[3] else None, match[1] == "Crash")
 
 
 def seconds_of(text: str) -> float | None:
-    """Return the length (s) of the contact whose end a text tells, None for another text."""
-    found = CLEAR.fullmatch(text)
-    return float(found[1]) if found else None
+    """Return the length (s) of a contact from the text of its end; None for another text."""
+    match = CLEAR.fullmatch(text)
+    return float(match[1]) if match else None

@@ -1,9 +1,9 @@
 """Reads a table of a TOML file, or an object of a JSON file, into a dataclass whose annotations are the rules.
 
 A dataclass declares each key once: its type, its bounds and its description (`msgspec.Meta`). msgspec checks the
-values. This module refuses what msgspec lets pass (unknown keys, nulls, numbers that are not finite), and turns a
-refusal into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})` words the
-rule of a field.
+values. This module also rejects values that msgspec accepts (unknown keys, nulls, numbers that are not finite), and
+turns an error into one sentence with the file, the key, the value and the rule. `Meta(extra={"wrong": "is not …"})` is
+the message of a field.
 """
 
 import json
@@ -25,8 +25,8 @@ from foundation.wording import did_you_mean, nearest
 BYTES_MAX = 1_000_000  # of a file that people write by hand
 DEPTH_MAX = 12  # levels of brackets in a JSON file
 SHOWN = 60  # characters of a value in a sentence
-STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # of the path that a message of msgspec ends with
-REFUSALS = ("Expected", "Invalid", "Object", "Number")  # how a message of msgspec begins
+STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")  # of the path at the end of a message of msgspec
+REFUSALS = ("Expected", "Invalid", "Object", "Number")  # beginnings of msgspec's messages
 MISSING = re.compile(r"missing required field `(\w+)`")
 WRONG = {
     str: "is not text", int: "is not a whole number", float: "is not a number", bool: "is neither true nor false",
@@ -34,11 +34,11 @@ WRONG = {
 }  # fmt: skip
 
 T = TypeVar("T")
-PlacedFault = tuple[str, str]  # place of a value, what is wrong with it
+PlacedFault = tuple[str, str]  # place of a value, its fault
 
 
 def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
-    """Return what a file holds. Raises UsageError; `where` names the file there. Of a larger file no more is read."""
+    """Return the content of a file of at most `bytes_max`. Raises UsageError; `where` names the file in it."""
     try:
         with path.open("rb") as file:
             data = file.read(bytes_max + 1)
@@ -49,12 +49,12 @@ def file_bytes(path: Path, where: str, bytes_max: int = BYTES_MAX) -> bytes:
 
 
 def toml_table(path: Path, where: str) -> dict[str, Any]:
-    """Return what a TOML file holds. Raises UsageError."""
+    """Return the content of a TOML file. Raises UsageError."""
     return toml_of(file_bytes(path, where), where)
 
 
 def toml_of(data: bytes, where: str) -> dict[str, Any]:
-    """Return what the bytes of a TOML file hold. Raises UsageError."""
+    """Return the content of the bytes of a TOML file. Raises UsageError."""
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as error:  # not TOML, not UTF-8, or a number of thousands of digits
@@ -62,7 +62,7 @@ def toml_of(data: bytes, where: str) -> dict[str, Any]:
 
 
 def json_of(data: bytes, where: str, bytes_max: int = BYTES_MAX, depth_max: int = DEPTH_MAX) -> Any:
-    """Return what the bytes of a JSON file hold: no constants beyond JSON's, no key twice. Raises UsageError."""
+    """Return the content of the bytes of a JSON file. Raises UsageError, also for NaN, Infinity and duplicate keys."""
 
     def constant(name: str) -> NoReturn:
         raise UsageError(f"{where}: {name} is not a number that JSON allows")
@@ -111,7 +111,7 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
         try:
             return msgspec.convert(value, kind)
         except msgspec.ValidationError as error:
-            fault = _refused(str(error), value, kind, at)
+            fault = _rejected(str(error), value, kind, at)
         except UnicodeError:  # half a surrogate pair
             fault = at, "holds a character that is no text"
     place, reason = fault
@@ -119,7 +119,7 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
 
 
 def replaced(base: T, table: dict[str, Any], where: str) -> T:
-    """Return a dataclass's value with what a table says otherwise. Raises UsageError."""
+    """Return a dataclass with the changes of a table. Raises UsageError."""
     fields = fields_of(type(base))
     if stray := next((key for key in table if key not in fields), None):
         raise UsageError(f"{where}: {shown(stray)} {unknown(stray, fields)}")
@@ -128,12 +128,12 @@ def replaced(base: T, table: dict[str, Any], where: str) -> T:
 
 
 def join(at: str, key: str) -> str:
-    """Return the place of a key of the table at a place."""
+    """Return the place of a key in the table at `at`."""
     return f"{at}.{key}" if at else key
 
 
 def shown(value: Any) -> str:
-    """Return a value for a sentence, short and on one line."""
+    """Return a value for a message, short and on one line."""
     try:
         text = repr(value)
     except ValueError:  # Python writes no number of thousands of digits
@@ -141,31 +141,31 @@ def shown(value: Any) -> str:
     return text if len(text) <= SHOWN else text[: SHOWN - 3] + "..."
 
 
-def unknown(key: str, known: Iterable[str]) -> str:
-    """Return what is said of a key that is none of the known ones."""
-    names = list(known)
+def unknown(key: str, names: Iterable[str]) -> str:
+    """Return the message about an unknown key."""
+    names = list(names)
     near = nearest(key, names, count=1)
     return f"is unknown: {did_you_mean(near) if near else 'known are ' + ', '.join(names)}"
 
 
-def no_choice(value: Any, known: Iterable[str]) -> str:
-    """Return what is said of a value that is none of the known words."""
-    names = list(known)
+def no_choice(value: Any, choices: Iterable[str]) -> str:
+    """Return the message about a value that is not one of the choices."""
+    names = list(choices)
     near = nearest(value, names, cutoff=0.4) if isinstance(value, str) else []
     return f"is {shown(value)}: use one of {', '.join(near or names)}"
 
 
 @dataclass(frozen=True, slots=True)
 class FieldRule:
-    """An annotation taken apart."""
+    """The parts of an annotation."""
 
-    kind: Any  # without Annotated and None; a union where several kinds are possible
+    kind: Any  # without Annotated and None; a union of several kinds
     meta: tuple[msgspec.Meta, ...]  # outermost first
     optional: bool
 
     @property
     def words(self) -> str:
-        """What is said of a value that breaks the rule."""
+        """The message about a value that breaks the rule."""
         if self.own_words:
             return self.own_words
         low, high = self.bound("min_length"), self.bound("max_length")
@@ -182,12 +182,12 @@ class FieldRule:
 
     @property
     def own_words(self) -> str | None:
-        """The field's own sentence about a value that breaks the rule."""
+        """The field's own message about a value that breaks the rule."""
         return next((str(meta.extra["wrong"]) for meta in self.meta if meta.extra and "wrong" in meta.extra), None)
 
     @property
     def range(self) -> str:
-        """What is said of a number beyond the bounds."""
+        """The message about a number out of bounds."""
         low, high = self.bound("ge"), self.bound("le")
         if low is not None and high is not None:
             return f"outside {low:g} … {high:g}"
@@ -207,15 +207,15 @@ class FieldRule:
         return kinds[0] if kinds[-1] is Ellipsis else kinds[min(index, len(kinds) - 1)]
 
     def broken_by(self, value: Any) -> str:
-        """Return what is said of this value, which breaks the rule."""
+        """Return the message about this value, which breaks the rule."""
         number = isinstance(value, int | float) and not isinstance(value, bool)
         if self.own_words:
             return f"{self.own_words} ({shown(value)})"
         if number and (self.kind is float or (self.kind is int and isinstance(value, int))):
             return f"is {shown(value)}, {self.range}"
         if get_origin(self.kind) is Literal:
-            known = [str(word) for word in get_args(self.kind)]
-            return no_choice(value, known)
+            choices = [str(word) for word in get_args(self.kind)]
+            return no_choice(value, choices)
         longest = self.bound("max_length")
         if self.kind is str and isinstance(value, str) and longest and not 0 < len(value) <= longest:
             return f"must have {self.bound('min_length') or 0} … {longest} characters"
@@ -233,13 +233,13 @@ def _type_hints(kind: Hashable) -> dict[str, Any]:
 
 
 def rule_of(annotation: Any) -> FieldRule:
-    """Return an annotation taken apart."""
+    """Return the parts of an annotation."""
     meta: list[msgspec.Meta] = []
     optional = False
     while True:
         if get_origin(annotation) is Annotated:
             annotation, *more = get_args(annotation)
-            meta += [each for each in more if isinstance(each, msgspec.Meta)]
+            meta += [entry for entry in more if isinstance(entry, msgspec.Meta)]
             continue
         kinds = get_args(annotation) if get_origin(annotation) in (Union, UnionType) else ()
         left = [kind for kind in kinds if kind not in (NoneType, msgspec.UnsetType)]
@@ -250,7 +250,7 @@ def rule_of(annotation: Any) -> FieldRule:
 
 
 def _passed(value: Any, annotation: Any, at: str) -> PlacedFault | None:
-    """Return what msgspec would let pass, None where there is nothing."""
+    """Return the first fault that msgspec does not report; None without one."""
     if isinstance(value, float):
         return None if math.isfinite(value) else (at, f"is {value}, which is not a finite number")
     if not isinstance(value, dict | list):
@@ -274,21 +274,21 @@ def _passed(value: Any, annotation: Any, at: str) -> PlacedFault | None:
     return None
 
 
-def _refused(error: str, value: Any, annotation: Any, at: str) -> PlacedFault:
-    """Return what is wrong with a value that msgspec refused with this message."""
+def _rejected(error: str, value: Any, annotation: Any, at: str) -> PlacedFault:
+    """Return the fault of a value that msgspec rejected with this message."""
     for key, index in STEP.findall(error.partition(" - at `$")[2]):
         rule = rule_of(annotation)
-        if get_origin(rule.kind) in (Union, UnionType):  # several kinds: msgspec does not say which one was meant
+        if get_origin(rule.kind) in (Union, UnionType):  # several kinds: msgspec does not say which one
             break
         if key:
             annotation, at, value = fields_of(rule.kind)[key], join(at, key), value[key]
         elif index.isdecimal():
             annotation, at, value = rule.item(int(index)), f"{at}[{index}]", value[int(index)]
-        else:  # of a dict, of which msgspec does not say the key
+        else:  # of a dict: msgspec does not say the key
             annotation = rule.item(0)
-            key = next(each for each, inner in value.items() if not _converts(inner, annotation))
+            key = next(name for name, inner in value.items() if not _converts(inner, annotation))
             at, value = join(at, key), value[key]
-    if not error.startswith(REFUSALS):  # it is of the dataclass's own `__post_init__`
+    if not error.startswith(REFUSALS):  # from the dataclass's own `__post_init__`
         return at, f"is wrong: {error.partition(' - at `$')[0]}"
     if missing := MISSING.search(error):
         return join(at, missing[1]), "is missing"

@@ -1,8 +1,8 @@
-"""MAVLink 2 frames to messages and back, by tables made from pymavlink's message classes, several times as fast.
+"""Fast codec of MAVLink 2 frames, by tables from pymavlink's message classes.
 
-Bytes and fields are pymavlink's own, which the tests prove for every message of the dialect. Frames of any kind are
-found here, so that garbage costs little. Messages are made here of plain MAVLink 2 frames; `foundation.mavlink.Parser`
-gives the other intact ones (version 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
+It is several times as fast as pymavlink, with the same bytes and fields, which the tests check for every message of the
+dialect. It finds frames of any kind, and decodes plain MAVLink 2 frames; `foundation.mavlink.Parser` gives the other
+intact ones (version 1, signed) to pymavlink. Frame layout: mavlink.io/en/guide/serialization.html.
 """
 
 import re
@@ -18,16 +18,16 @@ SIGNATURE_BYTES = 13
 SIGNED = 0x01  # of the incompatibility flags
 
 _LOG_TIME = struct.Struct(">Q")  # before each frame of a tlog
-_SANE_US = 1 << 56  # a time beyond it is none: two thousand years
+_SANE_US = 1 << 56  # two thousand years; a larger value is not a time
 _SHORTEST_LOGGED = _LOG_TIME.size + HEADER_BYTES_V1 + CHECKSUM_BYTES
-_LENGTH_KNOWN = 3  # bytes of a frame, from which on it is known how long it is
+_LENGTH_KNOWN = 3  # first bytes of a frame, which determine its length
 _MARKERS = re.compile(rb"[\xfd\xfe]")
 _HEADER = struct.Struct("<BBBBBBHB")  # length, both flags, sequence, system, component, message id low and high
 checksum = dialect.mcrf4xx or (lambda data: dialect.x25crc(data).crc)  # CRC-16/MCRF4XX
 
 
 class _OnDemand:
-    """An attribute that few readers want: made from the frame when it is first read."""
+    """An attribute that is computed from the frame when it is first read."""
 
     def __init__(self, name: str, make: Any) -> None:
         self._name, self._make = name, make
@@ -43,7 +43,7 @@ def _header(frame: bytes) -> Any:
 
 
 def _decoded_class(base: Any) -> Any:
-    """Return a message class that behaves as `base` does after pymavlink has parsed it, but is made from a frame."""
+    """Return a subclass of `base` that behaves as if pymavlink had parsed it, but is made from a frame."""
     members = {
         "__doc__": base.__doc__,
         "__module__": base.__module__,
@@ -104,7 +104,7 @@ class MessageLayout:
         return b"\xfd" + checked + check
 
     def message(self, frame: bytes) -> Any:
-        """Return the message in an intact frame; what the sender trimmed or does not know yet is zero."""
+        """Return the message in an intact frame; trimmed or missing fields are zero."""
         layout = self._struct
         values: Any
         if frame[1] >= layout.size:
@@ -135,7 +135,7 @@ class OwnPacking(MessageLayout):
 
 
 class LayoutsById(dict[int, MessageLayout]):
-    """Message id → layout, made when it is first needed. KeyError for an id that is not in the dialect."""
+    """Message id → layout, created on demand. KeyError for an id that is not in the dialect."""
 
     def __missing__(self, message_id: int) -> MessageLayout:
         layout = self[message_id] = MessageLayout(dialect.mavlink_map[message_id])
@@ -143,7 +143,7 @@ class LayoutsById(dict[int, MessageLayout]):
 
 
 class LayoutsByClass(dict[Any, MessageLayout]):
-    """Class of a message → layout, made when it is first needed. TypeError for what is no message of the dialect."""
+    """Message class → layout, created on demand. TypeError for a class that is not in the dialect."""
 
     def __missing__(self, kind: Any) -> MessageLayout:
         base = dialect.mavlink_map.get(getattr(kind, "id", None))
@@ -158,13 +158,12 @@ BY_CLASS = LayoutsByClass()
 
 
 def scan(data: bytes) -> tuple[list[bytes], int, int]:
-    """Return the intact frames in a stretch of a byte stream, where its rest begins, and how much of it is garbage.
+    """Return (intact frames, offset of an incomplete last frame, count of garbage) of a part of a byte stream.
 
-    The rest is the beginning of a frame whose end has not come yet. Garbage is counted as pymavlink does: a stretch
-    without a marker is one, and so is a damaged frame or one of an unknown message, which is passed over as a whole.
-    Frames are of MAVLink 1 or 2, signed or not; whether a signature is good is not looked at.
+    Garbage is counted as in pymavlink: a stretch without a marker counts 1, and so does a damaged frame or one of an
+    unknown message, which is skipped. Frames are MAVLink 1 or 2, signed or not; signatures are not verified.
     """
-    found, bad, at, end = [], 0, 0, len(data)
+    frames, bad, at, end = [], 0, 0, len(data)
     while at < end:
         marker = data[at]
         if marker not in (MARKER, MARKER_V1):
@@ -182,30 +181,30 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
             checked = stop = at + HEADER_BYTES_V1 + data[at + 1] + CHECKSUM_BYTES
         if stop > end:
             break
-        # a frame with other flags may be laid out in any way, so nothing in it can be trusted
+        # a frame with other flags may have any layout
         if not flags & ~SIGNED and _is_intact(data, at, checked):
-            found.append(data[at:stop])
+            frames.append(data[at:stop])
         else:
             bad += 1
         at = stop
-    return found, at, bad
+    return frames, at, bad
 
 
 def _message_id(data: bytes, at: int) -> int:
-    """Return the message id in the header that begins there."""
+    """Return the message id in the header at `at`."""
     if data[at] == MARKER_V1:
         return data[at + 5]
     return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
 
 
 def _is_intact(data: bytes, at: int, stop: int) -> bool:
-    """Return whether the message that begins there is known and has the checksum that ends at `stop`."""
+    """Return whether the frame from `at` to `stop` has a known message and a correct checksum."""
     try:
         extra = BY_ID[_message_id(data, at)].extra
     except KeyError:
         return False
-    found: int = checksum(data[at + 1 : stop - CHECKSUM_BYTES] + extra)
-    return found == data[stop - 2] | data[stop - 1] << 8
+    computed: int = checksum(data[at + 1 : stop - CHECKSUM_BYTES] + extra)
+    return computed == data[stop - 2] | data[stop - 1] << 8
 
 
 def is_plain(frame: bytes) -> bool:
@@ -219,12 +218,12 @@ def message(frame: bytes) -> Any:
 
 
 def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
-    """Return (µs, frame) of each frame in a stretch of a tlog, and where its rest begins, whose end has not come yet.
+    """Return the (µs, frame) pairs in a part of a tlog, and the offset of an incomplete last frame.
 
-    A tlog is frames of MAVLink 1 or 2, each after eight bytes of time. Only the length of a frame is looked at, unless
-    the bytes before it made no sense: whoever takes it checks it. Bytes that are no frames are passed over.
+    A tlog has frames of MAVLink 1 or 2, each after eight bytes of time. Frames are found by their lengths, and checked
+    only after garbage, which is skipped; the caller checks the others.
     """
-    found, at, end, lost = [], 0, len(data), False
+    frames, at, end, lost = [], 0, len(data), False
     while end - at >= _SHORTEST_LOGGED:
         start = at + _LOG_TIME.size
         stop = start + _frame_bytes(data, start)
@@ -238,13 +237,13 @@ def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
         if lost and scan(frame)[0] != [frame]:
             at += 1
             continue
-        found.append((time_us, frame))
+        frames.append((time_us, frame))
         lost, at = False, stop
-    return found, at
+    return frames, at
 
 
 def _frame_bytes(data: bytes, start: int) -> int:
-    """Return how long the frame is that begins there, 0 where none does."""
+    """Return the length of the frame at `start`; 0 without one."""
     if data[start] == MARKER_V1:
         return HEADER_BYTES_V1 + data[start + 1] + CHECKSUM_BYTES
     if data[start] != MARKER:
@@ -254,9 +253,9 @@ def _frame_bytes(data: bytes, start: int) -> int:
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:
-    """Return, of whole plain MAVLink 2 frames, the last `count` of a message from each system, in their order.
+    """Return, from complete plain MAVLink 2 frames, the last `count` of a message from each system, in their order.
 
-    What is not nothing but such frames comes back as it is, since only a parser finds its way there.
+    Other data is returned unchanged, for a parser.
     """
     low, middle, high = message_id & 0xFF, message_id >> 8 & 0xFF, message_id >> 16
     of_system: dict[int, list[int]] = {}

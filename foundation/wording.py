@@ -1,7 +1,7 @@
-"""Words of messages: numbers with their nouns, names near a mistyped one, and foreign text made harmless.
+"""Words of messages: counted nouns, suggestions for mistyped names, and safe display of foreign text.
 
-A model, a server or a file may say anything: sequences that move the cursor or write the clipboard, characters that
-turn the order of a line round, half a surrogate pair. None of it reaches a terminal but spelt out.
+Text of a model, a server or a file may contain anything: sequences that move the cursor or write the clipboard,
+characters that reverse a line, half a surrogate pair. A terminal gets them only escaped.
 """
 
 import difflib
@@ -14,19 +14,19 @@ def counted(count: int, noun: str, plural: str | None = None) -> str:
     return f"{count:,} {noun if count == 1 else plural or noun + 's'}"
 
 
-def nearest(word: str, known: Iterable[str], count: int = 3, cutoff: float = 0.6) -> list[str]:
-    """Return at most `count` of the known names that are near to a word, the nearest first; [] where none is.
+def nearest(word: str, names: Iterable[str], count: int = 3, cutoff: float = 0.6) -> list[str]:
+    """Return at most `count` names that are similar to a word, the most similar first.
 
-    Case and punctuation do not matter. A name that begins with the word is nearer than one that is only like it.
-    `cutoff`: how alike a name is at least, 0 … 1, as in `difflib.get_close_matches`.
+    Case and punctuation do not matter. A name that begins with the word comes before other similar ones. `cutoff`: the
+    least similarity, 0 … 1, as in `difflib.get_close_matches`.
     """
     sought = _letters(word[:100])
-    names: dict[str, str] = {}
-    for name in known:
-        names.setdefault(_letters(name), name)
-    begun = [letters for letters in sorted(names, key=len) if sought and letters.startswith(sought)]
-    alike = difflib.get_close_matches(sought, names, count, cutoff)
-    return [names[letters] for letters in dict.fromkeys([*begun, *alike])][:count]
+    by_letters: dict[str, str] = {}
+    for name in names:
+        by_letters.setdefault(_letters(name), name)
+    begun = [letters for letters in sorted(by_letters, key=len) if sought and letters.startswith(sought)]
+    similar = difflib.get_close_matches(sought, by_letters, count, cutoff)
+    return [by_letters[letters] for letters in dict.fromkeys([*begun, *similar])][:count]
 
 
 def _letters(word: str) -> str:
@@ -38,22 +38,22 @@ def did_you_mean(names: Iterable[str]) -> str:
     return f"did you mean {' or '.join(repr(name) for name in names)}?"
 
 
-LINE = "\n"  # the only control that is meant
+LINE = "\n"  # the only allowed control character
 _SPACE = "Zs"  # category of Unicode: spaces of all widths, which Python calls unprintable
 
 
 def printable(text: str) -> str:
-    r"""Return `text` with every character that is neither printable nor a line's end as JSON writes it, such as \u001b.
+    r"""Return `text` with every character that is neither printable nor a newline escaped as in JSON, such as \u001b.
 
-    Applied twice it is as applied once, and a JSON text stays the JSON text that it was.
+    It is idempotent, and a JSON text keeps its value.
     """
     if text.isascii() and text.replace(LINE, "").isprintable():
         return text
-    return "".join(each if shows(each) else _spelt(each) for each in text)
+    return "".join(character if shows(character) else _spelt(character) for character in text)
 
 
 def shows(character: str) -> bool:
-    """Return whether a character is printed as it stands."""
+    """Return whether a character is printed unchanged."""
     return character == LINE or character.isprintable() or unicodedata.category(character) == _SPACE
 
 

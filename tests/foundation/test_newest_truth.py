@@ -47,8 +47,8 @@ def test_nothing_is_read_in_while_somebody_looks_through_it(ask: str) -> None:
     newest = truth.of(0)
     assert newest is not None
     opened: list[bool] = []
-    for drone, heard in truth._heard.items():
-        truth._heard[drone] = watched = Watched(heard)
+    for drone, heard in truth._samples.items():
+        truth._samples[drone] = watched = Watched(heard)
         watched.truth, watched.open = truth, opened
     asked = {
         "together": lambda: truth.together(0),
