@@ -37,7 +37,7 @@ class Impairment:
     jitter_s: float = number(
         0.0,
         "jitter",
-        "up to so much on top of the delay; the order stays",
+        "random delay up to this, added to the delay; the order stays",
         high=60.0,
         unit="s",
         words="jitter of {value:g} s",
@@ -45,10 +45,10 @@ class Impairment:
     )
     duplicate: float = number(0.0, "duplicate", "share of frames that arrive twice", high=1.0, words=DOUBLED)
     reorder: float = number(
-        0.0, "reorder", f"share of frames that arrive {LATE_S:g} s late, after others", high=1.0, words=REORDERED
+        0.0, "reorder", f"share of frames that arrive {LATE_S:g} s late and out of order", high=1.0, words=REORDERED
     )
     corrupt: float = number(
-        0.0, "corrupt", "share of bytes that arrive as another byte", high=1.0, words="{percent:g} % of bytes wrong"
+        0.0, "corrupt", "share of bytes that arrive changed", high=1.0, words="{percent:g} % of bytes wrong"
     )
     baud: int | None = number(  # None: no limit
         None,
@@ -63,7 +63,7 @@ class Impairment:
     queue_bytes: int = number(  # at least one MAVLink frame
         2048,
         "queue",
-        "what waits for the line; a frame that does not fit is dropped",
+        "size of the queue before the serial line; a frame that does not fit is dropped",
         low=280,
         high=10**12,
         unit="bytes",

@@ -41,7 +41,7 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     )
     add(parser, (option for option in DISTURBANCES if option.name in AIR))
     parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
-    parser.add_argument("--faults", type=Path, metavar="FILE", help="script of faults: docs/faults.md")
+    parser.add_argument("--faults", type=Path, metavar="FILE", help="fault script: docs/disturbances.md")
     parser.add_argument(
         "--autopilot", choices=("ours", "px4"), default="ours", help="px4 flies a real PX4 (default ours)"
     )

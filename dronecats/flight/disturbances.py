@@ -98,21 +98,21 @@ class FrameFaults:
     """Faults of pictures between the camera and the agent."""
 
     delay_s: float = _disturbance(
-        0.0, "frame_delay", "time from the shutter until the agent has the picture", high=60.0, unit="s",
+        0.0, "frame_delay", "time from the shutter until the agent has the image", high=60.0, unit="s",
         words="pictures come {value:g} s late", metavar="S",
     )  # fmt: skip
     dropped: float = _disturbance(
-        0.0, "frame_drop", "share of pictures that never come", high=0.95,
-        words="{percent:g} % of pictures never come", metavar="P", more="the next picture is waited for",
+        0.0, "frame_drop", "share of images that never arrive", high=0.95,
+        words="{percent:g} % of pictures never come", metavar="P", more="the agent waits for the next image",
     )  # fmt: skip
     stale: float = _disturbance(
-        0.0, "frame_stale", "share of questions that get the picture of the question before", high=1.0,
+        0.0, "frame_stale", "share of questions that get the previous question's image", high=1.0,
         words="{percent:g} % of questions have the picture of the question before", metavar="P",
     )  # fmt: skip
     rate_hz: float | None = _disturbance(  # None: a picture is taken when it is asked for
-        None, "frame_rate", "how often pictures are taken, from the episode's begin on", low=0.1, high=100.0, unit="Hz",
+        None, "frame_rate", "rate at which the camera takes images", low=0.1, high=100.0, unit="Hz",
         words="pictures are taken {value:g} times a second", first=True, metavar="HZ",
-        more="the newest that has come is had at once; without it, a picture is taken when it is asked for",
+        more="the agent takes the newest one at once; without the option, an image is taken on request",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
@@ -183,7 +183,7 @@ class LinkFaults:
         PERFECT,
         Disturbance(
             option=DisturbanceOption(
-                name="link", metavar="WORDS", help="the MAVLink wire: delay=0.1,loss=0.05,to.jitter=0.02 …",
+                name="link", metavar="WORDS", help="faults of the MAVLink link: delay=0.1,loss=0.05,to.jitter=0.02 …",
                 read=_read_wire, more="see below",
             ),
             levels=tuple(_wire_level(name) for name in WIRE_LEVELS),
@@ -255,8 +255,8 @@ class VehicleFaults:
                     get=lambda part: _speed(part.wind_ned),
                 ),
                 DisturbanceLevel(
-                    name="wind_towards", high=360.0, unit="°", help="where the wind blows to, from north over east",
-                    put=_turn, refines="wind", beside=True,
+                    name="wind_towards", high=360.0, unit="°",
+                    help="direction to which the wind blows; 0 is north, 90 east", put=_turn, refines="wind", beside=True,
                 ),
             ),
         ),
@@ -267,40 +267,38 @@ class VehicleFaults:
         more="7.7 is light, 15.4 moderate, 23 severe",
     )  # fmt: skip
     payload_kg: float = _disturbance(
-        0.0, "payload", "a load that the autopilot was not tuned for", high=20.0, unit="kg",
+        0.0, "payload", "mass of a load for which the autopilot is not tuned", high=20.0, unit="kg",
         words="a payload of {value:g} kg", metavar="KG",
-        more="halfway down the legs, with its inertia; the autopilot's gains and hover thrust stay those of the bare"
-        " airframe",
+        more="halfway down the legs, with its inertia; gains and hover thrust stay those of the bare airframe",
     )  # fmt: skip
     gps_delay_s: float = _disturbance(
-        0.0, "gps_delay", "how much older GPS fixes are than they say", high=1.4, unit="s",
+        0.0, "gps_delay", "how much older GPS fixes are than their time stamps", high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
-        more="the autopilot does not know it, so in motion its estimate lags by the distance flown meanwhile",
+        more="the autopilot does not correct for it, so its estimate lags behind the motion",
     )  # fmt: skip
     gps_noise: float = _disturbance(
-        1.0, "gps_noise", "factor on the errors of GPS fixes, in place and velocity", high=100.0, unit="×",
+        1.0, "gps_noise", "factor on the position and velocity errors of GPS fixes", high=100.0, unit="×",
         words="GPS noise × {value:g}", metavar="X",
-        more="fixes jump when the episode begins, since errors that wander slowly grow, too; the accuracy that the"
-        " receiver reports stays",
+        more="fixes jump at the start of the episode, since slow errors grow too; the reported accuracy stays",
     )  # fmt: skip
     estimator_noise: float = _disturbance(
         1.0, "sensor_noise", "factor on noise and drift of gyroscope, accelerometer, compass and barometer",
         high=100.0, unit="×", words="sensor noise × {value:g}", metavar="X",
-        more="the drift that the barometer has already jumps, too",
+        more="the barometer jumps at the start of the episode",
     )  # fmt: skip
     setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz a PX4 leaves offboard
         None, "setpoint_rate", "how often the agent sends its setpoint", low=2.0, high=50.0, unit="Hz",
         words="{value:g} setpoints a second", metavar="HZ",
-        more="in vehicle time, 20 without it; above 20 it asks for telemetry as often",
+        more="in vehicle time; default 20; above 20, telemetry has this rate too",
     )  # fmt: skip
     stalled: float = _disturbance(
-        0.0, "stall_share", "share of seconds in which the host holds the simulator up", high=1.0,
+        0.0, "stall_share", "share of seconds in which the host stalls the simulator", high=1.0,
         words="the simulator stands still for {owner.stall_s:g} s in {percent:g} % of seconds", real_time=True,
         refines="stall_length",
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
-            help="a share P of seconds begins with the simulator standing still for S seconds",
-            more=f"P of vehicle time, S of wall time; in real time alone, since {LOCKSTEP}",
+            help="stall the simulator for S seconds at the start of a share P of the seconds",
+            more="P in vehicle time, S in wall time; real time only",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip
