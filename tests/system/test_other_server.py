@@ -1,4 +1,4 @@
-"""A server that we did not write: LiteLLM's proxy, when DRONECATS_LITELLM names its command. docs/models.md.
+"""A server that we did not write: LiteLLM's proxy, when DRONECATS_LITELLM names its command. docs/models-reference.md.
 
 It stands between our client and a pilot of ours, so that what it makes of our requests and of the replies is flown.
 """
