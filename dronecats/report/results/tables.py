@@ -103,7 +103,7 @@ class StepRow:
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
     visible_fraction: Annotated[float | None, _of("visible share of the target's silhouette, 0 … 1")]
     bearing_deg: Annotated[float | None, _of("° of the target's centre from the nose, + right")]
-    oracle_depth_m: Annotated[float | None, _of("m along the optical axis, to the target's centre")]
+    oracle_depth_m: Annotated[float | None, _of("m along the optical axis, median of the target's visible surface")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,13 +190,18 @@ TABLES: Mapping[str, RunTable] = {
 
 
 def markdown() -> str:
-    """Return all tables with their columns, for docs/query.md."""
+    """Return all tables for docs/query.md, without the columns of metrics, which docs/metrics.md has."""
     return "\n".join(_section(table) for table in TABLES.values())
 
 
 def _section(table: RunTable) -> str:
+    metrics = {metric.name for metric in table.metrics}
     lines = [f"### {table.name}", "", table.about, "", "| column | type | what |", "| --- | --- | --- |"]
-    lines += [f"| `{c.name}` | {c.type} | {c.description.replace('|', chr(92) + '|')} |" for c in table.columns]
+    lines += [
+        f"| `{c.name}` | {c.type} | {c.description.replace('|', chr(92) + '|')} |"
+        for c in table.columns
+        if c.name not in metrics
+    ]
     return "\n".join([*lines, ""])
 
 

@@ -109,7 +109,7 @@ def test_the_examples_run_and_most_have_an_answer(runs):
 
 
 def test_the_page_has_the_tables_as_they_are():
-    """`dronecats query --tables` prints what follows the page's last heading of that level."""
+    """The page has all columns but those of metrics."""
     assert "### runs" + PAGE.partition("### runs")[2] == markdown()
 
 
