@@ -53,26 +53,94 @@ def page(entries: Iterable[Verification]) -> str:
         raise UsageError(f"{twice} is there twice")
     models = [entry for entry in ordered if entry.is_model]
     ours = [entry for entry in ordered if not entry.is_model]
-    sections = [HEADER, "## Models\n", _tables(models) or "None has been submitted.\n"]
+    sections = [HEADER, "## Models\n", _tables(models) or "No entry yet.\n"]
     sections += [
-        "## Built-in pilots, which are no models\n",
+        "## Built-in pilots\n",
         ABOUT_PILOTS,
-        _tables(ours) or "None has been submitted.\n",
+        _tables(ours) or "No entry yet.\n",
     ]
-    sections += ["## The entries\n", *map(_about, ordered)]
+    common = [
+        sentence
+        for sentence in (ordered[0].unchecked if ordered else ())
+        if all(sentence in entry.unchecked for entry in ordered)
+    ]
+    sections += [
+        HOW_TO,
+        "## Entries\n",
+        _list(common, "Not checked for any entry"),
+        *(_about(entry, common) for entry in ordered),
+    ]
     return "\n".join(sections)
 
 
 HEADER = """# Leaderboard
 
-<!-- made from docs/leaderboard/*.json, as submitting.md tells; change the entries, not this page -->
+<!-- `dronecats leaderboard` makes this page from docs/leaderboard/*.json -->
 
-Percent of the episodes that succeeded, over all flights of an entry; SR is over all of its episodes, with a 95 %
-interval in which [episodes are the unit](report.md#how-sure-it-is). Each number was derived anew from an archive of the
-logs ([how to submit one](submitting.md)). Entries
-of one suite compare with one another, if their settings do: what a reply is charged (`latency`) stands with each.
+After this page you can read the ranking, verify an entry and submit your own.
+
+The figures are the percentage of successful flights. SR covers all episodes of the entry; its 95 % interval takes
+[episodes as the unit](report.md#how-sure-it-is). Compare entries of one suite with the same settings only: `latency` is
+what a reply costs.
 """
-ABOUT_PILOTS = "They say how hard the episodes are: some are told where the target is, and some look at nothing.\n"
+HOW_TO = """## Submit an entry
+
+An entry has the flights of one pilot with one configuration over a whole suite. Flights of one episode differ only in
+`seed`.
+
+1. Pack the run folders:
+
+<!-- test: run -->
+```sh
+dronecats submit runs/demo --partial --out entry.tar.xz --note "as the paper has it"
+```
+
+`submit` rejects runs of several configurations. Without `--partial` it also rejects missing episodes and unscored
+flights. `--partial` marks the entry, and partial entries are never ranked.
+
+2. Verify the archive. Anybody can do this:
+
+<!-- test: run -->
+```sh
+dronecats verify entry.tar.xz
+```
+
+`verify` checks the digests and the episodes, and derives settings, actions and verdicts from the logs again. It prints
+the scores, and the facts that it cannot check. It rejects unknown files and excessive sizes, so you can verify archives
+from strangers.
+
+| status | meaning |
+| --- | --- |
+| 0 | nothing differs |
+| 2 | the file is not an archive of this kind |
+| 4 | something differs |
+
+A lockstep flight can be [flown again from its replies](models.md#replay-a-flight). Its truth then follows from
+them.
+
+3. Write the entry with `dronecats verify FILE --json` to `docs/leaderboard/`, and make this page:
+
+<!-- test: run -->
+```sh
+dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md
+```
+
+`leaderboard` also takes archives, and verifies them first.
+
+## Content of an archive
+
+| file | content |
+| --- | --- |
+| `manifest.json` | pilot, suite, reasons for *partial*, digest of the settings, SHA-256 and size of every packed or omitted file |
+| `runs/NN/run.json` | the settings of a flight of the suite |
+| `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`, and `commander.jsonl` or `estimate.jsonl` |
+
+Frames and telemetry are omitted; `--with-frames` includes the frames. Keys become `***` and absolute paths lose their
+folders; `scrubbed` names the changed files. The same runs give the same bytes with the same liblzma.
+"""  # noqa: E501  # tables
+ABOUT_PILOTS = (
+    "They show how hard the episodes are. Some know the place of the target, and some never look at an image.\n"
+)
 
 
 def _tables(entries: Sequence[Verification]) -> str:
@@ -135,7 +203,12 @@ def _percent(scores: Collection[CellScore]) -> str:
     return "–" if rate is None else f"{100.0 * rate:.1f}"
 
 
-def _about(entry: Verification) -> str:
+def _list(sentences: Sequence[str], title: str) -> str:
+    """Return a titled list; empty without sentences."""
+    return "\n".join([f"{title}:\n", *(f"- {escaped(sentence)}" for sentence in sentences), ""]) if sentences else ""
+
+
+def _about(entry: Verification, common: Sequence[str]) -> str:
     pilot = f"`{_code(entry.pilot)}`"
     kind = (
         f"The model {pilot}"
@@ -148,7 +221,7 @@ def _about(entry: Verification) -> str:
     settings = ", ".join(f"{name} `{_code(_plain(value))}`" for name, value in entry.settings.items())
     lines.append(f"- {settings}; dronecats {escaped(entry.dronecats)}")
     lines.append(f"- archive of {entry.archive_bytes} bytes, SHA-256 `{entry.archive_sha256}`")
-    lines += [f"- not checked: {escaped(sentence)}" for sentence in entry.unchecked]
+    lines += [f"- not checked: {escaped(sentence)}" for sentence in entry.unchecked if sentence not in common]
     return "\n".join(lines) + "\n"
 
 

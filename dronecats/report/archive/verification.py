@@ -274,22 +274,22 @@ def _shown(value: Any, depth: int = 3) -> Any:
 
 def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> Iterator[str]:
     """Yield a sentence for each thing that these files cannot prove."""
-    yield "that truth.jsonl was written by the logger in this flight: whoever has the files can write others that agree"
-    yield "that flights were not flown until they were good ones, and the others left out"
-    yield "that the code which flew was the version that it names, unchanged"
+    yield "the origin of truth.jsonl: somebody else can write consistent files"
+    yield "the choice of flights: bad ones may be left out"
+    yield "the code: it may differ from the version that it names"
     if manifest.is_model:
-        yield f"that the replies are {manifest.pilot}'s: the name is what the endpoint was asked for"
-        yield "that nobody changed a reply and its action together"
+        yield f"the origin of the replies: {manifest.pilot} is only the name in the requests"
+        yield "the replies: somebody can change a reply and its action together"
     else:
-        yield "that the replies are the built-in pilot's; flown again in lockstep under the same seed it says the same"
+        yield "the origin of the replies; in lockstep, the same seed gives the same replies"
     if frames:
-        yield f"that its {frames} frames show this flight: their digests were compared, and nothing was drawn again"
+        yield f"the images: of {frames} frames, only the digests were compared"
     else:
-        yield "what the pilot saw: no frame is in the archive; of those that were left out it has digests"
+        yield "the images: the archive has only their digests"
     if any(name.endswith(layout.TLOG) for name in manifest.left_out):
-        yield f"the telemetry: each {layout.TLOG} is left out but for its digest"
+        yield f"the telemetry: the archive has only the digest of each {layout.TLOG}"
     if manifest.scrubbed:
-        yield f"{len(manifest.scrubbed)} files as they were flown: keys or paths of a machine were taken out of them"
+        yield f"{len(manifest.scrubbed)} files in their original form: keys or paths were removed from them"
     yield from _unusual(runs[0].configuration)
 
 
@@ -298,10 +298,10 @@ def _unusual(configuration: Mapping[str, Any]) -> Iterator[str]:
     fields = configuration.get("flight")
     flight: Mapping[str, Any] = fields if isinstance(fields, dict) else {}
     if configuration.get("prompt_sha256") != Prompt.load().digest:
-        yield "what the pilot was told: its prompt is not the one that ships here"
+        yield "the prompt: it is not the one that ships with DroneCATS"
     if flight.get("seconds", CAP_S) != CAP_S:
-        yield f"whole episodes: each was flown for {flight.get('seconds')} s"
+        yield f"whole episodes: the length of a flight was {flight.get('seconds')} s"
     if flight.get("simulated") is None:
-        yield "the vehicle and its truth: it was connected, and not of our simulation"
+        yield "the vehicle and its truth: the vehicle was not simulated"
     elif configuration.get("camera") is None and flight.get("model") is not None:
-        yield "how the pilot found its way: nothing was drawn, and its frames were grey"
+        yield "how the pilot found its way: nothing was rendered, and its images were grey"
