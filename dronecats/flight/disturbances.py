@@ -256,7 +256,8 @@ class VehicleFaults:
                 ),
                 DisturbanceLevel(
                     name="wind_towards", high=360.0, unit="°",
-                    help="direction to which the wind blows; 0 is north, 90 east", put=_turn, refines="wind", beside=True,
+                    help="direction to which the wind blows; 0 is north, 90 east",
+                    put=_turn, refines="wind", beside=True,
                 ),
             ),
         ),

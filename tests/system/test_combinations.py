@@ -5,20 +5,16 @@ import re
 import sqlite3
 import subprocess
 import time
-from functools import partial
 
 import jsonschema
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models import turns
-from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.wire_formats import open_model
 from dronecats.cli.main import main
 from dronecats.flight.run import accounts
-from dronecats.flight.run import accounts as first_question
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
@@ -27,7 +23,7 @@ from dronecats.pilots.scripted import divide
 from dronecats.pilots.server import completion, read_request
 from tests.agent.models.faulty_wire import AGAIN, Wire, answer, behind, reset, say
 from tests.support.command_line import DRONECATS, last_object
-from tests.support.first_question import is_first_question
+from tests.support.first_question import is_first_question, opened_without_pauses
 from tests.support.json_lines import rows
 
 COMMANDED, EASY = "blocks-commanding-01", "residential-approaching-01"
@@ -37,8 +33,7 @@ LOCKSTEP = Simulated(speed=None)
 
 @pytest.fixture
 def serve(monkeypatch):
-    monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
-    monkeypatch.setattr(first_question, "open_model", lambda spec, _: open_model(spec, RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
     monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     opened = []
 

@@ -3,19 +3,15 @@
 import json
 import re
 from dataclasses import replace
-from functools import partial
 
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.models import turns
-from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Ledger
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.models.wire_formats import open_model
 from dronecats.cli.main import main
 from dronecats.flight.run import accounts
-from dronecats.flight.run import accounts as first_question
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from dronecats.pilots import roster
@@ -23,6 +19,7 @@ from dronecats.pilots.server import completion, read_request
 from foundation.run_folder.layout import LEDGER
 from tests.agent.models.faulty_wire import AGAIN, Wire, behind
 from tests.support.command_line import last_object
+from tests.support.first_question import opened_without_pauses
 from tests.support.json_lines import rows
 
 LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
@@ -73,8 +70,7 @@ def replayed(capsys, folder, out, *words):
 
 
 def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
-    monkeypatch.setattr(accounts, "open_model", partial(open_model, patience=RetryPolicy(pause_s=0.0)))
-    monkeypatch.setattr(first_question, "open_model", lambda spec, _: open_model(spec, RetryPolicy(pause_s=0.0)))
+    monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
     monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
     result, whole = flown(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())

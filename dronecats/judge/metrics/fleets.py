@@ -117,6 +117,7 @@ METRICS = (
     ),
     Metric(
         name="candidates_neared", title="Candidates neared", unit="count", level="episode", better="more",
+        value_type=int,
         definition="candidates towards which a drone was sent, the target among them",
         paper=COMMAND, of=_commanding_value("candidates_neared"),
     ),

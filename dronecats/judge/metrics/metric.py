@@ -27,6 +27,7 @@ class Metric:
     definition: str  # one sentence
     paper: str  # its section; empty: not in the paper
     better: Better | None  # the good direction; None: neither
+    value_type: type[bool] | type[int] | type[float] = float  # of one value; sets the type of the SQL column
     of: MetricFunction  # of level "episode": a value; of "step": a value per decision, in the order of the log
 
     @property

@@ -54,16 +54,19 @@ CRITERION, GAP = "One Success Criterion for the Whole Grid", "The Failure Is Dec
 METRICS = (
     Metric(
         name="success", title="SR", unit="share", level="episode", better="more",
+        value_type=bool,
         definition="one declaration within the radius of the target's centre with the target in view, until the cap",
         paper=CRITERION, of=lambda flight: flight.verdict.success if flight.scored else None,
     ),
     Metric(
         name="oracle_success", title="OSR", unit="share", level="episode", better="more",
+        value_type=bool,
         definition="the trajectory came within the radius at some time, whatever was declared; of a fleet, a drone's",
         paper="Main Results", of=oracle_success,
     ),
     Metric(
         name="declared", title="Declared", unit="share", level="episode", better=None,
+        value_type=bool,
         definition="arrival was declared at least once within the cap",
         paper=GAP, of=lambda flight: flight.verdict.declarations > 0 if flight.scored else None,
     ),
@@ -80,16 +83,19 @@ METRICS = (
     ),
     Metric(
         name="declarations", title="Declarations", unit="count", level="episode", better=None,
+        value_type=int,
         definition="declarations within the cap",
         paper="Verifier Audit", of=lambda flight: flight.verdict.declarations,
     ),
     Metric(
         name="declarations_after_cap", title="After the cap", unit="count", level="episode", better="less",
+        value_type=int,
         definition="declarations after the cap, which do not count",
         paper="Verifier Audit", of=lambda flight: flight.verdict.declarations_after_cap,
     ),
     Metric(
         name="false_declarations", title="False declarations", unit="count", level="episode", better="less",
+        value_type=int,
         definition="declarations within the cap that do not qualify",
         paper="Verifier Audit", of=lambda flight: flight.verdict.false_declarations,
     ),
@@ -100,11 +106,13 @@ METRICS = (
     ),
     Metric(
         name="success_at_first", title="SR₁", unit="share", level="episode", better="more",
+        value_type=bool,
         definition="the first declaration qualifies",
         paper="Verifier Audit", of=success_at_first,
     ),
     Metric(
         name="success_within_three", title="SR₃", unit="share", level="episode", better="more",
+        value_type=bool,
         definition="one of the first three declarations qualifies",
         paper="", of=lambda flight: flight.verdict.success_within_three if flight.scored else None,
     ),
@@ -155,11 +163,13 @@ METRICS = (
     ),
     Metric(
         name="hits", title="Hits", unit="count", level="episode", better="less",
+        value_type=int,
         definition="times a drone flew into something; of one contact each thing counts once",
         paper="", of=_contact("hits"),
     ),
     Metric(
         name="crashes", title="Crashes", unit="count", level="episode", better="less",
+        value_type=int,
         definition="drones that hit something faster than 1 m/s, their feet the ground faster than 5 m/s",
         paper="", of=_contact("crashes"),
     ),
@@ -175,6 +185,7 @@ METRICS = (
     ),
     Metric(
         name="estimator_resets", title="Estimator resets", unit="count", level="episode", better="less",
+        value_type=int,
         definition="times an autopilot set its estimate of yaw, position, velocity or height anew, of all drones",
         paper="", of=lambda flight: estimator_resets(flight.logs, flight.cap_s),
     ),

@@ -74,6 +74,7 @@ METRICS = (
     ),
     Metric(
         name="questions", title="Steps", unit="count", level="episode", better=None,
+        value_type=int,
         definition="replies that became decisions within the cap; one for all drones that it was for",
         paper="Commanding Several Drones",
         of=lambda flight: sum(step.counts and step.is_question for step in flight.steps),
@@ -110,21 +111,25 @@ METRICS = (
     ),
     Metric(
         name="decisions", title="Decisions", unit="count", level="episode", better=None,
+        value_type=int,
         definition="decisions within the cap, of each drone",
         paper="", of=_decision_count(lambda decision: True),
     ),
     Metric(
         name="unreadable", title="Unreadable", unit="count", level="episode", better="less",
+        value_type=int,
         definition="of these, those whose reply holds no action",
         paper="", of=_decision_count(is_unreadable),
     ),
     Metric(
         name="refused", title="Refused", unit="count", level="episode", better="less",
+        value_type=int,
         definition="of the unreadable ones, those that the model refused or a filter of its provider withheld",
         paper="", of=_decision_count(is_refused),
     ),
     Metric(
         name="cut_off", title="Cut off", unit="count", level="episode", better="less",
+        value_type=int,
         definition="of the unreadable ones, those that ended at the longest reply that was allowed",
         paper="", of=_decision_count(is_cut_off),
     ),

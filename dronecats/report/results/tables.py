@@ -4,7 +4,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from types import UnionType
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, get_args, get_type_hints
 
 import msgspec
 from msgspec import UNSET, Meta
@@ -212,22 +212,7 @@ def _column(name: str, hint: Any) -> SqlColumn:
 
 def _metric_column(metric: Metric) -> SqlColumn:
     unit = {"share": "", "": ""}.get(metric.unit, f"{metric.unit}; ")
-    return SqlColumn(name=metric.name, type=_measured_type(metric), description=f"{unit}{metric.definition}")
-
-
-def _measured_type(metric: Metric) -> str:
-    """Return the SQL type of a metric by its function's annotation: DOUBLE unless that is narrower."""
-    hint = get_type_hints(metric.of).get("return")
-    kinds = {k for k in _leaves(hint) if k is not type(None)}
-    return SQL_TYPES[kinds.pop()] if len(kinds) == 1 and kinds <= SQL_TYPES.keys() else SQL_TYPES[float]
-
-
-def _leaves(hint: Any) -> set[Any]:
-    """Return the types in an annotation, also those within a sequence."""
-    if get_origin(hint) is Annotated:
-        return _leaves(get_args(hint)[0])
-    inner = [part for part in get_args(hint) if part is not Ellipsis]
-    return set().union(*map(_leaves, inner)) if inner else {hint}
+    return SqlColumn(name=metric.name, type=SQL_TYPES[metric.value_type], description=f"{unit}{metric.definition}")
 
 
 def _plain(hint: Any) -> Any:
