@@ -149,7 +149,7 @@ def test_unreadable_replies_end_a_flight_as_nobodys_score_where_that_is_asked_fo
         return said
 
     result, folder = flown(tmp_path / "run", serve(cut_off), episode=EASY, seconds=60.0, stop_unreadable=2)
-    assert (result["outcome"], result["reason"], result["status"], result["steps"]) == ("error", "error", 3, 1)
+    assert (result["outcome"], result["reason"], result["status"], result["steps"]) == ("error", "error", 3, 2)
     assert "cut off" in result["error"]
     assert len(rows(folder / "decisions.jsonl")) == 2
 
