@@ -26,7 +26,7 @@ PATHS = {
     "tests/autopilot/logging": "flight",
     "tests/autopilot/test_accuracy.py": "flight",
     "tests/benchmarks": "process",
-    "tests/bench/bridges": "process",
+    "tests/bench/harnesses": "process",
     "tests/bench": "process",
     "tests/cli": "process",
     "tests/view/editor": "process",

@@ -2,8 +2,8 @@
 
 A declaration yields the command-line option with its help, the key of that name in the file of a benchmark or a study
 with its type, and the vehicle that the option goes with. Disturbances are declared in
-`dronecats/flight/disturbances.py`. An option that is absent has no value, so that a file or a recorded flight can set
-it.
+`dronecats/flight/spec/disturbances.py`. An option that is absent has no value, so that a file or a recorded flight can
+set it.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dronecats.agent.models.spec import PROVIDERS
-from dronecats.flight.disturbances import DECLARED, UNDISTURBED, Disturbances
+from dronecats.flight.spec.disturbances import DECLARED, UNDISTURBED, Disturbances
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:

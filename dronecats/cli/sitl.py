@@ -8,7 +8,7 @@ from pathlib import Path
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.options import DISTURBANCES, add, add_sign, add_view, key_of, view_of
 from dronecats.cli.output import print_line
-from dronecats.flight.disturbances import UNDISTURBED
+from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 
 AIR = ("wind", "gusts")  # disturbances that blow from boot on

@@ -10,7 +10,7 @@ from foundation.errors import UsageError
 from foundation.files import whole_file, write_text
 
 if TYPE_CHECKING:
-    from dronecats.report.archive.verification import Verification
+    from dronecats.report.leaderboard.verification import Verification
 
 DIFFERS = 4  # exit status: the content of the archive differs from its claims, or from the shipped episodes
 
@@ -32,8 +32,8 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
 def _submit(args: argparse.Namespace) -> int:
     """Write the archive, verify it and print its content."""
     from dronecats.judge.metrics.judging import reread
-    from dronecats.report.archive.submission import secrets_of, submit
-    from dronecats.report.archive.verification import verify
+    from dronecats.report.leaderboard.submission import secrets_of, submit
+    from dronecats.report.leaderboard.verification import verify
     from dronecats.report.recorded.run import recorded_runs
 
     if not args.out.name.endswith(".tar.xz"):
@@ -64,7 +64,7 @@ def add_verify_options(parser: argparse.ArgumentParser) -> None:
 def _verify(args: argparse.Namespace) -> int:
     """Print the verification; status 0 when nothing differs, 4 when something does."""
     from dronecats.judge.metrics.judging import reread
-    from dronecats.report.archive.verification import verify
+    from dronecats.report.leaderboard.verification import verify
 
     entry = verify(args.file, reread)
     if args.json:
@@ -114,7 +114,7 @@ def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:
 
 def _leaderboard(args: argparse.Namespace) -> int:
     """Write the page."""
-    from dronecats.report.archive.leaderboard import page
+    from dronecats.report.leaderboard.leaderboard import page
 
     text = page(map(_entry, args.files))
     if args.out is None:
@@ -129,7 +129,7 @@ def _leaderboard(args: argparse.Namespace) -> int:
 
 def _entry(file: Path) -> "Verification":
     from dronecats.judge.metrics.judging import reread
-    from dronecats.report.archive.leaderboard import entry
-    from dronecats.report.archive.verification import verify
+    from dronecats.report.leaderboard.leaderboard import entry
+    from dronecats.report.leaderboard.verification import verify
 
     return entry(file) if file.suffix == ".json" else verify(file, reread)

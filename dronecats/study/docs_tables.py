@@ -6,7 +6,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from dronecats.flight.disturbances import DECLARED
+from dronecats.flight.spec.disturbances import DECLARED
 from dronecats.judge.metrics.audit import RULES
 from dronecats.judge.metrics.failure_mode import MODES
 from dronecats.judge.metrics.registry import METRICS

@@ -1,7 +1,7 @@
 """The registry of factors: everything that a study can vary, and how a level is set on a flight.
 
-Factors of pictures, wire and vehicle come from the declarations in `dronecats/flight/disturbances.py`. Factors are set
-in the order of the registry, so a rate is set before its jitter.
+Factors of pictures, wire and vehicle come from the declarations in `dronecats/flight/spec/disturbances.py`. Factors are
+set in the order of the registry, so a rate is set before its jitter.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -11,7 +11,7 @@ from typing import Any
 from dronecats.agent.latency import CAP, FIXED, JITTER, KINDS, RATE, STALL, split_policy
 from dronecats.agent.models.rows import model_of
 from dronecats.bench.matrix import COMMANDS, command_fields
-from dronecats.flight import disturbances
+from dronecats.flight.spec import disturbances
 from dronecats.flight.spec.flight_spec import FlightSpec, carried, latency_policy
 from dronecats.pilots import roster
 from foundation.declaration import DeclaredNumber

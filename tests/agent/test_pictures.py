@@ -157,7 +157,7 @@ def test_a_picture_that_comes_when_the_episode_is_over_is_none(tmp_path):
 
 
 def test_what_no_camera_does_is_refused():
-    from dronecats.flight.disturbances import FrameFaults
+    from dronecats.flight.spec.disturbances import FrameFaults
 
     for wrong in ({"delay_s": -0.1}, {"dropped": 0.96}, {"stale": 1.1}, {"rate_hz": 0.0}, {"delay_s": float("nan")},
                   {"rate_hz": 0.1, "delay_s": 6.0}):  # fmt: skip

@@ -10,7 +10,7 @@ import pytest
 from dronecats.cli import bench_spec
 from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.disturbances import OPTIONS, UNDISTURBED, Disturbances, FrameFaults
+from dronecats.flight.spec.disturbances import OPTIONS, UNDISTURBED, Disturbances, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError

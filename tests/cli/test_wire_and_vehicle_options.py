@@ -12,7 +12,7 @@ from dronecats.cli.bench_spec import FILE_OPTIONS
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
 from dronecats.cli.options import add_disturbances, disturbances_of
-from dronecats.flight.disturbances import DECLARED, UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
+from dronecats.flight.spec.disturbances import DECLARED, UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
 from dronecats.study.factors import FACTORS
 from foundation.declaration import declarations
 from foundation.errors import UsageError

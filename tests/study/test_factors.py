@@ -8,7 +8,7 @@ from hypothesis import example, given, reject
 from hypothesis import strategies as st
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.flight.disturbances import LEVELS
+from dronecats.flight.spec.disturbances import LEVELS
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from dronecats.study.factors import FACTORS, at_levels, check_together, factor_of, level_text

@@ -7,7 +7,7 @@ import pytest
 
 from dronecats.bench.benchmark_folder import Bench
 from dronecats.bench.matrix import suite_of
-from dronecats.flight.disturbances import Disturbances, VehicleFaults
+from dronecats.flight.spec.disturbances import Disturbances, VehicleFaults
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.study import folder
 from foundation.errors import UsageError

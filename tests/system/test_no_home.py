@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from dronecats.report.archive import submission
+from dronecats.report.leaderboard import submission
 from episodes.maps import user
 from foundation.errors import UsageError
 

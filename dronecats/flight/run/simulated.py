@@ -6,11 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 
 from dronecats.agent.pictures import PicturePath
-from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.run.accounts import check_budget
 from dronecats.flight.run.ascent import start_of
 from dronecats.flight.run.episode import EpisodeEnd
 from dronecats.flight.run.setup import FlightSetup, Notify, Ready
+from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from foundation.camera import Frame

@@ -11,10 +11,10 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-from dronecats.flight.disturbances import FrameFaults
 from dronecats.flight.run.pilot import OpenPilot, commanded, opened
 from dronecats.flight.sitl.simulation import origin
 from dronecats.flight.sitl.truth_bridge import Placement
+from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.stages.stage import TRUTH_HZ, TruthfulStage
 from dronecats.pilots import roster

@@ -5,7 +5,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from dronecats.flight.disturbances import VehicleFaults
+from dronecats.flight.spec.disturbances import VehicleFaults
 from foundation.truth import KEPT
 
 AIRFRAME = "x500"  # if none is named

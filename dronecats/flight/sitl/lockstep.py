@@ -10,11 +10,11 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Generic
 
-from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.config import AIRFRAME, SimulatorConfig
 from dronecats.flight.sitl.px4 import Px4Simulator, Px4Vehicle
 from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, build
 from dronecats.flight.sitl.sockets import AGENT_PORT
+from dronecats.flight.spec.disturbances import VehicleFaults
 from episodes.world.world import World
 from hil.impairment import SteppedWire
 from hil.link.transport import MemoryTransport, Transport, connect

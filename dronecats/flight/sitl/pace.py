@@ -4,7 +4,7 @@ import random
 import time
 from collections.abc import Callable
 
-from dronecats.flight.disturbances import VehicleFaults
+from dronecats.flight.spec.disturbances import VehicleFaults
 
 LATE_S = 0.002
 LATE_SHARE = 0.001  # of the ticks, above which it is reported

@@ -13,12 +13,12 @@ import numpy as np
 
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
-from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.bus import TruthBus
 from dronecats.flight.sitl.collisions import CollisionReport, Encounters, Traffic
 from dronecats.flight.sitl.config import AIRFRAME, noise_seed
 from dronecats.flight.sitl.failures import Failures
 from dronecats.flight.sitl.fused import Fused
+from dronecats.flight.spec.disturbances import VehicleFaults
 from episodes.maps.assets.multirotor import outline
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord

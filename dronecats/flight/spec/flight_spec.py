@@ -22,7 +22,7 @@ from dronecats.agent.models.replay import FlightRecording
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER, STEADY
 from dronecats.agent.reply.reading import ReplyParser
-from dronecats.flight.disturbances import UNDISTURBED, Disturbances
+from dronecats.flight.spec.disturbances import UNDISTURBED, Disturbances
 from foundation.declaration import ABOVE_0, Declaration, DeclaredNumber, check_bounds, declared, number
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S
@@ -99,7 +99,7 @@ class Accounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outside:
-    """Replies come from outside: another harness asks its own model (`dronecats.bench.bridges`)."""
+    """Replies come from outside: another harness asks its own model (`dronecats.bench.harnesses`)."""
 
     harness: str  # gymnasium, inspect or inspect-robots
     name: str  # as the harness calls who answers

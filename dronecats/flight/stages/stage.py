@@ -11,11 +11,11 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import Protocol
 
-from dronecats.flight.disturbances import UNDISTURBED, FrameFaults
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.logger.recorder import LoggerConfig
 from dronecats.flight.processes.supervisor import ChildKind
 from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig, TruthBridgeConfig, noise_seed
+from dronecats.flight.spec.disturbances import UNDISTURBED, FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.camera import Camera, CameraModel

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.flight.disturbances import Disturbances, LinkFaults, VehicleFaults
 from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.disturbances import Disturbances, LinkFaults, VehicleFaults
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json

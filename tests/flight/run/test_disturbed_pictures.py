@@ -8,8 +8,8 @@ from dataclasses import replace
 import pytest
 
 from dronecats.agent.models.replay import FlightRecording, LoggedReply
-from dronecats.flight.disturbances import Disturbances, FrameFaults
 from dronecats.flight.run.fly import fly
+from dronecats.flight.spec.disturbances import Disturbances, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.frames import wrap_pi
 from tests.support.json_lines import rows

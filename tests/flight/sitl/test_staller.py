@@ -4,10 +4,10 @@ import time
 
 import pytest
 
-from dronecats.flight.disturbances import VehicleFaults
 from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.pace import Staller
 from dronecats.flight.sitl.simulator_process import Simulator
+from dronecats.flight.spec.disturbances import VehicleFaults
 
 
 def stalled_at(share: float, seed: int, seconds: int = 1000) -> list[int]:

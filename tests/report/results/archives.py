@@ -5,8 +5,8 @@ import tarfile
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.report.archive import archive_file as tar
-from dronecats.report.archive.submission import digest
+from dronecats.report.leaderboard import archive_file as tar
+from dronecats.report.leaderboard.submission import digest
 from episodes.records import catalogue
 
 QUICK = tuple(catalogue.suite_ids("quick"))

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.report.archive.submission import submit
+from dronecats.report.leaderboard.submission import submit
 from dronecats.report.recorded.run import recorded_runs
 from tests.report.results.archives import QUICK, TWO
 from tests.report.results.synthetic_runs import write_run

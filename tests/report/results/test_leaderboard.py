@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.pilots.oracle.failing import FAILURES
-from dronecats.report.archive.leaderboard import entry, page
-from dronecats.report.archive.verification import CellScore, Verification
+from dronecats.report.leaderboard.leaderboard import entry, page
+from dronecats.report.leaderboard.verification import CellScore, Verification
 from dronecats.report.report_data import pilot_description
 from foundation.errors import UsageError
 from tests.docs.pages import ROOT

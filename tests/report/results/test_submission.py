@@ -10,8 +10,8 @@ import pytest
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.judge.metrics.judging import reread
 from dronecats.judge.statistics.shares import known_share, wilson
-from dronecats.report.archive.submission import digest, submit
-from dronecats.report.archive.verification import verify
+from dronecats.report.leaderboard.submission import digest, submit
+from dronecats.report.leaderboard.verification import verify
 from dronecats.report.recorded.run import recorded_runs
 from foundation.errors import UsageError
 from tests.report.results.archives import QUICK, TWO, changed, contents

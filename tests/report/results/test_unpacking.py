@@ -17,13 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from dronecats.judge.metrics.judging import reread
-from dronecats.report.archive import archive_file as tar
-from dronecats.report.archive import archive_file as unpacking
-from dronecats.report.archive import verification
-from dronecats.report.archive.archive_file import decoded
-from dronecats.report.archive.leaderboard import page
-from dronecats.report.archive.submission import digest
-from dronecats.report.archive.verification import verify
+from dronecats.report.leaderboard import archive_file as tar
+from dronecats.report.leaderboard import archive_file as unpacking
+from dronecats.report.leaderboard import verification
+from dronecats.report.leaderboard.archive_file import decoded
+from dronecats.report.leaderboard.leaderboard import page
+from dronecats.report.leaderboard.submission import digest
+from dronecats.report.leaderboard.verification import verify
 from foundation.errors import UsageError
 from tests.report.results.archives import QUICK, TWO, changed, contents, in_manifest, packed
 

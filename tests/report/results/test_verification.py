@@ -6,7 +6,7 @@ from collections.abc import Callable
 import pytest
 
 from dronecats.judge.metrics.judging import reread
-from dronecats.report.archive.verification import verify
+from dronecats.report.leaderboard.verification import verify
 from foundation.errors import UsageError
 from tests.report.results.archives import TWO, changed, in_manifest
 

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.reply.reading import reading
-from dronecats.bench.bridges.outside_flight import KINDS, reply
+from dronecats.bench.harnesses.outside_flight import KINDS, reply
 
 
 @given(

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from dronecats.agent.names import PAPER, agent_name
-from dronecats.report.archive.verification import CellScore, Verification
+from dronecats.report.leaderboard.verification import CellScore, Verification
 from dronecats.report.report_data import pilot_description
 from dronecats.report.table import CellValue, TableCell, numbers, table_of, words
 from dronecats.report.writers import as_markdown, escaped

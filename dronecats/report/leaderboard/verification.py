@@ -14,8 +14,8 @@ from dronecats.agent.prompt import Prompt
 from dronecats.judge.contradictions import Rereading
 from dronecats.judge.episode import Judged, compare, judge_run
 from dronecats.judge.statistics.shares import known_share
-from dronecats.report.archive.archive_file import FileDigest, Manifest, unpack
-from dronecats.report.archive.submission import incomplete
+from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
+from dronecats.report.leaderboard.submission import incomplete
 from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record

@@ -9,7 +9,7 @@ from inspect_robots.eval import eval as evaluate
 from inspect_robots.policy import PolicyBase, PolicyInfo
 from inspect_robots.types import Action, ActionChunk
 
-from dronecats.bench.bridges.robots import DroneEmbodiment, dronecats_task
+from dronecats.bench.harnesses.robots import DroneEmbodiment, dronecats_task
 
 
 class Turns(PolicyBase):

@@ -9,9 +9,9 @@ import pytest
 from gymnasium.spaces import Text
 from gymnasium.utils.env_checker import check_env
 
-from dronecats.bench.bridges import gymnasium_env
-from dronecats.bench.bridges.gymnasium_env import ENV_ID
-from dronecats.bench.bridges.outside_flight import picture
+from dronecats.bench.harnesses import gymnasium_env
+from dronecats.bench.harnesses.gymnasium_env import ENV_ID
+from dronecats.bench.harnesses.outside_flight import picture
 from foundation.errors import UsageError
 from foundation.run_folder.layout import frame_name
 

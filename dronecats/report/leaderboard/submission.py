@@ -15,7 +15,7 @@ from typing import Any
 
 from dronecats import __version__
 from dronecats.judge.episode import judge_run
-from dronecats.report.archive.archive_file import (
+from dronecats.report.leaderboard.archive_file import (
     EPISODE_NAME,
     LOGS,
     MANIFEST,

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
+from dronecats.bench.harnesses.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec, Outside, Simulated

@@ -32,7 +32,7 @@ def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0,
     from inspect_ai.log import read_eval_log
     from inspect_ai.model import get_model
 
-    from dronecats.bench.bridges.inspect_task import dronecats
+    from dronecats.bench.harnesses.inspect_task import dronecats
 
     model = get_model("mockllm/model", custom_outputs=answer, memoize=False)
     task = dronecats(episodes, seconds=seconds, out=str(tmp_path / "runs"), **options)
@@ -87,14 +87,14 @@ def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, li
 def test_a_list_of_episodes_is_read_as_inspect_hands_it_over(text):
     from inspect_ai._cli.util import parse_cli_args  # type: ignore[attr-defined]
 
-    from dronecats.bench.bridges.inspect_task import dronecats
+    from dronecats.bench.harnesses.inspect_task import dronecats
 
     task = dronecats(**parse_cli_args((f"suite={text}",)))
     assert [sample.id for sample in task.dataset] == EPISODES.split(",")
 
 
 def test_an_effort_that_inspect_does_not_know_is_refused():
-    from dronecats.bench.bridges.inspect_task import dronecats
+    from dronecats.bench.harnesses.inspect_task import dronecats
 
     with pytest.raises(UsageError, match=r"-T lifted .*minimal, .*'much'"):
         dronecats("quick", lifted=cast(Any, "much"))

@@ -32,7 +32,7 @@ from inspect_ai.solver import Generate, Solver, TaskState, solver
 from dronecats.agent.models.model import Request
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.names import PAPER
-from dronecats.bench.bridges.outside_flight import OutsideFlight, OutsideReply
+from dronecats.bench.harnesses.outside_flight import OutsideFlight, OutsideReply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue

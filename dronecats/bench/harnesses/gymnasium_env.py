@@ -1,7 +1,7 @@
 """`DroneCATS-v0`: one episode of one drone, or of a fleet under joint command, as a Gymnasium environment.
 
     import gymnasium
-    import dronecats.bench.bridges.gymnasium_env
+    import dronecats.bench.harnesses.gymnasium_env
     env = gymnasium.make("DroneCATS-v0", episodes=["residential-approaching-01"])
 
 An observation is the picture and the instruction, as the agent's model gets them. An action is one of the four. A fleet
@@ -20,7 +20,7 @@ from gymnasium.spaces import Box, Dict, Discrete, Text, Tuple
 from numpy.typing import NDArray
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
+from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from episodes.records import catalogue
 from foundation.errors import InfrastructureError, UsageError

@@ -24,7 +24,7 @@ from inspect_robots.task import Task
 from inspect_robots.types import Action, Observation, StepResult
 
 from dronecats.agent.models.model import Request
-from dronecats.bench.bridges.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
+from dronecats.bench.harnesses.outside_flight import KINDS, PICTURE_SHAPE, OutsideFlight, OutsideReply, picture, reply
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec, Outside, Simulated, latency_policy
 from dronecats.judge.episode import judge_folder
 from episodes.records import catalogue
