@@ -20,7 +20,7 @@ OFFBOARD_LOSS = {0: "Position", 1: "Altitude", 2: "Stabilized", 3: "Return", 4: 
 LINK_LOSS = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6: "Disarm"}
 LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land", 4: "Terminate"}
 KILLING = (5, 6)  # of NAV_RCL_ACT and NAV_DLL_ACT: the motors stop in the air
-EXCEPT_OFFBOARD = 4  # bit of COM_RCL_EXCEPT
+EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT
 OVERRIDE = 1 | 2  # bits of COM_RC_OVERRIDE: in automatic modes, such as the Hold that follows us, and in offboard
 MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
@@ -80,7 +80,7 @@ def _stick_exception(s: Situation, value: Value) -> Finding:
         return _mend("COM_RCL_EXCEPT", value, int(value) | EXCEPT_OFFBOARD, "without sticks it leaves offboard at once",
                      "this firmware takes absent sticks for lost ones")  # fmt: skip
     if exempt:
-        return _good("COM_RCL_EXCEPT", value, "no sticks, none missed; clear bit 4 before you fly with sticks again")
+        return _good("COM_RCL_EXCEPT", value, "no sticks, none missed; clear bit 2 before flying with sticks")
     return _good("COM_RCL_EXCEPT", value, "no sticks at arming, none missed in flight")
 
 
