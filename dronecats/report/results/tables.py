@@ -28,8 +28,8 @@ def _of(description: str) -> Meta:
 
 
 RunName = Annotated[str, _of("the run's folder, with as many folders above it as make it unique")]
-EpisodeId = Annotated[str, _of("id of the record")]
-DroneIndex = Annotated[int, _of("0 is drone 1")]
+EpisodeId = Annotated[str, _of("id of the episode")]
+DroneIndex = Annotated[int, _of("index of the drone; 0 is drone 1")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +45,7 @@ class RunRow:
     seed: Annotated[int, _of("distinguishes flights of the same episodes")]
     agent: Annotated[str | None, _of("paper, another built-in agent, or MODULE:NAME")]
     prompt_sha256: Annotated[str | None, _of("digest of the prompt")]
-    dronecats: Annotated[str | None, _of("version of dronecats that flew it")]
+    dronecats: Annotated[str | None, _of("version of dronecats that flew the run")]
     episodes: Annotated[int, _of("number of episodes")]
     configuration: Annotated[str, _of("run.json, as JSON: `configuration->>'$.flight.model.temperature'`")]
 
@@ -59,51 +59,53 @@ class EpisodeRow:
     map: Annotated[str | None, _of("the map's name")]
     cell: Annotated[str | None, _of("approaching, searching, tracking, search-and-track or commanding")]
     instruction: Annotated[str | None, _of("instruction to the pilot")]
-    drones: Annotated[int | None, _of("number of drones; null: none was logged")]
+    drones: Annotated[int | None, _of("number of drones; null: no drone was logged")]
     outcome: Annotated[str | None, _of("success, failure, error, censored, unknown or distance only; null: damaged")]
-    scored: Annotated[bool, _of("whether it is a success or a failure; other outcomes are not scored")]
-    error: Annotated[str | None, _of("why it is not scored, or what is damaged; null: it is scored")]
+    scored: Annotated[bool, _of("whether the outcome is success or failure; other outcomes are not scored")]
+    error: Annotated[str | None, _of("why the flight is not scored, or what is damaged; null: it is scored")]
     note: Annotated[str | None, _of("what remains uncertain in the verdict")]
     censored: Annotated[bool | None, _of("whether the flight ended before its cap, with a final outcome")]
-    ended: Annotated[str | None, _of("cap, decided, budget, rejected, interrupted, takeover or error")]
-    ended_s: Annotated[float | None, _of("s of vehicle time")]
+    ended: Annotated[str | None, _of("why it ended: cap, decided, budget, rejected, interrupted, takeover or error")]
+    ended_s: Annotated[float | None, _of("s of vehicle time at which the flight ended")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepRow:
-    """One decision of one drone, with the truth at its picture."""
+    """One decision of one drone, with the true state at the time of its picture."""
 
     run: RunName
     episode: EpisodeId
     drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision, from 0")]
     frame_id: Annotated[int, _of("number of the picture")]
-    t_frame_s: Annotated[float, _of("s since the episode began, of the picture")]
-    t_decided_s: Annotated[float, _of("s since the episode began, of the reply")]
+    t_frame_s: Annotated[float, _of("s since the episode began, time of the picture")]
+    t_decided_s: Annotated[float, _of("s since the episode began, time of the reply")]
     action: Annotated[str | None, _of("go, rotate, think or finished; null: the reply holds no valid action")]
-    point_x: Annotated[float | None, _of("of a go: 0 the picture's left edge, 1000 its right one")]
-    point_y: Annotated[float | None, _of("of a go: 0 the picture's upper edge, 1000 its lower one")]
-    depth_m: Annotated[float | None, _of("m, of a go, as in the reply")]
-    angle_deg: Annotated[float | None, _of("°, of a rotate, + right, as in the reply")]
-    reply: Annotated[str | None, _of("as received")]
-    error: Annotated[str | None, _of("why there is no action")]
-    mended: Annotated[str | None, _of("repairs of the reply, codes with commas between them; null: none")]
+    point_x: Annotated[float | None, _of("point of a go: 0 is the picture's left edge, 1000 its right edge")]
+    point_y: Annotated[float | None, _of("point of a go: 0 is the picture's upper edge, 1000 its lower edge")]
+    depth_m: Annotated[float | None, _of("m, depth of a go, as in the reply")]
+    angle_deg: Annotated[float | None, _of("°, angle of a rotate, positive to the right, as in the reply")]
+    reply: Annotated[str | None, _of("the reply as received")]
+    error: Annotated[str | None, _of("why the reply holds no valid action")]
+    mended: Annotated[str | None, _of("codes of the repairs of the reply, with commas between them; null: no repair")]
     latency_s: Annotated[float | None, _of("s of vehicle time that the reply took")]
     tokens_in: Annotated[int | None, _of("tokens of the question")]
     tokens_out: Annotated[int | None, _of("tokens of the reply")]
     thinking: Annotated[bool | None, _of("whether extended reasoning was on")]
-    rate_hz: Annotated[float | None, _of("Hz, decisions per s of vehicle time since the last; null: the first")]
+    rate_hz: Annotated[float | None, _of("Hz, 1 / vehicle time since the previous decision; null: first decision")]
     finish: Annotated[str | None, _of("why the reply ends: length, filtered, refusal, …; null: it is complete")]
-    north_m: Annotated[float | None, _of("m, NED, of the body at the picture")]
-    east_m: Annotated[float | None, _of("m, NED, likewise")]
-    down_m: Annotated[float | None, _of("m, NED, likewise")]
-    yaw_deg: Annotated[float | None, _of("° of the nose from north, + east, at the picture")]
-    distance_m: Annotated[float | None, _of("m to the target's centre, at the picture")]
-    distance_box_m: Annotated[float | None, _of("m to the nearest point of the target's box, at the picture")]
+    north_m: Annotated[float | None, _of("m, NED, position of the drone at the picture")]
+    east_m: Annotated[float | None, _of("m, NED, position of the drone at the picture")]
+    down_m: Annotated[float | None, _of("m, NED, position of the drone at the picture")]
+    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east, at the picture")]
+    distance_m: Annotated[float | None, _of("m, distance to the target's centre, at the picture")]
+    distance_box_m: Annotated[float | None, _of("m, distance to the nearest point of the target's box, at the picture")]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
     visible_fraction: Annotated[float | None, _of("visible share of the target's silhouette, 0 … 1")]
-    bearing_deg: Annotated[float | None, _of("° of the target's centre from the nose, + right")]
-    oracle_depth_m: Annotated[float | None, _of("m along the optical axis, median of the target's visible surface")]
+    bearing_deg: Annotated[float | None, _of("°, angle from the nose to the target's centre, positive to the right")]
+    oracle_depth_m: Annotated[
+        float | None, _of("m, true depth along the optical axis, median of the target's visible surface")
+    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,32 +116,34 @@ class PoseRow:
     episode: EpisodeId
     drone_index: DroneIndex
     t_s: Annotated[float, _of("s of vehicle time since the episode began")]
-    north_m: Annotated[float, _of("m, NED, of the body")]
-    east_m: Annotated[float, _of("m, NED, likewise")]
-    down_m: Annotated[float, _of("m, NED, likewise")]
-    yaw_deg: Annotated[float | None, _of("° of the nose from north, + east")]
-    target_north_m: Annotated[float | None, _of("m, NED, of the target's centre")]
-    target_east_m: Annotated[float | None, _of("m, NED, likewise")]
-    target_down_m: Annotated[float | None, _of("m, NED, likewise")]
-    distance_m: Annotated[float | None, _of("m, body to the target's centre in three dimensions")]
+    north_m: Annotated[float, _of("m, NED, position of the drone")]
+    east_m: Annotated[float, _of("m, NED, position of the drone")]
+    down_m: Annotated[float, _of("m, NED, position of the drone")]
+    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east")]
+    target_north_m: Annotated[float | None, _of("m, NED, position of the target's centre")]
+    target_east_m: Annotated[float | None, _of("m, NED, position of the target's centre")]
+    target_down_m: Annotated[float | None, _of("m, NED, position of the target's centre")]
+    distance_m: Annotated[float | None, _of("m, distance from the drone to the target's centre in three dimensions")]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeclarationRow:
-    """One declaration of arrival, as in Algorithm 1."""
+    """One declaration of arrival, measured as in the paper's Algorithm 1."""
 
     run: RunName
     episode: EpisodeId
-    number: Annotated[int, _of("of the episode's declarations in the order of time, from 1")]
+    number: Annotated[int, _of("number of the declaration in the episode, in the order of time, from 1")]
     drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision")]
-    t_s: Annotated[float, _of("s of vehicle time, of the decision")]
+    t_s: Annotated[float, _of("s of vehicle time, time of the decision")]
     counts: Annotated[bool, _of("whether it was made within the cap")]
-    distance_m: Annotated[float | None, _of("m to the target's centre, at its own picture; null: not measured")]
+    distance_m: Annotated[
+        float | None, _of("m, distance to the target's centre, at its own picture; null: not measured")
+    ]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
-    qualifies: Annotated[bool | None, _of("whether it is a success if it counts; null: not known")]
-    unmeasured: Annotated[str | None, _of("why it was not measured; null: it was")]
+    qualifies: Annotated[bool | None, _of("whether it is a success if it is within the cap; null: not known")]
+    unmeasured: Annotated[str | None, _of("why the declaration was not measured; null: it was measured")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
