@@ -11,6 +11,8 @@ DETECTION_RANGE_M = 300.0  # m; nothing farther counts as seen
 
 # Action Space
 GO, ROTATE, THINK, FINISHED = "go", "rotate", "think", "finished"  # as replies and logs name the actions
+ACTIONS = (GO, ROTATE, THINK, FINISHED)  # a new one is added at the end: logs of PX4 number them
+ACTION_FIELDS = ("action", "point", "depth_m", "angle_deg")  # of a reply's JSON object, the action's name first
 POINT_SPAN = 1000.0  # of a point's two axes, whatever the picture's shape
 
 # Execution; appendix "Execution"

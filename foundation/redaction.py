@@ -10,10 +10,12 @@ import re
 from collections.abc import Mapping
 from urllib.parse import unquote, unquote_plus
 
+from foundation.protocol import ACTION_FIELDS, ACTIONS
+
 HIDDEN = "***"
 MAX_URL_CHARS = 2000  # a longer one is not parsed
 MIN_CHARS = 5  # shorter texts are not keys, and hiding them would garble words and numbers
-SPOKEN = frozenset(("action", "angle_deg", "depth_m", "finished", "point", "rotate", "think"))  # words of replies
+SPOKEN = frozenset((*ACTIONS, *ACTION_FIELDS))  # words of replies
 _WEB = ("http", "https", "ws", "wss", "rtsp", "rtsps", "")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]{0,15}://[^\s'\"<>]*[^\s'\"<>.,:;!)\]}]")
 _URL_FIELDS = re.compile(

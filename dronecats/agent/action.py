@@ -1,4 +1,4 @@
-"""The four actions of a pilot, and their parser from a JSON object. Paper, "Action Space"."""
+"""The four actions of a pilot, their JSON Schemas and their parser. Paper, "Action Space"."""
 
 import math
 from dataclasses import dataclass
@@ -22,6 +22,11 @@ class Go:
         """Return the action as the reply declares it, point always in [x, y] order."""
         return {"action": GO, "point": [self.x, self.y], "depth_m": self.depth_m}
 
+    @property
+    def line(self) -> str:
+        """The action on one line, with the point as in a reply."""
+        return f"GO point=[{self.x:.0f}, {self.y:.0f}] depth={self.depth_m:.4g}m"
+
 
 @dataclass(frozen=True, slots=True)
 class Rotate:
@@ -32,6 +37,11 @@ class Rotate:
     def as_json(self) -> dict[str, Any]:
         return {"action": ROTATE, "angle_deg": self.angle_deg}
 
+    @property
+    def line(self) -> str:
+        """The action on one line."""
+        return f"ROTATE angle={self.angle_deg:.4g}deg"
+
 
 @dataclass(frozen=True, slots=True)
 class Think:
@@ -39,6 +49,11 @@ class Think:
 
     def as_json(self) -> dict[str, Any]:
         return {"action": THINK}
+
+    @property
+    def line(self) -> str:
+        """The action on one line."""
+        return "THINK"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +63,27 @@ class Finished:
     def as_json(self) -> dict[str, Any]:
         return {"action": FINISHED}
 
+    @property
+    def line(self) -> str:
+        """The action on one line."""
+        return "FINISHED"
+
 
 Action = Go | Rotate | Think | Finished
+SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each action, without its name
+    GO: {
+        "point": {
+            "type": "array",
+            "items": {"type": "number", "minimum": 0, "maximum": 1000},
+            "minItems": 2,
+            "maxItems": 2,
+        },
+        "depth_m": {"type": "number", "exclusiveMinimum": 0},
+    },
+    ROTATE: {"angle_deg": {"type": "number"}},
+    THINK: {},
+    FINISHED: {},
+}
 
 
 class ActionError(ValueError):

@@ -5,7 +5,7 @@ Apart from `action.py`, since a camera imports numpy, and a list of models needs
 
 from collections import deque
 
-from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.agent.action import Action, Go
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH, POINT_SPAN
 
@@ -18,18 +18,10 @@ def compact(action: Action, camera: CameraModel | None = None) -> str:
     The coordinates of a GO are pixels with a camera, as in the history of the paper's prompt, and 0–1000 without, as in
     a reply.
     """
-    match action:
-        case Go(x, y, depth_m):
-            point = f"point=[{x:.0f}, {y:.0f}]"
-            if camera is not None:
-                point = f"x={x * camera.width / POINT_SPAN:.0f} y={y * camera.height / POINT_SPAN:.0f}"
-            return f"GO {point} depth={depth_m:.4g}m"
-        case Rotate(angle_deg):
-            return f"ROTATE angle={angle_deg:.4g}deg"
-        case Think():
-            return "THINK"
-        case Finished():
-            return "FINISHED"
+    if camera is None or not isinstance(action, Go):
+        return action.line
+    x_px, y_px = action.x * camera.width / POINT_SPAN, action.y * camera.height / POINT_SPAN
+    return f"GO x={x_px:.0f} y={y_px:.0f} depth={action.depth_m:.4g}m"
 
 
 class History:

@@ -10,23 +10,25 @@ from pathlib import Path
 
 from dronecats.agent.action import AxisOrder
 from foundation.errors import UsageError
+from foundation.protocol import ACTIONS
 from foundation.wording import counted
 
 FIELDS = ("instruction", "point_fmt", "history_len", "history", "drones", "situation", "answer", "closing")
 NEEDED = ("instruction", "history")
 _FIELD = re.compile("{(" + "|".join(FIELDS) + ")}")
+COUNT = ("four", "five", "six", "seven", "eight")[len(ACTIONS) - 4]
 _LIKE_A_FIELD = re.compile(r"{([A-Za-z_]\w*)}")
 SINGLE = {
     "situation": "You fly a multirotor. Your only sense is the picture attached to this message: the view straight"
     " ahead from the\ndrone's fixed forward camera.",
-    "answer": "Answer with one JSON object and nothing else. It holds one of these four actions:",
+    "answer": f"Answer with one JSON object and nothing else. It holds one of these {COUNT} actions:",
     "closing": "One JSON object, no other text.",
 }
 FLEET = {
     "situation": "You fly {n} multirotors at once, Drone 1 to Drone {n}. Your only sense is the pictures attached to"
     " this message: the\nviews straight ahead from their fixed forward cameras, Drone 1's first.",
     "answer": "Answer with one JSON array of {n} objects and nothing else: the actions of Drone 1 to Drone {n}, each"
-    " judged in its\nown drone's picture. Every object holds one of these four actions:",
+    f" judged in its\nown drone's picture. Every object holds one of these {COUNT} actions:",
     "closing": "One JSON array of {n} objects, no other text.",
 }
 LABEL = "Drone {n}:"  # before each picture of a fleet, as before each history

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from foundation.protocol import FINISHED, GO, NEAR_SCALE, POINT_SPAN, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M, THINK
+from foundation.protocol import ACTIONS, FINISHED, GO, NEAR_SCALE, POINT_SPAN, ROTATE, STRIDE_MAX_M, STRIDE_MIN_M, THINK
 
 Pilot = Callable[[str, list[bytes]], str]  # (prompt, JPEGs in picture order) → reply
 
@@ -18,8 +18,9 @@ SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # of a `go`; the margin sur
 
 _COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
+_OTHERS = "|".join(name.upper() for name in ACTIONS if name not in (GO, ROTATE))  # their fields are not read
 _PAST = re.compile(
-    rf"^\s*\d+\.\s+(?:GO\s+x={_NUMBER}\s+y={_NUMBER}\s+depth={_NUMBER}m|ROTATE\s+angle={_NUMBER}deg|(THINK)|(FINISHED))"
+    rf"^\s*\d+\.\s+(?:GO\s+x={_NUMBER}\s+y={_NUMBER}\s+depth={_NUMBER}m|ROTATE\s+angle={_NUMBER}deg|({_OTHERS})\b)"
 )
 _DRONE = re.compile(r"\bdrone\s*#?\s*(\d{1,3})\b", re.IGNORECASE)
 
@@ -28,7 +29,7 @@ _DRONE = re.compile(r"\bdrone\s*#?\s*(\d{1,3})\b", re.IGNORECASE)
 class PastAction:
     """One action of the history, as the prompt shows it."""
 
-    kind: str  # GO, ROTATE, THINK or FINISHED
+    kind: str  # one of ACTIONS
     x_px: float = 0.0  # px of the full picture, of a go
     y_px: float = LEVEL_PX  # px of the full picture, of a go
     depth_m: float = 0.0  # m, of a go
@@ -70,12 +71,12 @@ def read_prompt(prompt: str) -> Briefing:
 
 
 def _parse_action(match: re.Match[str]) -> PastAction:
-    x, y, depth, angle, think, _finished = match.groups()
+    x, y, depth, angle, other = match.groups()
     if depth is not None:
         return PastAction(GO, x_px=float(x), y_px=float(y), depth_m=float(depth))
     if angle is not None:
         return PastAction(ROTATE, angle_deg=float(angle))
-    return PastAction(THINK if think else FINISHED)
+    return PastAction(other.lower())
 
 
 def go(u: float, v: float, depth_m: float) -> str:

@@ -3,40 +3,25 @@
 from collections.abc import Collection
 from typing import Any, Literal, cast
 
-ORDERS, CONFIRM = "orders", "confirm"  # keys of a commander's reply
+from dronecats.agent.action import SCHEMAS
 
-# by the rules of `agent.action`
-_ACTIONS: tuple[tuple[str, dict[str, Any]], ...] = (
-    (
-        "go",
-        {
-            "point": {
-                "type": "array",
-                "items": {"type": "number", "minimum": 0, "maximum": 1000},
-                "minItems": 2,
-                "maxItems": 2,
-            },
-            "depth_m": {"type": "number", "exclusiveMinimum": 0},
-        },
-    ),
-    ("rotate", {"angle_deg": {"type": "number"}}),
-    ("think", {}),
-    ("finished", {}),
-)
+ORDERS, CONFIRM = "orders", "confirm"  # keys of a commander's reply
 
 
 def action_schema() -> dict[str, Any]:
-    """Return the schema of one action: a choice of the four, each with its own fields only."""
-    return {"anyOf": [_object(action=_named(name), **fields) for name, fields in _ACTIONS]}
+    """Return the schema of one action: a choice of all, each with its own fields only."""
+    return {"anyOf": [_object(action=_named(name), **fields) for name, fields in SCHEMAS.items()]}
 
 
 def flat_action_schema() -> dict[str, Any]:
-    """Return the schema of one action without a choice: the fields of all four, null where an action lacks them.
+    """Return the schema of one action without a choice: the fields of all actions, null where an action lacks them.
 
     It is wider than the choice: it allows a `go` without a point, which the parser rejects.
     """
-    fields = {name: {**own, "type": [own["type"], "null"]} for _, all_own in _ACTIONS for name, own in all_own.items()}
-    return _object(action=_named(*(name for name, _ in _ACTIONS)), **fields)
+    fields = {
+        name: {**own, "type": [own["type"], "null"]} for all_own in SCHEMAS.values() for name, own in all_own.items()
+    }
+    return _object(action=_named(*SCHEMAS), **fields)
 
 
 def reply_schema(root: Literal["object", "array"], choice: bool = True) -> dict[str, Any]:

@@ -8,14 +8,15 @@ import re
 from typing import Any
 from unicodedata import normalize
 
-from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
+from dronecats.agent.action import SCHEMAS, Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply.mends import Mend
 from dronecats.agent.reply.tolerant import CUT, Cut, Quantity, number_in, read_values
-from foundation.protocol import FINISHED, GO, POINT_SPAN, ROTATE, THINK
+from foundation.protocol import ACTIONS, FINISHED, GO, POINT_SPAN, ROTATE, THINK
 
 METRES = frozenset({"m", "meter", "meters", "metre", "metres"})
 DEGREES = frozenset({"°", "º", "deg", "degs", "degree", "degrees"})
 PLAIN: frozenset[str] = frozenset()  # a point's numbers have no unit
+UNITS = {"m": METRES, "deg": DEGREES}  # by the ending of a field's name
 BOXES = ("bbox_2d", "box_2d", "bbox", "box")
 _NUMBER = re.compile(r"([+\-\u2212\uff0b\uff0d]?(?:\d+[.\uff0e]?\d*|[.\uff0e]\d+))\s*([^\W\d_]+|°|º)?")
 _TEXT_MAX = 80  # characters of a number or a point as text
@@ -103,7 +104,6 @@ def _check_unit(unit: str, name: str, units: frozenset[str], mends: set[Mend]) -
     mends.add("unit")
 
 
-ACTIONS = (GO, ROTATE, THINK, FINISHED)
 SYNONYMS = {
     **dict.fromkeys(("goto", "go_to", "go_towards", "fly", "fly_to", "fly_towards", "move", "move_to"), GO),
     **dict.fromkeys(("turn", "yaw", "rotation"), ROTATE),
@@ -155,7 +155,11 @@ def action_of(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> Action:
     if kind == ROTATE:
         angle = number(_field(fields, ANGLES, mends), '"angle_deg"', DEGREES, mends)
         return action_from({"action": ROTATE, "angle_deg": _signed(angle, sign, fields)})
-    return action_from({"action": kind})
+    numbers = {
+        name: number(_field(fields, (name,), mends), f'"{name}"', UNITS.get(name.rpartition("_")[2], PLAIN), mends)
+        for name in SCHEMAS[kind]
+    }
+    return action_from({"action": kind, **numbers})
 
 
 def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
@@ -203,7 +207,7 @@ def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any]
     if parameters is None or parameters == []:
         parameters = {}
     if isinstance(parameters, Cut):
-        return dict.fromkeys((POINTS[0], DEPTHS[0], ANGLES[0]), CUT)
+        return {name: CUT for own in SCHEMAS.values() for name in own}
     if not isinstance(parameters, dict) or parameters.keys() & value.keys() & {*POINTS, *DEPTHS, *ANGLES, *BOXES}:
         return None
     return {**value, **parameters}
@@ -232,7 +236,7 @@ def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
     if named is None:
         return None
     kind = named[0]
-    if kind in (THINK, FINISHED) and (inner is True or inner is None or inner == {}):
+    if not SCHEMAS[kind] and (inner is True or inner is None or inner == {}):
         inner = {}
     elif kind == ROTATE and isinstance(inner, int | float | str) and not isinstance(inner, bool):
         inner = {ANGLES[0]: inner}

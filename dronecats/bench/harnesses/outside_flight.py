@@ -26,12 +26,12 @@ from dronecats.flight.spec.flight_spec import FlightSpec
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
 from foundation.picture import WIDTH_MAX
-from foundation.protocol import FINISHED, GO, ROTATE, THINK
+from foundation.protocol import ACTIONS, GO, ROTATE
 from foundation.run_folder import folder as folders
 from foundation.run_folder.reading import result_of
 from foundation.run_folder.results import Result
 
-KINDS = (GO, ROTATE, THINK, FINISHED)  # an action's number is its index here
+KINDS = ACTIONS  # an action's number is its index here
 _CAMERA = CameraModel()
 PICTURE_SHAPE = (_CAMERA.height * WIDTH_MAX // _CAMERA.width, WIDTH_MAX, 3)  # as models get it: height, width, RGB
 _CREATING = threading.Lock()  # flights of one run that begin together find or create its run.json one after the other

@@ -18,7 +18,7 @@ from dronecats.report.export.conventions import JUDGE, Array, about, judged, mic
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import FlightTrack
 from foundation.frames import quat_yaw
-from foundation.protocol import FINISHED, GO, ROTATE, THINK
+from foundation.protocol import ACTIONS
 from foundation.run_folder.rows import drone_label
 
 VALID = ";bool xy_valid;bool z_valid;bool v_xy_valid;bool v_z_valid;bool xy_global"
@@ -34,7 +34,7 @@ FIELDS = {  # topic → its fields behind `uint64_t timestamp`
     "judge_target": "float x;float y;float z",
     "judge_declaration": "uint32_t step;float distance_m;int8_t visible;int8_t qualifies",
 }  # fmt: skip
-ACTIONS = {None: 0, GO: 1, ROTATE: 2, THINK: 3, FINISHED: 4}  # agent_decision.action; 0: the reply held none
+ACTION_NUMBERS = {name: number for number, name in enumerate(ACTIONS, 1)}  # agent_decision.action; 0: no action
 INFO, WARNING = 6, 4  # of syslog's severities
 
 
@@ -104,7 +104,8 @@ def _decision(flight: RecordedFlight, step: FlightStep) -> Iterator[Stamped]:
     turn = float(angle_deg) if isinstance(angle_deg, int | float) else math.nan
     latency_s = math.nan if decision.latency_s is None else decision.latency_s
     frame_us = flight.t0_us + microseconds(decision.t_frame)
-    values = (decision.step, decision.frame_id, frame_us, *point, turn, latency_s, ACTIONS.get(decision.kind, 0))
+    action = ACTION_NUMBERS.get(decision.kind or "", 0)
+    values = (decision.step, decision.frame_id, frame_us, *point, turn, latency_s, action)
     yield Stamped(decision.t_decided, decision.drone, "agent_decision", values)
     yield Stamped(
         decision.t_decided,
