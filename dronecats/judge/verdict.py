@@ -6,7 +6,7 @@ agree. `measures` counts the declarations, which the paper's criterion does not.
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder.reading import Logs
@@ -148,7 +148,7 @@ class Measures:
     false_declarations: int | None  # how many do not qualify; None: one was not measured
 
 
-NOTHING_KNOWN = Measures(None, None, None, None)  # of a flight without truth
+NOTHING_KNOWN = Measures(**dict.fromkeys(field.name for field in fields(Measures)))  # of a flight without truth
 
 
 def measures(

@@ -5,7 +5,7 @@ import statistics
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +22,7 @@ from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
 from dronecats.judge.episode import verdict_of, write_verdict
+from dronecats.judge.verdict import Measures
 from foundation.errors import BudgetError, DronecatsError, InfrastructureError, UsageError
 from foundation.extras import missing_package
 from foundation.run_folder.layout import DECISIONS
@@ -81,10 +82,7 @@ def fly_and_judge(
         ne_m=verdict.ne_m,
         steps=ending.steps,
         declarations=verdict.declarations,
-        success_at_first=verdict.success_at_first,
-        success_within_three=verdict.success_within_three,
-        declaration_precision=verdict.declaration_precision,
-        false_declarations=verdict.false_declarations,
+        **{field.name: getattr(verdict, field.name) for field in fields(Measures)},
         censored=verdict.censored,
         sim_seconds=round(ending.sim_seconds, 3),
         wall_seconds=round(ending.wall_seconds, 3),
