@@ -17,11 +17,11 @@ from vehicles import ground
 from vehicles.collision import fresh_near, meet, solids_record
 from vehicles.faults import Fault, script, strike_rotors
 from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
-from vehicles.records import AIR, FAULTS, MEMORY, PARAMS, STATE, STEP_S, STEP_US, rotate_inverse
+from vehicles.records import AIR, FAULTS, PARAMS, STATE, STEP_S, STEP_US, rotate_inverse
 from vehicles.rigid_body import move
 from vehicles.rotor import COLLAPSE, FIRST_TURN, IMBALANCE_SPEED, drain, ground_gain, open_circuit, push
 from vehicles.rotor import PERIOD_US as BATTERY_PERIOD_US
-from vehicles.sensors import SUITE, Suite, fresh_memory, grow, sample, suite_record
+from vehicles.sensors import MEMORY, SUITE, Suite, fresh_memory, grow, sample, suite_record
 from vehicles.solids import NEAR, SOLIDS, SolidTriangles
 from vehicles.wind import CALM, Wind, gust, streams
 from vehicles.wind import PERIOD_US as WIND_PERIOD_US

@@ -14,7 +14,7 @@ from foundation.errors import UsageError
 from foundation.frames import Quat
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
-from vehicles.records import GPS_QUEUE, MEMORY, STEP_US, RandomStream, ned_to_geodetic, rotate, rotate_inverse
+from vehicles.records import GPS_QUEUE, STEP_US, RandomStream, ned_to_geodetic, rotate, rotate_inverse
 from vehicles.solids import SolidTriangles, first_solid
 from vehicles.wind import normal
 
@@ -130,6 +130,39 @@ SUITE = np.dtype(
         ("origin_lat_deg", "f8"),
         ("origin_lon_deg", "f8"),
         ("origin_alt_m", "f8"),  # m above mean sea level
+    ],
+    align=True,
+)
+
+MEMORY = np.dtype(
+    [
+        ("rng", "u8", (1,)),
+        ("accel_bias", "f8", (3,)),  # m/s²
+        ("gyro_bias", "f8", (3,)),  # rad/s
+        ("accel_scale", "f8", (3,)),  # factor
+        ("gyro_scale", "f8", (3,)),
+        ("mag_bias", "f8", (3,)),  # gauss
+        ("baro_drift", "f8"),  # hPa
+        ("gps_error", "f8", (3,)),  # m, NED, of the atmosphere
+        ("gps_reflected", "f8", (3,)),  # m, NED, of reflections, as they are
+        ("gps_multipath", "f8", (3,)),  # m, NED, of reflections, as the receiver's filter lets them in
+        ("accel_sum", "f8", (3,)),  # m/s² times steps, of the inertial sample under way
+        ("gyro_sum", "f8", (3,)),  # rad/s times steps
+        ("imu_steps", "i8"),  # steps in these sums
+        ("accel_clipped", "i8"),  # steps on one axis beyond the accelerometer's range, so far
+        ("imu_next_us", "i8"),
+        ("bias_next_us", "i8"),
+        ("mag_next_us", "i8"),
+        ("baro_next_us", "i8"),
+        ("gps_next_us", "i8"),
+        ("range_next_us", "i8"),
+        ("battery_next_us", "i8"),
+        ("queue_head", "i8"),  # index of the oldest fix under way
+        ("queue_count", "i8"),
+        ("queue_time_us", "i8", (GPS_QUEUE,)),  # µs of validity, as the fix will say
+        ("queue_due_us", "i8", (GPS_QUEUE,)),  # µs of delivery
+        ("queue_position", "f8", (GPS_QUEUE, 3)),  # m, NED
+        ("queue_velocity", "f8", (GPS_QUEUE, 3)),  # m/s, NED
     ],
     align=True,
 )

@@ -34,13 +34,8 @@ MARGIN_M = 6.0
 PALE = 0.42  # of white over the picture, so that the names stand out
 PLAN_QUALITY = 72
 
-# Views. map → north, east and height above the ground there in m, heading and pitch in degrees
-VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
-    "blocks": (-46.0, -30.0, 9.0, 32.0, -9.0),
-    "campus": (-17.0, -25.0, 6.5, 34.0, -6.0),
-    "residential": (-40.0, 3.0, 11.0, 356.0, -12.0),
-}
-ABOVE_SPAWN_M = 12.0  # of the eye over the spawn point of a map that is not in VANTAGE
+# Views
+ABOVE_SPAWN_M = 12.0  # of the eye over the spawn point of a map that is not in maps.VANTAGE
 CENTRED = CameraModel(1280, 720, 90.0, (0.0, 0.0, 0.0))  # at the pose itself, without a vehicle
 LARGEST_BYTES = 250_000
 QUALITIES = range(90, 40, -5)  # JPEG; the first that is small enough
@@ -115,14 +110,14 @@ def _meet(a: Rect, b: Rect) -> bool:
 
 
 def write_map_view(name: str, out: Path, seed: int = 1) -> None:
-    """Write a JPEG of at most LARGEST_BYTES that shows a map from its VANTAGE.
+    """Write a JPEG of at most LARGEST_BYTES that shows a map from its vantage point.
 
     Raises UsageError for a name that is no map, or a file that cannot be written.
     """
     scene = maps.build(name, seed)
     n0, e0, _ = scene.spawn_ned
     default = (n0, e0, ABOVE_SPAWN_M, math.degrees(scene.spawn_yaw), -15.0)
-    north, east, height, heading, pitch = VANTAGE.get(name, default)
+    north, east, height, heading, pitch = maps.VANTAGE.get(name, default)
     eye = (north, east, scene.terrain.at(north, east) - height)
     attitude = quat_from_euler(0.0, math.radians(pitch), math.radians(heading))
     view = rendered(scene, CENTRED, CameraPose(eye, attitude))

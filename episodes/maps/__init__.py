@@ -19,6 +19,12 @@ _PLACES: dict[str, Callable[[int], Places]] = {
     "campus": campus.places,
     "residential": residential_places.places,
 }
+# Of its picture: north, east and height above the ground there in m, heading and pitch in degrees
+VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
+    "blocks": (-46.0, -30.0, 9.0, 32.0, -9.0),
+    "campus": (-17.0, -25.0, 6.5, 34.0, -6.0),
+    "residential": (-40.0, 3.0, 11.0, 356.0, -12.0),
+}
 
 
 def shipped() -> list[str]:

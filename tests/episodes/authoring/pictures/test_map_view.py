@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.authoring.scene_pictures import LARGEST_BYTES, SIDE_PX, VANTAGE, write_map_plan, write_map_view
+from episodes.authoring.scene_pictures import LARGEST_BYTES, SIDE_PX, write_map_plan, write_map_view
 from foundation.errors import UsageError
 from tests import pictures
 
@@ -46,7 +46,7 @@ def test_the_plan_names_what_stands(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", maps.shipped())
 def test_a_picture_of_each_map_is_shipped(name: str) -> None:
-    assert name in VANTAGE
+    assert name in maps.VANTAGE
     file = SHIPPED / f"{name}.jpg"
     assert file.stat().st_size <= LARGEST_BYTES
     assert pictures.read(file).shape == (720, 1280, 3)
