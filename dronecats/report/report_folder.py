@@ -8,24 +8,18 @@ from dronecats.report.report_data import ReportData
 from dronecats.report.results.collection import Collection, Exclusion, exclusion_sentences, unflown
 from dronecats.report.results.entrants import entrants
 from dronecats.report.table import ReportTable
-from dronecats.report.tables.comparison import comparison, variance
-from dronecats.report.tables.measures import grounding, own, replies, served, thinking
-from dronecats.report.tables.outcomes import approaching, commanding, declarations, drones, failures, main, per_map
-from dronecats.report.tables.setup import costs, setup
+from dronecats.report.tables import comparison, measures, outcomes, setup
 from dronecats.report.writers import as_csv, as_latex, as_markdown, as_shell, escaped
 from episodes.records.catalogue import load_blind
 from foundation.errors import InfrastructureError
 from foundation.protocol import RADIUS_M
 
-TABLES = (
-    main, per_map, approaching, failures, commanding, drones, variance, comparison, declarations, thinking, grounding,
-    replies, served, costs, setup,
-)  # fmt: skip
+TABLES = (*outcomes.TABLES, *comparison.TABLES, *measures.TABLES, *setup.TABLES)
 
 
 def tables(data: ReportData, metrics: Sequence[Metric] = ()) -> tuple[ReportTable, ...]:
     """Return the tables that have rows; `metrics` are the user's own."""
-    results = [*(table(data) for table in TABLES), own(data, metrics)]
+    results = [*(table(data) for table in TABLES), measures.own(data, metrics)]
     return tuple(table for table in results if table is not None)
 
 

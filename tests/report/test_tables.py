@@ -49,7 +49,7 @@ def test_models_and_built_in_pilots_never_share_a_block_and_what_those_are_is_sa
     for table in (
         made(outcomes.main, who),
         made(outcomes.approaching, who),
-        made(outcomes.declarations, who),
+        made(measures.declarations, who),
         made(comparison.comparison, who),
     ):
         for block in table.blocks[:2]:
@@ -186,7 +186,7 @@ def test_declarations_pool_all_cells():
              "declaration_precision": None}  # fmt: skip
     flown = [an_episode(run, "campus-approaching-01", "success", values=first),
              an_episode(run, "blocks-commanding-01", values=never)]  # fmt: skip
-    told = line(made(outcomes.declarations, small(collected(flown))), "vllm/a")
+    told = line(made(measures.declarations, small(collected(flown))), "vllm/a")
     assert told["all_success_at_first_percent"].value == 50.0
     assert (told["declarations_per_flight"].value, told["false_per_flight"].value) == (1.0, 0.5)
     assert (told["precision_percent"].value, told["precision_percent"].of) == (50.0, 1)
@@ -330,7 +330,7 @@ def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
 
 def test_nobody_has_a_line_of_nothing():
     nothing = small(collected(flights(a_run(), {"campus-approaching": "ee"})))
-    assert outcomes.declarations(nothing) is None
+    assert measures.declarations(nothing) is None
     for table in (outcomes.failures, outcomes.drones, outcomes.commanding, setup.costs, measures.served,
                   measures.grounding, measures.thinking, comparison.comparison, comparison.variance):  # fmt: skip
         assert table(nothing) is None

@@ -150,3 +150,6 @@ def _scatter_rows(label: str, scatter: Sequence[Spread | None]) -> list[TableRow
         columns.append(cells or [TableCell(value=None)] * len(names))
     lines = zip(names, *columns, strict=True)
     return [row("" if k else label, name, *cells, entrant=label) for k, (name, *cells) in enumerate(lines)]
+
+
+TABLES = (variance, comparison)

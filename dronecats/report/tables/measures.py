@@ -1,4 +1,4 @@
-"""Tables of measures per step: pointing and depth, replies, the served rate, thinking; and the user's own metrics."""
+"""Tables of declarations, thinking, pointing and depth, replies, the served rate; and the user's own metrics."""
 
 import statistics
 from collections.abc import Sequence
@@ -23,7 +23,45 @@ from dronecats.report.report_data import (
 from dronecats.report.results.collection import ScoredEpisode
 from dronecats.report.results.entrants import Entrant
 from dronecats.report.table import ReportTable, TableCell, TableColumn
+from dronecats.report.tables.outcomes import cut_off, rate
 from episodes.records.record import CELLS
+
+
+def declarations(data: ReportData) -> ReportTable | None:
+    """Return the number of declarations and the share of correct ones; the success criterion forgives false ones."""
+    rates = {"success": "SR", "success_at_first": "SR₁", "success_within_three": "SR₃"}
+    columns = [
+        NAME,
+        FLIGHTS,
+        *(replace(rate(metric, title, None), group="") for metric, title in rates.items()),
+        TableColumn(name="declarations_per_flight", title="Declarations", decimals=1),
+        TableColumn(name="false_per_flight", title="of these false", decimals=1, better="less"),
+        TableColumn(name="precision_percent", title="Precision", unit="%", better="more"),
+    ]
+
+    def row_of(entrant: Entrant) -> Cells | None:
+        flights = entrant.scored
+        if not flights:
+            return None
+        precision = mean(flights, "declaration_precision")
+        if isinstance(precision.value, float):
+            precision = replace(precision, value=PERCENT * precision.value)
+        counts = [mean(flights, "declarations"), mean(flights, "false_declarations")]
+        return [len(flights), *(percent(flights, metric) for metric in rates), *counts, precision]
+
+    return data.table(
+        name="declarations",
+        title="Declarations",
+        caption=(
+            "SR₁ and SR₃: solved by the first declaration, or by one of the first three. Declarations a flight, and"
+            " how many of them did not qualify; precision is the share that did, the mean over flights that declared."
+            " All cells, a fleet's declarations pooled."
+        ),
+        columns=columns,
+        row_of=row_of,
+        notes=cut_off(data.episodes),
+    )
+
 
 GROUNDING = (
     NAME,
@@ -245,3 +283,6 @@ def _decimals(metric: Metric, data: ReportData) -> int:
              if isinstance(value := flight.values.get(metric.name), int | float)]  # fmt: skip
     size = statistics.median(sizes) if sizes else 1.0
     return 0 if size >= 100 else 1 if size >= 10 else 2
+
+
+TABLES = (declarations, thinking, grounding, replies, served)

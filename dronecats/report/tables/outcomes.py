@@ -1,4 +1,4 @@
-"""Tables of outcomes: by cell and map, approaching in detail, declarations, failure modes, fleets drone by drone."""
+"""Tables of outcomes: by cell and map, approaching in detail, failure modes, fleets drone by drone."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -14,7 +14,6 @@ from dronecats.report.report_data import (
     NAME,
     NONE,
     ONE_DRONE,
-    PERCENT,
     Cells,
     ReportData,
     best_blind,
@@ -135,47 +134,11 @@ def approaching(data: ReportData) -> ReportTable | None:
         ),
         columns=columns,
         row_of=row_of,
-        notes=_cut_off(of_cell(data.episodes, APPROACHING)),
+        notes=cut_off(of_cell(data.episodes, APPROACHING)),
     )
 
 
-def declarations(data: ReportData) -> ReportTable | None:
-    """Return the number of declarations and the share of correct ones; the success criterion forgives false ones."""
-    rates = {"success": "SR", "success_at_first": "SR₁", "success_within_three": "SR₃"}
-    columns = [
-        NAME,
-        FLIGHTS,
-        *(replace(rate(metric, title, None), group="") for metric, title in rates.items()),
-        TableColumn(name="declarations_per_flight", title="Declarations", decimals=1),
-        TableColumn(name="false_per_flight", title="of these false", decimals=1, better="less"),
-        TableColumn(name="precision_percent", title="Precision", unit="%", better="more"),
-    ]
-
-    def row_of(entrant: Entrant) -> Cells | None:
-        flights = entrant.scored
-        if not flights:
-            return None
-        precision = mean(flights, "declaration_precision")
-        if isinstance(precision.value, float):
-            precision = replace(precision, value=PERCENT * precision.value)
-        counts = [mean(flights, "declarations"), mean(flights, "false_declarations")]
-        return [len(flights), *(percent(flights, metric) for metric in rates), *counts, precision]
-
-    return data.table(
-        name="declarations",
-        title="Declarations",
-        caption=(
-            "SR₁ and SR₃: solved by the first declaration, or by one of the first three. Declarations a flight, and"
-            " how many of them did not qualify; precision is the share that did, the mean over flights that declared."
-            " All cells, a fleet's declarations pooled."
-        ),
-        columns=columns,
-        row_of=row_of,
-        notes=_cut_off(data.episodes),
-    )
-
-
-def _cut_off(flights: Iterable[ScoredEpisode]) -> tuple[str, ...]:
+def cut_off(flights: Iterable[ScoredEpisode]) -> tuple[str, ...]:
     """Return a note about the flights that ended with their first success."""
     cut = sum(bool(flight.verdict and flight.verdict.censored) for flight in flights if flight.scored)
     if not cut:
@@ -261,3 +224,6 @@ def drones(data: ReportData) -> ReportTable | None:
         columns=columns,
         row_of=row_of,
     )
+
+
+TABLES = (main, per_map, approaching, failures, commanding, drones)

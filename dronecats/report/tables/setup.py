@@ -172,3 +172,6 @@ def _dollars(flights: Iterable[ScoredEpisode]) -> float | None:
                 return None
             usd += (tokens_in * float(input_usd) + tokens_out * float(output_usd)) / 1e6
     return usd
+
+
+TABLES = (costs, setup)
