@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.agent.action import Action, Finished, Go, Rotate, Think
+from dronecats.agent.action import Action, Go, Rotate
 from dronecats.pilots.actions import LEVEL_PX, PastAction
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
@@ -84,7 +84,5 @@ def as_past(action: Action) -> PastAction:
             return PastAction(GO, x * camera.width / POINT_SPAN, y * camera.height / POINT_SPAN, depth_m)
         case Rotate(angle_deg):
             return PastAction(ROTATE, y_px=LEVEL_PX, angle_deg=angle_deg)
-        case Think():
-            return PastAction(THINK)
-        case Finished():
-            return PastAction(FINISHED)
+        case _:
+            return PastAction(action.as_json()["action"])
