@@ -37,11 +37,10 @@ from dronecats.agent.prompt import Prompt
 from dronecats.bench.campaign import Batch, fly_run
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.world import World
-from foundation.camera import CameraModel, Frame
+from foundation.camera import CameraModel, Frame, camera_pose
 from foundation.frames import quat_from_euler
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog

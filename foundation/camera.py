@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation.frames import Quat, Vec3
+from foundation.frames import Quat, Vec3, rotate
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +31,17 @@ class CameraPose:
 
     position_ned: Vec3  # m, optical centre
     attitude: Quat  # camera axes (forward, right, down) → NED
+
+
+def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> CameraPose:
+    """Return the pose of a vehicle's camera.
+
+    `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED; the camera sits at
+    `camera.offset_frd` and looks along body forward (zero pitch), so its attitude is the body's.
+    """
+    offset = rotate(attitude, camera.offset_frd)
+    position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
+    return CameraPose(position_ned=position, attitude=attitude)
 
 
 @dataclass(frozen=True, slots=True)

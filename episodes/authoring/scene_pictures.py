@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 from episodes import maps
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps.scene import Scene
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from episodes.world.world import World
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 

@@ -16,7 +16,7 @@ from episodes.records.record import EpisodeRecord, TargetRecord
 from episodes.world.fleet import DronePose, Fleet
 from episodes.world.target import TargetMotion, Wheels, motion, on_ground
 from episodes.world.visibility import Hides, Solids, TargetView, Together, Without, in_camera, picture_box
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 from foundation.measurement import TargetMeasurement
@@ -120,9 +120,7 @@ class World:
         centre = self._centre(place, turned)
         local = turn(turned).T @ (np.array(position_ned) - np.array(centre))
         beyond = [max(abs(float(v)) - h, 0.0) for v, h in zip(local, self._half, strict=True)]
-        lever = rotate(attitude, camera.offset_frd)
-        eye = (position_ned[0] + lever[0], position_ned[1] + lever[1], position_ned[2] + lever[2])
-        pose = CameraPose(eye, attitude)
+        pose = camera_pose(position_ned, attitude, camera)
         sight = self._view.sight(place, turned, pose, camera, self.past(drones))
         toward = math.atan2(centre[1] - position_ned[1], centre[0] - position_ned[0])
         return TargetMeasurement(

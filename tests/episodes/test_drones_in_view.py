@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from episodes.camera.renderer import Renderer, camera_pose
+from episodes.camera.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.assets.multirotor import X500, multirotor, outline
 from episodes.records import catalogue
 from episodes.world.fleet import DronePose, Fleet, hovering
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.frames import Vec3, quat_from_euler
 from foundation.terrain import OPEN
 from vehicles import airframe as airframes

@@ -8,12 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.visibility import NEAR_M, in_camera, picture_box
 from episodes.world.world import World
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import quat_from_euler
 
 CAMERA = CameraModel()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from episodes import maps
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps.scene import Instance
 from episodes.records import catalogue
@@ -17,7 +16,7 @@ from episodes.records.record import EpisodeRecord, TargetRecord, parse
 from episodes.world.obstacles import obstacles
 from episodes.world.visibility import Solids, TargetView, Together, Without
 from episodes.world.world import World
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 

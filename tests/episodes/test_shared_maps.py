@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from episodes.camera.renderer import layout, renderer
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.world.obstacles import obstacles, sorted_into_cells, with_more
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.frames import quat_from_euler
 from foundation.terrain import MovingBox
 

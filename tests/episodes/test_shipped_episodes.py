@@ -11,14 +11,13 @@ import pytest
 from episodes.authoring.check.referring import RELATIONS
 from episodes.authoring.check.rules import check, check_all
 from episodes.authoring.check.sight import patch
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.assets.materials import NEUTRAL
 from episodes.records import catalogue
 from episodes.records.record import MOVING
 from episodes.world.world import World
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Vec3, quat_from_euler
 
 CAMERA, HALF = CameraModel(), CameraModel(640, 360)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from episodes.authoring.check import sight
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps.scene import turn
 from episodes.records import catalogue
 from episodes.world.target import motion
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.frames import quat_from_euler, quat_to_euler
 from foundation.protocol import CAP_S
 

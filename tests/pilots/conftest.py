@@ -71,8 +71,8 @@ def fly_kinematic():
 @pytest.fixture(scope="session")
 def eye():
     """Return a function (world) → function (position, yaw, t) → JPEG, with one renderer per world."""
-    from episodes.camera.renderer.layout import camera_pose
     from episodes.camera.renderer.renderer import Renderer
+    from foundation.camera import camera_pose
 
     def open_eye(world):
         renderer = Renderer(world.scene, HALF)

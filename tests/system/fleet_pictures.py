@@ -8,9 +8,9 @@ import numpy as np
 from pymavlink import mavutil
 
 from dronecats.flight.sitl.simulation import load_world, origin
-from episodes.camera.renderer import Renderer, camera_pose
+from episodes.camera.renderer import Renderer
 from episodes.maps.assets.multirotor import X500
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.frames import geodetic_to_ned
 from tests import pictures
 

@@ -24,11 +24,10 @@ from dronecats.flight.sitl.simulation import load_world, origin
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
 from episodes.camera.optics.file import optics_of
 from episodes.camera.optics.options import Optics
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
-from foundation.camera import CameraModel, Frame
+from foundation.camera import CameraModel, Frame, camera_pose
 from foundation.errors import CameraError, DronecatsError
 from foundation.frames import Vec3, quat_conjugate, quat_multiply
 from foundation.mavlink import Packer, dialect

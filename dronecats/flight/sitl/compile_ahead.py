@@ -82,11 +82,10 @@ def compile_plant() -> None:
 
 def compile_camera() -> None:
     """Compile the renderer. One map and a small picture stand for all: maps differ in values, not in types."""
-    from episodes.camera.renderer.layout import camera_pose
     from episodes.camera.renderer.renderer import Renderer
     from episodes.records import catalogue
     from episodes.world.world import World
-    from foundation.camera import CameraModel
+    from foundation.camera import CameraModel, camera_pose
 
     world, camera = World(catalogue.load("blocks-commanding-01")), CameraModel(64, 36)
     renderer = Renderer(world.filmed, camera)

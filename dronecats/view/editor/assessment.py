@@ -9,13 +9,12 @@ from numpy.typing import NDArray
 from episodes.authoring.check import rules
 from episodes.authoring.check.finding import RuleFinding
 from episodes.camera.renderer import Renderer
-from episodes.camera.renderer.layout import camera_pose
 from episodes.maps.scene import Instance, Scene
 from episodes.records.record import EpisodeRecord, parse
 from episodes.world.fleet import Fleet, hovering
 from episodes.world.target import Wheels, motion, on_ground
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_from_euler
 from foundation.terrain import FLAT

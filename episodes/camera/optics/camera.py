@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from episodes.camera.optics import weather
 from episodes.camera.optics.options import LensModel, Optics, Rain, Sensor
 from episodes.camera.optics.weather import Light
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.camera.renderer.sky import STEPS, WHITE, daylight, display_table
 from episodes.maps.scene import Moved, Scene, Sun
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Quat, Vec3, quat_integrate
 
 WIDEST = 2.0  # times the camera's width and height: the largest picture drawn for a lens

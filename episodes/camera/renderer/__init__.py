@@ -4,7 +4,6 @@
 shadows, `shading` and `sky` the light and the picture with smooth edges, and `renderer` runs them in that order.
 """
 
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer, View
 
-__all__ = ["Renderer", "View", "camera_pose"]
+__all__ = ["Renderer", "View"]

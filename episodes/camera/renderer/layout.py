@@ -40,17 +40,6 @@ class Eye(NamedTuple):
     center_y: float  # px, H / 2
 
 
-def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> CameraPose:
-    """Return the pose of a vehicle's camera.
-
-    `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED; the camera sits at
-    `camera.offset_frd` and looks along body forward (zero pitch), so its attitude is the body's.
-    """
-    offset = rotate(attitude, camera.offset_frd)
-    position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
-    return CameraPose(position_ned=position, attitude=attitude)
-
-
 def eye_of(pose: CameraPose, camera: CameraModel) -> Eye:
     """Return `pose` with its axes in NED and the pinhole of `camera`. Source: paper, "Back-projection"."""
     return Eye(

@@ -13,13 +13,12 @@ from dronecats.pilots.vision.command import Inscription, plain_text, read_inscri
 from dronecats.pilots.vision.division import Candidate, GroundPoint, divide
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE
 from episodes.authoring import asset_pictures as probe
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.records import catalogue
 from episodes.world.world import World
 from foundation import picture
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 

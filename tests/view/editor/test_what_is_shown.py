@@ -18,10 +18,11 @@ from dronecats.view.scene import display
 from episodes import maps
 from episodes.authoring.check import rules
 from episodes.authoring.check.finding import RuleFinding
-from episodes.camera.renderer import Renderer, camera_pose
+from episodes.camera.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.scene import Mesh
 from episodes.world.world import World
+from foundation.camera import camera_pose
 from foundation.threads import Latest
 
 

@@ -13,12 +13,11 @@ from episodes.authoring.check import placement, rules, sight
 from episodes.authoring.check.finding import RuleFinding
 from episodes.authoring.check.placement import Box, StaticObstacles, overlaps
 from episodes.authoring.check.rules import check
-from episodes.camera.renderer.layout import camera_pose
 from episodes.camera.renderer.renderer import Renderer
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord, Path3D
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.frames import Vec3, quat_from_euler
 
 Change = Callable[[EpisodeRecord], EpisodeRecord]

@@ -19,10 +19,10 @@ from episodes.camera.optics.camera import (
 )
 from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
 from episodes.camera.optics.weather import drops_per_m3, fall_speed, streaks, toward_sun
-from episodes.camera.renderer import Renderer, camera_pose
+from episodes.camera.renderer import Renderer
 from episodes.camera.renderer.sky import WHITE
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_pose
 from foundation.frames import quat_from_euler
 from foundation.terrain import FLAT
 

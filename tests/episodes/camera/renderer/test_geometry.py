@@ -9,8 +9,8 @@ from embreex.rtcore_scene import EmbreeScene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from episodes.camera.renderer import Renderer, camera_pose
-from foundation.camera import CameraModel
+from episodes.camera.renderer import Renderer
+from foundation.camera import CameraModel, camera_pose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler, rotate, rotate_inverse
 from tests.episodes.camera.renderer.scenes import box_mesh, ground_mesh, instance, looking, random_boxes, scene_of
