@@ -132,7 +132,7 @@ def test_commanding():
     found = {flight["command"]: flight for flight in printed("commanding")}
     assert found.keys() == {"flat", "solo", "hierarchical"}
     for flight in found.values():
-        assert_figures(flight, {"steps", "seconds", "asked"})
+        assert_figures(flight, {"steps", "seconds", "questions"})
     assert_figures(found["hierarchical"], {"commanded", "commanded_tokens"})
 
 

@@ -183,7 +183,8 @@ class LinkFaults:
         PERFECT,
         Disturbance(
             option=DisturbanceOption(
-                name="link", metavar="WORDS", help="faults of the MAVLink link: delay=0.1,loss=0.05,to.jitter=0.02 …",
+                name="link", metavar="NAME=VALUE,…",
+                help="faults of the MAVLink link: delay=0.1,loss=0.05,to.jitter=0.02 …",
                 read=_read_wire, more="see below",
             ),
             levels=tuple(_wire_level(name) for name in WIRE_LEVELS),
