@@ -1,6 +1,7 @@
 """A flight that is watched is the flight that is not: to the byte, whatever becomes of the page and of who looks."""
 
 import contextlib
+import json
 import os
 import signal
 from collections.abc import Callable
@@ -128,6 +129,8 @@ def test_the_questions_that_are_shown_are_those_that_were_asked(alone):
     decided = list(rows(folder / layout.DECISIONS, Decision))
     assert len(decided) > 2
     shown = []
+    for prompt in map(json.loads, (folder / layout.PROMPTS).read_text().splitlines()):
+        follower._take_prompt(prompt)
     for decision in decided:
         follower._take_decisions([decision])
         shown.append(follower._drone(0).prompt)

@@ -118,7 +118,7 @@ def seen(browser, tmp_path_factory):
         browser.get(url)
         until(lambda: "in the air" in text(browser, ".state"))
         found: dict[str, Any] = {"clocks": [text(browser, ".state")], "canvases": [canvas(browser)]}
-        until(lambda: "go to" in text(browser, ".action"))
+        until(lambda: "go" in text(browser, ".action"))
         found["reply"] = text(browser, ".reply")
         found["step"] = until(lambda: browser.execute_script("return document.querySelector('.action')?.dataset.step"))
         until(lambda: browser.execute_script("return document.querySelector('svg.ring')?.dataset.x"))
