@@ -206,7 +206,7 @@ class AttitudeWatch:
 
 
 DURATION_US = 2_000_000
-STEPS = 10  # progress is told in tenths
+STEPS = 10  # calibration reports its progress in tenths
 MOVING_RATE = math.radians(5.0)  # rad/s, above any gyro's bias
 GRAVITY_TOLERANCE = 0.1
 FIELD_GAUSS = (0.1, 1.0)  # the Earth's field is 0.22 to 0.67

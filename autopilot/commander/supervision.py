@@ -21,7 +21,7 @@ class Reaction(IntEnum):
 
     NONE = 0
     WARN = 1
-    STICKS = 2  # a manual mode, or a descent under its name when nobody holds the sticks
+    STICKS = 2  # a manual mode; it descends when there is no stick input
     HOLD = 3
     RETURN = 4
     LAND = 5
@@ -34,9 +34,9 @@ class Reaction(IntEnum):
 class Conditions:
     """The inputs of the supervision, gathered by the commander."""
 
-    mode: str  # the mode that was asked for
+    mode: str  # the requested mode
     offboard_signal: bool
-    sticks: bool  # somebody holds them
+    sticks: bool  # whether there is stick input
     sticks_lost_s: float  # s since the last MANUAL_CONTROL; nan when the flight began without sticks
     station_lost_s: float  # s since the last ground station heartbeat; nan when there never was one
     battery: float  # 0 … 1, nan when unknown

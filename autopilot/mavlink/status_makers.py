@@ -27,7 +27,7 @@ class TelemetrySource:
     state: EstimatedState
     commander: Commander
     parameters: ParameterTable
-    actuators: Any | None  # ACTUATORS record, None when nobody shares it
+    actuators: Any | None  # ACTUATORS record, None when it is not shared
     calibration: SensorCalibration
     vibration: Vibration
 

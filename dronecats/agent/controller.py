@@ -2,7 +2,7 @@
 
 One action becomes at most a turn and a move. The geometry is solved once per step, without feedback; the autopilot
 tracks the result. Angles count from the heading that the vehicle had when the picture was taken, so a go flies to its
-pixel whatever the vehicle has done meanwhile.
+pixel even if the vehicle has turned since.
 """
 
 import math

@@ -267,7 +267,7 @@ def landed_with(outcome: dict[str, Any], sortie: Sortie) -> Landed:
 def lost(sortie: Sortie, fault: str) -> Landed:
     """Return a flight that has no result, because of a fault of it or of its worker.
 
-    It is not scored, and the next run flies it again, whatever its logs say.
+    It is not scored, even if its logs are complete. The next run flies it again.
     """
     verdict = write_verdict(sortie.folder)
     if verdict.outcome in SCORED:

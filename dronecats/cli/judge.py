@@ -42,7 +42,7 @@ def _add_rules(parser: argparse.ArgumentParser) -> None:
 
 
 def _judge(args: argparse.Namespace) -> int:
-    """Print the verdicts; status 0 whatever they are, or 4 when a stored verdict differs."""
+    """Print the verdicts. Return 0, or 4 when a stored verdict differs."""
     from dronecats.judge.metrics.judging import Judging, judged_episodes
     from dronecats.report.recorded.run import recorded_runs
 
@@ -176,7 +176,7 @@ def _print(audit: "Audit") -> None:
     )
     rules = [(text, audit.flips[name]) for name, (text, _) in RULES.items()]
     rules.append(("strict parsing of what was mended", audit.strict))
-    columns = (words("rule"), numbers("told"), numbers("success"), numbers("lost"), numbers("gained"))
+    columns = (words("rule"), numbers("episodes"), numbers("success"), numbers("lost"), numbers("gained"))
     print()
     show(table_of(columns, ((text, r.told, r.successes, r.lost, r.gained) for text, r in rules)))
     gain = "" if audit.think.gain_m_per_step is None else f", {audit.think.gain_m_per_step:+.2f} m/step after them"

@@ -30,7 +30,7 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the report; status 0 whatever its content."""
+    """Write the report. Return 0."""
     import math
 
     from dronecats.judge.metrics.registry import METRICS, own_metrics

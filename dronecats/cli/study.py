@@ -143,7 +143,7 @@ def _repeat_command(run: "OpenRun") -> str:
 
 
 def _report(args: argparse.Namespace) -> int:
-    """Write the report; status 0 whatever its content."""
+    """Write the report. Return 0."""
     from dronecats.report.results.collection import parse_exclusion
     from dronecats.study.analysis.loading import load_results
     from dronecats.study.report.report_folder import as_json, write

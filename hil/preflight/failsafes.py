@@ -47,13 +47,13 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
     if value == 5:
         return _good("COM_OBL_RC_ACT", value, f"{lost}, it stays where it is")
     if value in (3, 4):
-        return _good("COM_OBL_RC_ACT", value, f"{lost}, as somebody chose; 5 would let it stay where it is")
+        return _good("COM_OBL_RC_ACT", value, f"{lost}, as configured; 5 would let it stay where it is")
     if value in (6, 7):
         reason = "it would fall when our setpoints stop; Hold lets it stay where it is"
     elif s.sticks:
-        reason = "it would fly by whatever the sticks say, throttle down included; Hold lets it stay where it is"
+        reason = "it would follow the sticks, also a throttle that is down; Hold lets it stay where it is"
     else:
-        reason = "nobody holds sticks for that mode, so it sinks to the ground; Hold lets it stay where it is"
+        reason = "without stick input that mode sinks to the ground; Hold lets the vehicle stay where it is"
     return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}: {reason.partition(';')[0]}", reason)
 
 
@@ -100,7 +100,7 @@ def _station_loss(s: Situation, value: Value) -> Finding:
     if value in KILLING:
         return _bad("NAV_DLL_ACT", value, f"ground station lost: {action}, it falls", "choose 2 (Return) or 3 (Land)")
     if value == 0 and not s.sticks:
-        return _judge("NAV_DLL_ACT", value, "ground station lost: nothing; without sticks nobody could take over",
+        return _judge("NAV_DLL_ACT", value, "ground station lost: nothing; without sticks no pilot can take over",
                       "fly with sticks, or with a station and 2 (Return)")  # fmt: skip
     if value > 0 and not s.station:
         return _judge("NAV_DLL_ACT", value, "no ground station is heard on this link; without one it refuses to arm",
@@ -206,11 +206,11 @@ def failsafe_findings(situation: Situation) -> list[Finding]:
 def _sticks(s: Situation) -> Row:
     mode = s.values.get("COM_RC_IN_MODE")
     if s.sticks:
-        return Row("sticks", True, "somebody holds them; the advice below is for a flight with a safety pilot")
+        return Row("sticks", True, "there is stick input; the advice below is for a flight with a safety pilot")
     if mode == 4:
-        return Row("sticks", None, "COM_RC_IN_MODE = 4: all sticks are ignored, nobody could take over by hand",
+        return Row("sticks", None, "COM_RC_IN_MODE = 4: all sticks are ignored, so no pilot can take over by hand",
                    "0 for a transmitter")  # fmt: skip
-    return Row("sticks", None, "none: nobody could take over by hand", "switch the transmitter on, and run this again")
+    return Row("sticks", None, "none: no pilot can take over by hand", "switch the transmitter on, and run this again")
 
 
 def _mode_switch(s: Situation) -> Row:

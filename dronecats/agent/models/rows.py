@@ -97,7 +97,7 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
     path = own_file()
     if path is None:
         if named_path := os.environ.get(OWN_FILE):
-            raise UsageError(f"{OWN_FILE} names {named_path[:80]}, whose home nobody knows")
+            raise UsageError(f"{OWN_FILE} names {named_path[:80]}, a folder of an unknown user; write its full path")
         return {}
     if not path.exists():
         if os.environ.get(OWN_FILE):

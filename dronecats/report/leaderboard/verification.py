@@ -274,7 +274,7 @@ def _shown(value: Any, depth: int = 3) -> Any:
 
 def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> Iterator[str]:
     """Yield a sentence for each thing that these files cannot prove."""
-    yield "the origin of truth.jsonl: somebody else can write consistent files"
+    yield "the origin of truth.jsonl: another program can write consistent files"
     yield "the choice of flights: bad ones may be left out"
     yield "the code: it may differ from the version that it names"
     if manifest.is_model:
