@@ -165,7 +165,7 @@ def test_the_wheel_says_what_it_can(dronecats):
     assert dronecats("--version") == f"dronecats {__version__}\n"
     assert "episode" in dronecats("--help")
     records = ROOT / "episodes" / "records"
-    for folder, suite in ((records, "all"), (records / "v1", "v1")):
+    for folder, suite in ((records / "v2", "all"), (records / "v1", "v1")):
         listed = json.loads(dronecats("episodes", "list", "--suite", suite, "--json"))["episodes"]
         assert {episode["id"] for episode in listed} == {path.stem for path in folder.glob("*.json")}
 

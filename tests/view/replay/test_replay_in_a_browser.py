@@ -171,7 +171,7 @@ def test_two_flights_lie_over_one_another_and_digits_choose(browser, opened, fli
     page, sent = opened(flights)
     assert re.search(r"1 paper\b.*oracle", text(browser))
     assert re.search(r"2 other\b.*oracle.*seed 3", text(browser))
-    row = rows(runs / "paper" / flights[0].episode.id / layout.TRUTH, "pose")[9]
+    row = rows(runs / "paper" / flights[0].recorded.id / layout.TRUTH, "pose")[9]
     page.go_to(row["t"])
     shown_at(browser, page, row["t"])
     until(browser, lambda: away(sent, "/world/1 paper/drone-0", row["position_ned"]) < 0.02)
