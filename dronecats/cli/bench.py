@@ -7,6 +7,7 @@ from pathlib import Path
 
 from dronecats.cli import bench_spec, campaign
 from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import PILOTS, PLACE, SELECTION, add, add_disturbances, add_view, with_folder
 from dronecats.cli.output import print_note
 from foundation.errors import UsageError
@@ -52,6 +53,9 @@ def _run(args: argparse.Namespace) -> int:
     with ExitStack() as pages:
         result = campaign.fly(bench, args, retry=retry, pages=pages)
         campaign.print_result(result, bench_rows(result.scores, drop_stalled=args.drop_stalled), as_json=args.json)
+    flights = [run.batch.folder(episode) for run, episode, _ in bench.stored()]
+    if flights and not args.json:
+        print_next("bench", out=out, flight=flights[0])
     return campaign.status(result, "bench")
 
 

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_line, show
 from foundation.errors import UsageError
 
@@ -142,6 +143,8 @@ def _calibrate(args: argparse.Namespace) -> int:
     print(f"  corners     in {result.coverage:.0%} of the picture")
     print(f"  straight    {model.hfov_deg:.1f}° wide")
     print(f"written: {args.out}")
+    if not Path(args.url).is_dir():
+        print_next("camera calibrate", camera=args.url, file=args.out)
     return 0
 
 

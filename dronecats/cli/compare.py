@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.errors import UsageError
 
@@ -67,7 +68,18 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(result))
     else:
         _print(result)
+        if a.true == b.true and len({_record(path) for path in (args.a, args.b)}) == 1:  # the page can overlay them
+            print_next("compare", flights=[args.a, args.b])
     return 0 if result["agree"] else 1
+
+
+def _record(path: Path) -> bytes:
+    """Return the record of a flight; empty if it has none."""
+    from foundation.run_folder.layout import EPISODE
+    from foundation.run_folder.reading import episode_folder
+
+    file = episode_folder(path) / EPISODE
+    return file.read_bytes() if file.is_file() else b""
 
 
 def _print(result: dict[str, Any]) -> None:

@@ -19,6 +19,7 @@ from pathlib import Path
 from dronecats import __version__
 from dronecats.agent.models import rows
 from dronecats.agent.models.spec import LOOPBACK, PROVIDERS
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from dronecats.report.table import ReportTable, table_of, words
 from foundation import machine
@@ -88,6 +89,8 @@ def run(args: argparse.Namespace) -> int:
         )
     )
     print(f"\nFlying in simulation is {'possible here.' if able else 'NOT possible here yet: see ✗.'}")
+    if able:
+        print_next("doctor")
     return 0 if able else 1
 
 

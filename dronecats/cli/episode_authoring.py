@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import add_page, page_of, serve
 from dronecats.cli.output import print_line, show
 from foundation.errors import UsageError
@@ -75,11 +76,15 @@ def _new(args: argparse.Namespace) -> int:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--out '{args.out}' cannot be made a folder: {error.strerror}.") from None
+    files = []
     for batch in batches:
         for record in batch:
             file = args.out / f"{record.id}.json"
             _write(file, record.to_json(), replace=args.official)
             print(f"{file}  {record.instruction}", flush=True)
+            files.append(file)
+    if files and not args.official:
+        print_next("episodes new", files=files, file=files[0])
     return 0
 
 

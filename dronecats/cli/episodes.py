@@ -15,6 +15,7 @@ from dronecats.cli.episode_authoring import (
     add_sheet_options,
 )
 from dronecats.cli.episodes_audit import add_audit_options
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import Drawing, show
 from foundation.errors import UsageError
 
@@ -160,6 +161,9 @@ def _check(args: argparse.Namespace) -> int:
         print(f"{len(reports)} checked, {len(rejected)} rejected")
         for sentence in uneven:
             print(f"REJECTED  the suite: {sentence}.")
+        own_rejected = [report.source for report in reports if report.reason and Path(report.source).is_file()]
+        if own_rejected:
+            print_next("episodes check", file=own_rejected[0])
     return 1 if rejected or uneven else 0
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import print_note, progress_bar, show
 from foundation.errors import UsageError
 from foundation.wording import printable
@@ -101,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         show(audit_table(rows, floors))
         print(f"run folder: {batch.run}")
+        print_next("episodes audit", run=batch.run)
     if rows[-1].errors:
         return 3
     return 1 if args.pilot == "oracle" and rows[-1].solved < rows[-1].flown else 0

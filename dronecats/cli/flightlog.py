@@ -7,6 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import Drawing, show
 from foundation.errors import UsageError
 
@@ -40,6 +41,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _on_board(args: argparse.Namespace) -> int:
+    from foundation.run_folder.reading import episodes
     from hil.link.flight_logs import log_store
 
     with log_store(args.connect) as store:
@@ -62,6 +64,8 @@ def _on_board(args: argparse.Namespace) -> int:
             print(json.dumps({"file": str(file), **asdict(chosen[-1])}))
         else:
             print(f"{file}  ({chosen[-1].size_bytes:,} bytes, written {chosen[-1].date})")
+            if len(episodes(args.out)) == 1:  # the log belongs to this flight
+                print_next("flightlog fetch", run=args.out, log=file)
     return 0
 
 
@@ -92,7 +96,11 @@ def _trace(args: argparse.Namespace) -> int:
         distances = verdict.distances or None
         result |= {"outcome": verdict.outcome, "distances": as_json(distances)}
         summary = distances_sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
-    print(json.dumps(result) if args.json else f"{file}\n{summary}")
+    if args.json:
+        print(json.dumps(result))
+    else:
+        print(f"{file}\n{summary}")
+        print_next("flightlog trace", run=args.run_dir)
     return 0
 
 

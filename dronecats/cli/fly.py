@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from dronecats.cli.exit_status import interrupt_on_signals
 from dronecats.cli.fly_spec import PILOT, RUN, VEHICLE, replay_line, spec_of
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import COMMAND, LATENCY, Option, add, add_disturbances, add_view, describe_model, view_of
 from dronecats.cli.output import print_line
 from foundation.errors import UsageError
@@ -143,4 +144,6 @@ def _report(result: dict[str, Any], as_json: bool) -> int:
     print(f"run folder: {result['run_dir']}", flush=True)
     if as_json:
         print(json.dumps(result), flush=True)
+    elif reason in ("cap", "decided"):
+        print_next("fly --connect" if result["success"] is None else "fly", run=result["run_dir"])
     return int(status)

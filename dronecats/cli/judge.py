@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.wording import counted
@@ -62,6 +63,7 @@ def _judge(args: argparse.Namespace) -> int:
         show(_table(judged))
         if len(folders) > 1:
             print(f"{counted(len(folders), 'episode')}, {doubtful} in doubt")
+        print_next("judge", runs=args.runs)
     return DIFFERS if doubtful else 0
 
 

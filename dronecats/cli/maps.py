@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.errors import UsageError
 
@@ -68,6 +69,7 @@ def run(args: argparse.Namespace) -> int:
     if args.action == "import":
         scene = user.add(args.file, args.name, args.spawn, maps.shipped(), args.replace)
         show(_table(_facts(scene)))
+        print_next("maps import", map=args.name)
         return 0
     scene = maps.build(args.name, args.seed)
     if args.action == "show":

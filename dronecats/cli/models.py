@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from dronecats.agent.models.model import ending_reason
-from dronecats.cli.options import MODEL, add, describe_model, model_of, with_options
+from dronecats.cli.next_commands import print_next
+from dronecats.cli.options import MODEL, add, describe_model, is_set, model_of, with_options
 from dronecats.cli.output import show
 from foundation.errors import UsageError
 
@@ -227,6 +228,9 @@ def _check(args: argparse.Namespace) -> int:
         if reason := ending_reason(reply.finish, reply.tokens_out):
             print(f"  {reason}")
     print("", *_findings(result), sep="\n")
+    if result.order_is_right:
+        own = [word for option in MODEL if is_set(value := getattr(args, option.name)) for word in (option.flag, value)]
+        print_next("models check", model=[args.model, *own])
     return 0 if result.order_is_right else 1
 
 
@@ -297,6 +301,7 @@ def add_prompt_options(parser: argparse.ArgumentParser) -> None:
 
 def run_prompt(args: argparse.Namespace) -> int:
     """Write the listing. Raises UsageError for a file that holds something else, and keeps that file."""
+    from dronecats.agent.models.rows import rows
     from dronecats.agent.prompt import Prompt, prompt_listing
 
     try:
@@ -312,5 +317,8 @@ def run_prompt(args: argparse.Namespace) -> int:
         raise UsageError(f"--out {args.out} cannot be written: {error}") from None
     prompt = Prompt(template)
     print(f"{args.out}: {len(template):,} characters, prompt {prompt.name}, digest {prompt.digest[:8]}")
-    print(f"fly it: dronecats fly --sitl --model NAME --prompt {shlex.quote(str(args.out))}")
+    print(f"Fly with it: add --prompt {shlex.quote(str(args.out))} to a command with --model NAME")
+    rows_with_key = [row for row in map(_row_as_json, rows().values()) if row["key_needed"] and row["key_set"]]
+    if rows_with_key:
+        print_next("prompt extract", model=rows_with_key[0]["name"], prompt=args.out)
     return 0

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import add_sign, key_of
 from dronecats.cli.output import show
 from foundation.errors import UsageError
@@ -84,6 +85,12 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         rows, changes = [asdict(row) for row in result.rows], [asdict(change) for change in result.changes]
         print(json.dumps({"passed": not failed, "rows": rows, "changes": changes}))
+    else:
+        vehicle = [args.connect, *(["--sign", str(args.sign)] if args.sign else [])]
+        if result.changes and not args.fix:
+            print_next("preflight, fixable", vehicle=vehicle)
+        elif args.camera and not failed:
+            print_next("preflight", vehicle=vehicle, camera=args.camera)
     return 1 if failed else 0
 
 

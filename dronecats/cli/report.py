@@ -5,6 +5,7 @@ import json
 import shlex
 from pathlib import Path
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.errors import UsageError
 from foundation.protocol import RADIUS_M
@@ -64,6 +65,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         show(*made[:1])
         print(f"\nreport: {written}" + (f", page: {page}" if page else ""))
+        print_next("report", runs=args.runs)
     return 0
 
 

@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import DISTURBANCES, add, add_sign, add_view, key_of, view_of
 from dronecats.cli.output import print_line
 from dronecats.flight.spec.disturbances import UNDISTURBED
@@ -203,3 +204,8 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
         print(f"camera: {camera}")
     print("MAVSDK scripts to start from: examples/mavsdk4.py, and examples/mavsdk3.py for MAVSDK 3")
     print("Ctrl-C ends it", flush=True)
+    vehicle = [f"udpin://0.0.0.0:{AGENT_PORT + args.instance}", *(["--sign", str(args.sign)] if args.sign else [])]
+    if camera:
+        print_next("sitl --camera", vehicle=vehicle, camera=camera)
+    else:
+        print_next("sitl", vehicle=vehicle)

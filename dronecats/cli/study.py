@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from dronecats.cli import bench_spec, campaign, study_spec
 from dronecats.cli.exit_status import interrupt_on_signals
+from dronecats.cli.next_commands import next_commands, print_next
 from dronecats.cli.options import (
     PILOTS,
     PLACE,
@@ -125,11 +126,10 @@ def _fly(request: study_spec.StudyRequest) -> int:
             print("commands that repeat one flight of each run, to the byte:")
             for command in repeats.values():
                 print(f"  {command}")
-        report = shlex.join(["dronecats", "study", "report", str(out)])
-        more = {"study": study.name, "again": repeats, "report": report}
+        more = {"study": study.name, "again": repeats, "report": next_commands("study", out=out)[0]}
         campaign.print_result(result, bench_rows(result.scores), as_json=args.json, more=more)
         if not args.json:
-            print(f"report: {report}")
+            print_next("study", out=out)
     return campaign.status(result, "study")
 
 
@@ -163,4 +163,6 @@ def _report(args: argparse.Namespace) -> int:
     print(f"page: {report.page}, report: {report.markdown}")
     if report.parquet is None:
         print(f"no Parquet was written: {not_installed('duckdb')}")
+    else:
+        print_next("study report", study=args.study)
     return 0

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli.exit_status import INTERRUPTED, interrupt_on_signals
 from dronecats.cli.fly import no_options
 from dronecats.cli.fly_spec import PILOT
+from dronecats.cli.next_commands import next_commands, print_next
 from dronecats.cli.options import add, add_sign
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
@@ -120,15 +121,26 @@ def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: 
 def _report(
     summary: "ChainSummary | None", replay: "ReplayedChain | None", ending: dict[str, Any], *, as_json: bool
 ) -> None:
-    from dronecats.study.rate.chain import CHAIN, STUDY, next_commands, summary_table
+    from dronecats.study.rate.chain import CHAIN, STUDY, summary_table
 
     written = [str(replay.trace.with_name(name)) for name in (CHAIN, replay.trace.name, STUDY)] if replay else []
-    commands = next_commands(replay) if replay else []
+    made = made_by(replay) if replay else {}
     if as_json:
+        commands = next_commands("study rate", **made) if made else []
         print(json.dumps({**(summary.as_json() if summary else {"questions": 0}), **ending,
                           "written": written, "next": commands}))  # fmt: skip
         return
     if summary:
         show(summary_table(summary, ending["wanted"]))
         print("\nwritten:", *(f"  {path}" for path in written), sep="\n")
-        print("study it in simulation:", *(f"  {command}" for command in commands), sep="\n")
+        if made:
+            print_next("study rate", **made)
+
+
+def made_by(chain: "ReplayedChain") -> dict[str, str | Path | list[str]]:
+    """Return the words of the next commands: the latency and delay of a measured chain, and its files."""
+    from dronecats.study.rate.chain import STUDY
+
+    folder = chain.trace.parent
+    delay = ["--frame-delay", f"{chain.frame_delay_s:g}"] if chain.frame_delay_s else []
+    return {"latency": [f"trace:{chain.trace}", *delay], "folder": folder, "study": folder / STUDY}

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 from foundation.errors import UsageError
 from foundation.files import whole_file, write_text
@@ -51,6 +52,7 @@ def _submit(args: argparse.Namespace) -> int:
     else:
         print(f"{args.out}  {entry.archive_bytes / 1e6:.1f} MB  SHA-256 {entry.archive_sha256}")
         _print(entry)
+        print_next("submit", archive=args.out)
     return 0
 
 
@@ -71,6 +73,8 @@ def _verify(args: argparse.Namespace) -> int:
         print(_as_json(entry))
     else:
         _print(entry)
+        if entry.verified:
+            print_next("verify", archive=args.file)
     return 0 if entry.verified else DIFFERS
 
 

@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from dronecats.cli.next_commands import print_next
 from dronecats.cli.output import show
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ def run(args: argparse.Namespace) -> int:
         print(f"{result['airframe']}: hovers at {result['hover_thrust']:.1%} of its full thrust\n")
         show(*_tables(result))
         print("\n".join(["", *result.get("plots", ())]), end="\n" * ("plots" in result))
+        if not args.out:
+            print_next("tune", airframe=args.airframe)
     return 0
 
 

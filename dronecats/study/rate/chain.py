@@ -2,7 +2,6 @@
 
 import csv
 import json
-import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
@@ -308,21 +307,6 @@ def study_file(chain: ReplayedChain) -> str:
             "",
         ]
     )
-
-
-def next_commands(chain: ReplayedChain) -> list[str]:
-    """Return the commands that use the measured chain: a flight, a benchmark, the study."""
-    delay = ["--frame-delay", f"{chain.frame_delay_s:g}"] if chain.frame_delay_s else []
-    latency = ["--latency", f"trace:{chain.trace}", *delay]
-    folder = chain.trace.parent
-    return [
-        shlex.join(["dronecats", *words])
-        for words in (
-            ["fly", "--sitl", "--speed", "max", *latency],
-            ["bench", "--suite", "quick", "--pilot", "vision", *latency, "--out", f"{folder}-bench"],
-            ["study", "run", str(folder / STUDY), "--out", f"{folder}-study"],
-        )
-    ]
 
 
 def _write_error(path: Path, error: OSError) -> InfrastructureError:

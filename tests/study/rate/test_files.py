@@ -11,13 +11,14 @@ import pytest
 from dronecats.cli import bench_spec, study_spec
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
+from dronecats.cli.next_commands import next_commands
+from dronecats.cli.study_rate import made_by
 from dronecats.flight.spec.flight_spec import read_trace
 from dronecats.report.writers import as_terminal
 from dronecats.study.rate.chain import (
     COLUMNS,
     ChainLog,
     QuestionTimes,
-    next_commands,
     summarize,
     summary_table,
     write_replay,
@@ -62,7 +63,8 @@ def test_a_chain_longer_than_any_latency_is_charged_as_the_longest(rig):
 def test_every_command_that_is_named_flies_the_trace_and_the_delay(rig, delay_s):
     times = measured(12)
     charged = tuple(each.latency_s for each in times)
-    fly, bench, study = (parse(shlex.split(line)[1:]) for line in next_commands(write_replay(rig, times, delay_s)))
+    commands = next_commands("study rate", **made_by(write_replay(rig, times, delay_s)))
+    fly, bench, study = (parse(shlex.split(line)[1:]) for line in commands)
     flight = spec_of(fly)
     assert (flight.latency.trace, flight.disturbances.frame.delay_s) == (charged, delay_s)
     bench = bench_spec.with_file(bench)

@@ -1,0 +1,66 @@
+"""The commands that are useful after a command, printed at its end in a terminal.
+
+They are declared here and nowhere else. A name in braces is filled with what the command has just made.
+"""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+NEXT: dict[str, tuple[str, ...]] = {
+    "doctor": ("fly --sitl --speed max --out runs/demo", "bench --suite quick --pilot vision"),
+    "fly": ("replay {run}", "judge {run}", "report {run} --out report"),
+    "fly --connect": ("replay {run}", "export {run} --to kml"),
+    "sitl": ("preflight --connect {vehicle}",),
+    "sitl --camera": (
+        "preflight --connect {vehicle} --camera {camera}",
+        'fly --connect {vehicle} --camera {camera} --instruction "go to the red van" --dry-run',
+    ),
+    "preflight": ('fly --connect {vehicle} --camera {camera} --instruction "go to the red van" --dry-run',),
+    "preflight, fixable": ("preflight --connect {vehicle} --fix",),
+    "bench": (
+        "report {out} --out report",
+        'query "SELECT run, episode, outcome, ne_m FROM episodes" {out}',
+        "replay {flight}",
+    ),
+    "study": ("study report {out}",),
+    "study report": ('query "SELECT run, count(*) AS episodes FROM episodes GROUP BY run" {study}',),
+    "study rate": (
+        "fly --sitl --speed max --latency {latency}",
+        "bench --suite quick --pilot vision --latency {latency} --out {folder}-bench",
+        "study run {study} --out {folder}-study",
+    ),
+    "judge": ("report {runs} --out report", "audit {runs}"),
+    "report": ('query "SELECT run, episode, outcome, ne_m FROM episodes" {runs}', "audit {runs}"),
+    "submit": ("verify {archive}",),
+    "verify": ("leaderboard {archive} --out leaderboard.md",),
+    "compare": ("replay {flights}",),
+    "flightlog fetch": ("flightlog trace {run} --ulog {log}",),
+    "flightlog trace": ("judge {run}", "replay {run}"),
+    "tune": ("tune {airframe} --out plots",),
+    "episodes new": ("episodes check {files}", "edit {file}", "fly --sitl --speed max --episode {file}"),
+    "episodes check": ("edit {file}",),
+    "episodes audit": ("report {run} --out report",),
+    "models check": ("fly --sitl --model {model}",),
+    "prompt extract": ("fly --sitl --model {model} --prompt {prompt}",),
+    "maps import": ("maps show {map}", "edit {map}"),
+    "camera calibrate": ("camera check {camera} --calibration {file}",),
+}
+KEEPS_RUNNING = ("sitl", "sitl --camera")  # commands that go on: the next ones need another terminal
+
+
+def next_commands(made_by: str, **made: str | Path | Sequence[str | Path]) -> list[str]:
+    """Return the commands after `made_by`, a key of NEXT, filled with what it made; several words stay several."""
+    words = {name: shlex.join([str(value)] if isinstance(value, str | Path) else map(str, value))
+             for name, value in made.items()}  # fmt: skip
+    return [f"dronecats {command.format(**words)}" for command in NEXT[made_by]]
+
+
+def print_next(made_by: str, **made: str | Path | Sequence[str | Path]) -> None:
+    """Print the commands after `made_by` if standard output is a terminal, where a person reads it."""
+    if not sys.stdout.isatty():
+        return
+    label = "next, in another terminal: " if made_by in KEEPS_RUNNING else "next: "
+    lines = next_commands(made_by, **made)
+    print(f"\n{label}{lines[0]}", *(f"{' ' * len(label)}{line}" for line in lines[1:]), sep="\n", flush=True)
