@@ -4,7 +4,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
-from autopilot.commander.commander import Commander
+from autopilot.commander.commander import Commander, SetpointWriter
 from autopilot.commander.health import SensorCalibration
 from autopilot.commander.plans import Plans
 from autopilot.estimator.estimated_state import EstimatedState, Vibration
@@ -14,7 +14,6 @@ from autopilot.mavlink.node import Inject, Node, Uploads
 from autopilot.mavlink.port import Port
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.parameters import ParameterTable
-from autopilot.records import SetpointWriter
 from foundation.airframe import Airframe
 
 COMMANDER_US = 20_000  # 50 Hz: modes and failsafes change slowly, telemetry and the inner loop have rates of their own

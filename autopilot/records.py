@@ -6,7 +6,7 @@ SETPOINT. As in PX4's TrajectorySetpoint, NaN in a setpoint field means "not con
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -107,25 +107,6 @@ class CascadeSetpoint(NamedTuple):
 
 
 IDLE = CascadeSetpoint(kind=KIND_IDLE)
-
-
-class SetpointWriter:
-    """Writes a CascadeSetpoint into a SETPOINT record, and only when something has changed."""
-
-    def __init__(self, record: Any) -> None:
-        self._record = record
-        self._last: tuple[CascadeSetpoint, bool] | None = None
-        self.write(IDLE, armed=False)
-
-    def write(self, setpoint: CascadeSetpoint, armed: bool) -> None:
-        """Put the setpoint and the armed flag into the record."""
-        if self._last == (setpoint, armed):
-            return
-        record = self._record
-        for name, value in zip(CascadeSetpoint._fields, setpoint, strict=True):
-            record[name] = value
-        record["armed"] = armed
-        self._last = (setpoint, armed)
 
 
 rotate = njit(cache=True)(frames.rotate)

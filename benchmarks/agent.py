@@ -30,7 +30,6 @@ from benchmarks.machine import Machine, benchmark_parser, children_cpu_s, print_
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.prompt import Prompt
@@ -45,6 +44,7 @@ from foundation.frames import quat_from_euler
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog
 from foundation.setpoints import Setpoint, Sight
+from foundation.threads import InlineExecutor
 
 EPISODE = "blocks-commanding-01"  # four starts, from each of which there is something to see
 ACTION = '{"action": "go", "point": [480, 520], "depth_m": 9.5}'

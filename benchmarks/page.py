@@ -25,7 +25,7 @@ from dronecats.cli.exit_status import exit_status
 from dronecats.report.page.index import write_page
 from dronecats.report.results.collection import collect
 from foundation import extras
-from foundation.picture import encode
+from foundation.camera import encode
 from foundation.run_folder import layout
 
 PILOTS, STEPS, PERIOD_S = 9, 60, 2.6

@@ -25,8 +25,7 @@ from episodes.authoring import asset_pictures as probe
 from episodes.authoring.asset_pictures import alone
 from episodes.authoring.scene_pictures import CENTRED, rendered
 from episodes.maps import assets
-from foundation import picture
-from foundation.camera import CameraPose
+from foundation.camera import CameraPose, encode
 from foundation.frames import quat_from_euler
 
 DISTANCES_M, ANGLES_DEG = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0), (0.0, 30.0, 45.0, 60.0)
@@ -66,7 +65,7 @@ def line_of(
     yaw = math.atan2(face.right - eye[1], face.ahead - eye[0])
     pose = CameraPose(eye, quat_from_euler(0.0, 0.0, yaw))
     rgb = rendered(alone(kind.asset, mesh, probe.SUN), CENTRED, pose, shadow_cells=1024)
-    seen = pilot.decode(picture.encode(rgb))
+    seen = pilot.decode(encode(rgb))
     middle_y = 180.0 + 320.0 * (eye_m - face.height) / distance_m
     high = 1.7 * 320.0 * kind.letter_m / distance_m
     wide = high / 1.7 * 0.98 * len(text) * math.cos(angle)

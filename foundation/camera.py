@@ -1,4 +1,4 @@
-"""The forward camera: its geometry and the frames it gives. Paper, appendix "Execution"."""
+"""The forward camera: its geometry, its frames, and their JPEGs for the model. Paper, appendix "Execution"."""
 
 import math
 from dataclasses import dataclass
@@ -62,3 +62,21 @@ class Camera(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+WIDTH_MAX = 640  # px; a wider frame is resized. Paper, "API Request Format"
+QUALITY = 85  # of the JPEG
+
+
+def encode(image_rgb: NDArray[np.uint8]) -> bytes:
+    """Return the JPEG of an (H, W, 3) RGB image as the model gets it, aspect ratio kept."""
+    import cv2  # slow to import, and only some users of the geometry encode
+
+    height, width = image_rgb.shape[:2]
+    if width > WIDTH_MAX:
+        size = (WIDTH_MAX, round(height * WIDTH_MAX / width))
+        image_rgb = cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA)  # area: small text is lost last
+    ok, data = cv2.imencode(".jpg", cv2.cvtColor(image_rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if not ok:
+        raise ValueError(f"an image of shape {image_rgb.shape} cannot be written as JPEG")
+    return data.tobytes()

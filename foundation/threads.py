@@ -9,6 +9,7 @@ import sys
 import threading
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from functools import wraps
 from typing import Generic, ParamSpec, TypeVar
@@ -187,3 +188,31 @@ class Latest(Generic[T]):
                 self._work(item)
             except Exception:
                 threading.excepthook(threading.ExceptHookArgs((*sys.exc_info(), self._thread)))
+
+
+class InlineExecutor(Executor):
+    """Runs a call at once, in the caller's thread. The executor of lockstep."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+class DaemonExecutor(Executor):
+    """Runs each call on a daemon thread, so that a silent endpoint does not keep the process alive."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        future: Future[T] = Future()
+
+        def call() -> None:
+            try:
+                future.set_result(fn(*args, **kwargs))
+            except BaseException as error:
+                future.set_exception(error)
+
+        threading.Thread(target=call, name="model", daemon=True).start()
+        return future

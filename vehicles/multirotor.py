@@ -119,8 +119,8 @@ class Multirotor:
     """One vehicle: its records, and the time it has lived.
 
     `params`, `state`, `air`, `suite`, `memory` and `faults` are records of `vehicles.records` and `vehicles.sensors`;
-    `sensors`, `actuators` and `truth` are the border's. All of them are fields of `record`, one PLANT. `kernel_args` is
-    what `step` takes: that record, the ground, and what stands on it.
+    `sensors`, `actuators` and `truth` are records of `foundation.sensors`. All of them are fields of `record`, one
+    PLANT. `kernel_args` is what `step` takes: that record, the ground, and what stands on it.
     """
 
     def __init__(

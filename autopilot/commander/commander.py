@@ -5,6 +5,7 @@ Results of requests are MAV_RESULT numbers, as a real PX4 was measured to answer
 """
 
 import math
+from typing import Any
 
 from autopilot.commander.ground import LANDING, AutoDisarm, LandDetector, LandingWatch, TakeoffRamp, wants_climb
 from autopilot.commander.health import (
@@ -29,7 +30,7 @@ from autopilot.commander.supervision import (
 )
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
-from autopilot.records import IDLE, CascadeSetpoint, SetpointWriter
+from autopilot.records import IDLE, CascadeSetpoint
 from foundation.frames import Vec3
 from foundation.mavlink import MODES, dialect
 
@@ -38,6 +39,25 @@ REJECTED = int(dialect.MAV_RESULT_TEMPORARILY_REJECTED)
 DENIED = int(dialect.MAV_RESULT_DENIED)
 
 HOME_LOOK_US = 1_000_000  # a vehicle carried about takes its home with it
+
+
+class SetpointWriter:
+    """Writes a CascadeSetpoint into a SETPOINT record, and only when something has changed."""
+
+    def __init__(self, record: Any) -> None:
+        self._record = record
+        self._last: tuple[CascadeSetpoint, bool] | None = None
+        self.write(IDLE, armed=False)
+
+    def write(self, setpoint: CascadeSetpoint, armed: bool) -> None:
+        """Put the setpoint and the armed flag into the record."""
+        if self._last == (setpoint, armed):
+            return
+        record = self._record
+        for name, value in zip(CascadeSetpoint._fields, setpoint, strict=True):
+            record[name] = value
+        record["armed"] = armed
+        self._last = (setpoint, armed)
 
 
 class Commander:

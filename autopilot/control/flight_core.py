@@ -102,7 +102,7 @@ class FlightCore:
     def kernel_args(self, sensors: np.void, actuators: np.void) -> CoreArguments:
         """Return the arguments of `update` for these SENSORS and ACTUATORS records."""
         if sensors.dtype.names is None or "imu_time_us" not in sensors.dtype.names:
-            raise UsageError("the flight core reads a border.sensors.SENSORS record: pass vehicle.sensors")
+            raise UsageError("the flight core reads a foundation.sensors.SENSORS record: pass vehicle.sensors")
         return CoreArguments(
             self.params, self.state, self.filter_params, self.filter_state, self.covariance, self.history,
             self.setpoint, self.estimate, sensors, actuators,

@@ -1,19 +1,24 @@
 """The interface between an agent and one episode: vehicles, camera, clock and logs. An agent gets nothing else."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 from dronecats.agent.controller import Aircraft
+from dronecats.agent.latency import Question
 from dronecats.agent.models.model import Request
 from dronecats.agent.pictures import PicturePath
-from foundation.camera import Camera, CameraModel, Frame
+from foundation.camera import Camera, CameraModel, Frame, encode
+from foundation.errors import CameraError
 from foundation.protocol import CAP_S
+from foundation.run_folder.layout import frame_name
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog, PromptLog
+
+T = TypeVar("T")
 
 
 class HostPace:
@@ -98,6 +103,47 @@ class Cockpit:
     on_tick: Callable[[], None] = _nothing  # called at every tick; an exception in it ends the flight
     pictures: PicturePath | None = None  # declared disturbances of pictures; None: there are none
     host: HostPace | None = None  # paces the vehicle's clock in real time; None: lockstep, no host can be late
+
+    def newest_frames(
+        self,
+        question: Question,
+        drones: Sequence[int],
+        now_s: Callable[[], float],
+        cap_s: float,
+        patience_s: float | None,
+    ) -> Generator[None, None, list[Frame] | None]:
+        """Return the newest frame of each drone for a question; yield while they come.
+
+        None where the episode is over (`cap_s`) before pictures come that are held back on purpose. Raises CameraError.
+        """
+
+        def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
+            coming = self.executor.submit(call)
+            start_s = now_s()
+            while not coming.done():
+                yield
+                if patience_s is not None and now_s() > start_s + patience_s:
+                    raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
+            return coming.result()
+
+        if self.pictures is None:
+            return (yield from fetched(lambda: [self.camera.newest(drone) for drone in drones]))
+        coming = self.pictures.frames(self.camera, question, drones, now_s, self.t0_us, fetched)
+        while True:
+            try:
+                next(coming)
+            except StopIteration as came:
+                return list(came.value)
+            if now_s() >= cap_s:
+                return None
+            yield
+
+    def keep_pictures(self, frames: Sequence[Frame]) -> tuple[bytes, ...]:
+        """Return frames as the JPEGs that a model gets, each kept in the run folder."""
+        pictures = tuple(encode(frame.image_rgb) for frame in frames)
+        for frame, jpeg in zip(frames, pictures, strict=True):
+            (self.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
+        return pictures
 
     def log_prompt(self, request: Request, frames: Sequence[Frame], time_s: float) -> None:
         """Log the text of a question, sent `time_s` after the episode began."""

@@ -5,28 +5,23 @@ generator that yields whenever vehicle time has to pass, so several of them fly 
 """
 
 from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Executor, Future, wait
 from dataclasses import dataclass
-from typing import TypeVar
 
 from msgspec import UNSET, UnsetType
 
 from dronecats.agent import action as actions
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.controller import Drone
-from dronecats.agent.latency import LatencyPolicy, Question
-from dronecats.agent.model_call import Asking, await_reply
-from dronecats.agent.models.model import Model, Request
+from dronecats.agent.latency import Circumstance, LatencyPolicy, Question
+from dronecats.agent.models.model import Model, Reply, Request
 from dronecats.agent.prompt import Prompt, labels
 from dronecats.agent.reply.reading import ReplyParser, reading
 from foundation.camera import Frame
 from foundation.errors import CameraError, ModelError
-from foundation.picture import encode
 from foundation.protocol import CAP_S, HISTORY_LENGTH
-from foundation.run_folder.layout import frame_name
 from foundation.run_folder.rows import Decision
-from foundation.threads import COMPUTING
-
-T = TypeVar("T")
+from foundation.threads import COMPUTING, DaemonExecutor
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +37,116 @@ class Questions:
     patience_s: float | None = None  # s of vehicle time without a frame or a reply that end the flight; None: no limit
     beside: bool = False  # the model depends on the question alone, so a clock that waits may go on meanwhile
     last_reply: bool = True  # a reply under way at the cap is awaited, to tell a slow model from a dead endpoint
+
+
+SLACK_S = 0.15  # three ticks of the 20 Hz clock on which a reply is noticed
+
+
+class Asking:
+    """One question under way. Its latency is charged once: when the reply has come, or before if it is foreseen."""
+
+    def __init__(
+        self,
+        model: Model,
+        request: Request,
+        executor: Executor,
+        policy: LatencyPolicy,
+        question: Question,
+        now_s: float,
+        beside: bool = False,
+        last_s: float | None = None,
+    ) -> None:
+        """Send the question at `now_s`; `last_s` is the time of the last reply for these drones (vehicle seconds).
+
+        `beside`: a clock that waits goes on meanwhile, up to the due time of a foreseen reply, and waits there.
+        """
+        self._beside = beside and policy.foreseen
+        self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)
+        self._policy, self._question = policy, question
+        self._start_s, self._last_s = now_s, last_s
+        self._charged_s: float | None = None
+
+    def due(self, now_s: float) -> bool:
+        """Return whether the reply is there and its latency has passed on the vehicle's clock."""
+        if self._beside:  # only the due time counts, not the real arrival: else flights would not be reproducible
+            foreseen_s = self._charge() or 0.0
+            if now_s < self._start_s + foreseen_s - 1e-9:
+                return False
+            self._wait()
+        if not self._future.done():
+            return False
+        if self._future.exception() is not None:
+            return True
+        charged_s = self._charge()
+        if charged_s is None:
+            return now_s >= self._start_s - 1e-9  # a picture may be newer than the newest telemetry
+        return now_s >= self._start_s + charged_s - 1e-9
+
+    @property
+    def answered(self) -> bool:
+        """Return whether the call has come back, with a reply or with an error."""
+        if self._beside:
+            self._wait()
+        return self._future.done()
+
+    def _wait(self) -> None:
+        with COMPUTING.lent():
+            wait([self._future])
+
+    def reply(self) -> Reply:
+        """Return the reply. Raises what the model raised."""
+        return self._future.result()
+
+    def latency_s(self, now_s: float) -> float:
+        """Return the vehicle seconds that the reply took; `now_s` is the time at which it was acted on.
+
+        It is the charge if the reply came by then, to within the ticks of the clock; else, and without a charge, the
+        elapsed time.
+        """
+        elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
+        charged_s = self._charge()
+        if charged_s is None:
+            return elapsed_s
+        return charged_s if elapsed_s <= charged_s + SLACK_S else elapsed_s
+
+    def _charge(self) -> float | None:
+        """Return the charge in vehicle seconds; None: real latency, nothing is charged."""
+        if not self._policy.real and self._charged_s is None:
+            reply = None if self._policy.foreseen else self.reply()
+            since_s = None if self._last_s is None else self._start_s - self._last_s
+            self._charged_s = self._policy.charge_s(self._question, Circumstance(reply, since_s))
+        return self._charged_s
+
+
+def await_reply(
+    asking: Asking,
+    now_s: Callable[[], float],
+    start_s: float,
+    cap_s: float,
+    patience_s: float | None = None,
+    last_reply: bool = True,
+) -> Generator[None, None, bool]:
+    """Yield until the reply is due or the episode is over; return whether it is due.
+
+    Times are vehicle seconds since the episode began. `last_reply`: a reply under way at `cap_s` is awaited. It comes
+    too late to be an action, but a slow model has failed and a dead endpoint has not, and only waiting tells them
+    apart. Raises ModelError beyond `patience_s` (None: no limit but the client's), and the client's errors.
+    """
+    while not asking.due(now_s()):
+        yield
+        if now_s() >= cap_s:
+            break
+        if patience_s is not None and now_s() > start_s + patience_s:
+            raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
+    if asking.due(now_s()):
+        return True
+    if last_reply:
+        while not asking.answered:
+            yield
+            if patience_s is not None and now_s() > start_s + patience_s:
+                raise ModelError(f"the model has not answered for {patience_s:g} s, nor when the episode was over")
+        asking.reply()
+    return False
 
 
 class Tally:
@@ -89,8 +194,8 @@ class Decider:
         indices = [drone.index for drone in self._drones]
         start_s = self._host.now_s if self._host else 0.0
         question = Question(self._cockpit.seed, self._questions_sent, indices[0])
-        frames = yield from newest_frames(
-            self._cockpit, question, indices, self._now_s, cap_s, self._questions.patience_s
+        frames = yield from self._cockpit.newest_frames(
+            question, indices, self._now_s, cap_s, self._questions.patience_s
         )
         if frames is None:
             if not self._tally.taken:
@@ -131,7 +236,7 @@ class Decider:
 
     def _send(self, frames: Sequence[Frame], thinking: bool, number: int, now_s: float) -> Asking:
         questions, cockpit = self._questions, self._cockpit
-        pictures = keep_pictures(cockpit, frames)
+        pictures = cockpit.keep_pictures(frames)
         text = questions.prompt.render(
             self._instruction(), self._histories(), HISTORY_LENGTH, questions.axis_order, len(self._drones)
         )
@@ -206,49 +311,6 @@ class Decider:
 
     def _since_begin_s(self, frame: Frame) -> float:
         return (frame.time_us - self._cockpit.t0_us) / 1e6
-
-
-def newest_frames(
-    cockpit: Cockpit,
-    question: Question,
-    drones: Sequence[int],
-    now_s: Callable[[], float],
-    cap_s: float,
-    patience_s: float | None,
-) -> Generator[None, None, list[Frame] | None]:
-    """Return the newest frame of each drone for a question; yield while they come.
-
-    None where the episode is over (`cap_s`) before pictures come that are held back on purpose. Raises CameraError.
-    """
-
-    def fetched(call: Callable[[], T]) -> Generator[None, None, T]:
-        coming = cockpit.executor.submit(call)
-        start_s = now_s()
-        while not coming.done():
-            yield
-            if patience_s is not None and now_s() > start_s + patience_s:
-                raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
-        return coming.result()
-
-    if cockpit.pictures is None:
-        return (yield from fetched(lambda: [cockpit.camera.newest(drone) for drone in drones]))
-    coming = cockpit.pictures.frames(cockpit.camera, question, drones, now_s, cockpit.t0_us, fetched)
-    while True:
-        try:
-            next(coming)
-        except StopIteration as came:
-            return list(came.value)
-        if now_s() >= cap_s:
-            return None
-        yield
-
-
-def keep_pictures(cockpit: Cockpit, frames: Sequence[Frame]) -> tuple[bytes, ...]:
-    """Return frames as the JPEGs that a model gets, each kept in the run folder."""
-    pictures = tuple(encode(frame.image_rgb) for frame in frames)
-    for frame, jpeg in zip(frames, pictures, strict=True):
-        (cockpit.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
-    return pictures
 
 
 class SideBySideAgent:

@@ -26,8 +26,7 @@ from episodes.maps.assets.multirotor import X500, multirotor
 from episodes.maps.assets.vehicles import DIGIT_M
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from episodes.records import catalogue
-from foundation import picture
-from foundation.camera import CameraPose
+from foundation.camera import WIDTH_MAX, CameraPose, encode
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 from foundation.terrain import FLAT
@@ -178,7 +177,7 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
             for distance in PROBE_DISTANCES_M:
                 text = invent(kind.name, rng, taken)
                 taken.add(text)
-                data = picture.encode(view(kind, text, distance))
+                data = encode(view(kind, text, distance))
                 file = f"{kind.name}-{distance:02d}m.jpg"
                 probe = Probe(file, kind.name, text, float(distance), letter_px(kind, distance))
                 (folder / probe.file).write_bytes(data)
@@ -195,7 +194,7 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
 
 def letter_px(kind: InscriptionKind, distance_m: float) -> float:
     """Return the height of a letter in the model's picture, px, by the pinhole."""
-    scale = min(1.0, picture.WIDTH_MAX / CENTRED.width)
+    scale = min(1.0, WIDTH_MAX / CENTRED.width)
     return round(CENTRED.focal_px * scale * kind.letter_m / distance_m, 2)
 
 
@@ -244,7 +243,7 @@ def face_of(mesh: Mesh, material: str) -> Face:
 def _cell(data: bytes, probe: Probe) -> Picture:
     """Return the middle of one picture, enlarged without smoothing, below its distance and text; BGR."""
     seen = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
-    assert seen is not None  # `data` is what `picture.encode` has just written
+    assert seen is not None  # `data` is what `encode` has just written
     focal = CENTRED.focal_px * seen.shape[1] / CENTRED.width
     kind = next(k for k in KINDS if k.name == probe.kind)
     face = face_of(assets.build(kind.asset, kind.paint, probe.text), kind.material)

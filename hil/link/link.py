@@ -9,9 +9,9 @@ from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Setpoint, Sight
 from hil.link.conversation import SILENCE_S, Conversation
-from hil.link.course import Arrival, Turning
+from hil.link.course import Arrival
 from hil.link.envelope import Limits, admit, broken_off, placed
-from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream
+from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream, Turning
 from hil.link.streams import TICK_US, SetpointRate
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
-from hil.link.course import Line, Turning
 
 HEIGHT_GAIN = 1.0  # 1/s
 PLACE_GAIN = 0.9  # 1/s
@@ -22,7 +21,57 @@ HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
 YAW_RATE_STILL = math.radians(5.0)  # rad/s: below it a turn is over
 GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
+GAP_US = 200_000  # µs between two looks at a turn, beyond which the time is not counted as turned
 LATE_MAX_US = 250_000  # µs by which a move may outlast its time and still be taken for one that ended when it should
+
+
+@dataclass(frozen=True, slots=True)
+class Turning:
+    """A turn under way. Its heading runs ahead of the vehicle's, which lags by a third of a second."""
+
+    start: float  # rad, 0 = north, clockwise: the heading that the angle is counted from
+    yaw_rate: float  # rad/s, + right
+    angle: float | None  # rad, signed as the rate; None: as far as the time allows
+    ends_us: int | None  # µs, vehicle clock; None while nobody has said
+    counted_us: int | None = None  # µs, until when it has been counted; None: not begun
+    turned: float = 0.0  # rad, unsigned, by then
+
+    def until(self, time_us: int) -> "Turning":
+        """Return the turn as it is wanted at a time (µs). A time in which nothing was flown is not counted."""
+        end_us = time_us if self.ends_us is None else min(time_us, self.ends_us)
+        since_us = end_us if self.counted_us is None else self.counted_us
+        turned = self.turned + abs(self.yaw_rate) * max(0, min(end_us - since_us, GAP_US)) / 1e6
+        most = turned if self.angle is None else min(turned, abs(self.angle))
+        return replace(self, counted_us=end_us, turned=most)
+
+    @property
+    def heading(self) -> float:
+        """The heading (rad) that is wanted."""
+        return wrap_pi(self.start + math.copysign(self.turned, self.yaw_rate))
+
+    @property
+    def over(self) -> bool:
+        """Whether the wanted heading has come to the end of the angle."""
+        return self.angle is not None and self.turned >= abs(self.angle)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A level straight line over the ground."""
+
+    through: Vec3  # m, local frame; its height is of no account
+    course: float  # rad, 0 = north, clockwise
+
+    def beside(self, position: Vec3) -> float:
+        """Return how far to the right of the line a place is (m)."""
+        north, east = position[0] - self.through[0], position[1] - self.through[1]
+        return math.cos(self.course) * east - math.sin(self.course) * north
+
+    def nearest(self, position: Vec3) -> Vec3:
+        """Return the place on the line that is nearest to another, at its height."""
+        right = self.beside(position)
+        north, east = math.sin(self.course) * right, -math.cos(self.course) * right
+        return (position[0] + north, position[1] + east, position[2])
 
 
 @dataclass(frozen=True, slots=True)

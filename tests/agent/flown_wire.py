@@ -13,13 +13,13 @@ import numpy as np
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog
 from foundation.setpoints import Hold, Sight
+from foundation.threads import InlineExecutor
 from tests.support.json_lines import rows
 
 CAMERA = CameraModel()

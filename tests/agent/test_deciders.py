@@ -7,12 +7,12 @@ import json
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy, Question
 from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.pictures import PicturePath
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.reading import ReplyParser
 from foundation.run_folder.writing import LineLog
+from foundation.threads import InlineExecutor
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.charged import Charged
 

@@ -15,7 +15,6 @@ from dronecats.agent.commanding.command_prompt import INTERVAL_S, STALL_STEPS, C
 from dronecats.agent.commanding.hierarchy import CommandQuestions, Hierarchy
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import actions
@@ -23,6 +22,7 @@ from foundation.errors import ModelError
 from foundation.run_folder.reading import exchanges
 from foundation.run_folder.writing import LineLog, PromptLog
 from foundation.setpoints import Hold
+from foundation.threads import InlineExecutor
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.charged import Charged
 from tests.support.json_lines import rows

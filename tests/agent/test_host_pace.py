@@ -10,13 +10,13 @@ from hypothesis import strategies as st
 from dronecats.agent.cockpit import Cockpit, HostPace
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.diagnostics import STALL_S, delayed, host_stalls
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog
+from foundation.threads import InlineExecutor
 from tests.agent.flown_wire import CAMERA, Clock, Views
 
 

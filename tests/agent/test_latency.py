@@ -6,9 +6,10 @@ from concurrent.futures import Executor, Future
 import pytest
 
 from dronecats.agent.latency import LONGEST_S, LatencyPolicy, Question
-from dronecats.agent.model_call import Asking, InlineExecutor
+from dronecats.agent.loop import Asking
 from dronecats.agent.models.model import Reply, Request
 from foundation.errors import ModelError
+from foundation.threads import InlineExecutor
 from tests.support.charged import Charged
 from tests.support.refusal import refusal
 

@@ -20,13 +20,14 @@ from dronecats.agent.latency import (
     split_policy,
     trace_name,
 )
-from dronecats.agent.model_call import Asking, InlineExecutor
+from dronecats.agent.loop import Asking
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.pictures import PicturePath
 from dronecats.pilots.oracle.noisy import NoisyPilot
 from dronecats.pilots.oracle.oracle import TrueState
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
+from foundation.threads import InlineExecutor
 from tests.support.refusal import refusal
 
 RECORDED = (0.4, 1.5, 0.7, 2.25, 0.31)

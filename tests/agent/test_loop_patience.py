@@ -7,12 +7,12 @@ import pytest
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import DaemonExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import CameraError
 from foundation.run_folder.writing import LineLog
+from foundation.threads import DaemonExecutor
 from tests.agent.flown_wire import Clock
 
 

@@ -10,12 +10,11 @@ from scipy import stats
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import COMMANDER, Question
-from dronecats.agent.loop import newest_frames
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.pictures import PicturePath
 from foundation.camera import CameraModel, Frame
 from foundation.errors import UsageError
 from foundation.run_folder.writing import LineLog
+from foundation.threads import InlineExecutor
 
 TICK_S = 0.05
 GREY = np.zeros((1, 1, 3), np.uint8)
@@ -57,7 +56,7 @@ def questions(tmp_path, count, *, drones=(0,), every_s=2.0, first=None, seed=(4,
     for step in range(count):
         asked_s = watch.now_s()
         question = Question(seed, step, drones[0] if first is None else first)
-        coming = newest_frames(cockpit, question, drones, watch.now_s, cap_s, None)
+        coming = cockpit.newest_frames(question, drones, watch.now_s, cap_s, None)
         while True:
             try:
                 next(coming)

@@ -9,9 +9,8 @@ from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt
 from dronecats.pilots import actions
 from examples.action_head import features
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, encode
 from foundation.errors import UsageError
-from foundation.picture import encode
 
 FLOWN: tuple[Action, ...] = (
     Rotate(-90.0),

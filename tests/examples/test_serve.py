@@ -15,9 +15,8 @@ from dronecats.cli.main import main
 from dronecats.pilots.server import PilotServer
 from examples.action_head import serve
 from examples.action_head.pilot import COLUMNS, ROWS, TURNS_DEG, Outlook, pilot
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, encode
 from foundation.errors import UsageError
-from foundation.picture import encode
 from tests.needs import needs
 
 

@@ -11,9 +11,8 @@ from dronecats.agent.controller import plan
 from dronecats.agent.history import History
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.reply.strict import parse
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, encode
 from foundation.frames import quat_from_euler, wrap_pi
-from foundation.picture import encode
 from foundation.setpoints import Turn, Velocity
 
 HALF = CameraModel(640, 360)  # what a 1280 × 720 frame is resized to before a pilot gets it

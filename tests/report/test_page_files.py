@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.prompt import Prompt
 from dronecats.judge.metrics.metric import Metric
 from dronecats.judge.metrics.registry import METRICS
@@ -25,6 +24,7 @@ from foundation.run_folder.prompts import prompts_of, read_prompts
 from foundation.run_folder.reading import rows
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog, PromptLog
+from foundation.threads import InlineExecutor
 from tests.agent import test_hierarchy as hierarchy
 from tests.agent.flown_wire import CAMERA, Clock, Views
 from tests.support.run_folders import run_folder

@@ -19,8 +19,7 @@ from dronecats.agent.commanding.command_prompt import (
 )
 from dronecats.agent.history import History
 from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
-from dronecats.agent.loop import Decider, Questions, SideBySideAgent, Tally, keep_pictures, newest_frames
-from dronecats.agent.model_call import Asking, await_reply
+from dronecats.agent.loop import Asking, Decider, Questions, SideBySideAgent, Tally, await_reply
 from dronecats.agent.models.model import Model, Request
 from dronecats.agent.prompt import labels
 from foundation.camera import Frame
@@ -113,8 +112,8 @@ class FleetCommander:
     def _exchange(self, causes: tuple[Cause, ...], cap_s: float) -> Generator[None, None, list[Decision]]:
         command = self._command
         question = Question(self._cockpit.seed, self._questions_sent, COMMANDER)
-        frames = yield from newest_frames(
-            self._cockpit, question, range(len(self._posts)), self._now_s, cap_s, command.patience_s
+        frames = yield from self._cockpit.newest_frames(
+            question, range(len(self._posts)), self._now_s, cap_s, command.patience_s
         )
         if frames is None:
             return []
@@ -157,7 +156,7 @@ class FleetCommander:
         command, drones = self._command, len(self._posts)
         request = Request(
             command.prompt.render(command.instruction, shown.roster, shown.causes, drones),
-            keep_pictures(self._cockpit, shown.frames),
+            self._cockpit.keep_pictures(shown.frames),
             thinking=False,
             labels=labels(drones),
             step=shown.number,

@@ -17,11 +17,10 @@ from typing import Any, TypeVar
 
 import httpx
 
-from dronecats.agent.model_call import DaemonExecutor
 from dronecats.agent.models.turns import Limiter, Unlimited, allowances
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import redacted, redacted_url, secrets_of, without, worth_hiding
-from foundation.threads import COMPUTING
+from foundation.threads import COMPUTING, DaemonExecutor
 from foundation.wording import printable
 
 BUSY, DOWN, BAD_REQUEST = 429, 503, 400

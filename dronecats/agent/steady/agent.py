@@ -8,8 +8,7 @@ from statistics import median
 from dronecats.agent.action import Action, Go
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.controller import Aircraft, Drone, turn
-from dronecats.agent.loop import Decider, PaperAgent, Questions, Tally
-from dronecats.agent.model_call import Asking
+from dronecats.agent.loop import Asking, Decider, PaperAgent, Questions, Tally
 from dronecats.agent.steady.leg import Leg, SeenPlace, leg_to, seen_place, steer
 from dronecats.agent.steady.pursuit import Pursuit
 from foundation.camera import CameraModel, Frame

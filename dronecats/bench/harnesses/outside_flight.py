@@ -23,9 +23,8 @@ from dronecats.flight.run.fly import settings
 from dronecats.flight.run.simulated import SimulatedFlight
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import FlightSpec
-from foundation.camera import CameraModel
+from foundation.camera import WIDTH_MAX, CameraModel
 from foundation.errors import ModelError, UsageError
-from foundation.picture import WIDTH_MAX
 from foundation.protocol import ACTIONS, GO, ROTATE
 from foundation.run_folder import folder as folders
 from foundation.run_folder.reading import result_of

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from dronecats.agent.model_call import DaemonExecutor
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.processes.supervisor import ChildProcess, Supervisor
 from dronecats.flight.stages.stage import ESTIMATE_LOGGER
 from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
+from foundation.threads import DaemonExecutor
 from hil.cameras.open import PatientCamera
 from hil.link.link import Link
 from hil.link.transport import connect

@@ -5,7 +5,6 @@ from concurrent.futures import Executor
 from functools import partial
 from pathlib import Path
 
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.flight.logger.logger_process import measured_in, subscribe
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.flight.sitl.camera import WorldCamera
@@ -19,6 +18,7 @@ from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
+from foundation.threads import InlineExecutor
 from hil.link.link import Link
 
 SPARE_S = 1.0  # s after its cap for which an agent that hears nothing is left waiting for it

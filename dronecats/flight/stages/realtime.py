@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from dronecats.agent.model_call import DaemonExecutor
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.logger.recorder import LoggerConfig
 from dronecats.flight.processes.supervisor import Supervisor
@@ -26,6 +25,7 @@ from dronecats.flight.stages.stage import (
 )
 from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
+from foundation.threads import DaemonExecutor
 from hil.cameras.http import HttpCamera
 from hil.cameras.open import FRAMES_S, PatientCamera
 from hil.impairment import PERFECT, ImpairedWire

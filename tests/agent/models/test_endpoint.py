@@ -11,8 +11,7 @@ import pytest
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy, Question
-from dronecats.agent.loop import PaperAgent, Questions
-from dronecats.agent.model_call import Asking, DaemonExecutor, InlineExecutor
+from dronecats.agent.loop import Asking, PaperAgent, Questions
 from dronecats.agent.models import endpoint as endpoints
 from dronecats.agent.models.endpoint import MAX_PAUSE_S, Endpoint, RetryPolicy, retry_after_s
 from dronecats.agent.models.model import Request
@@ -22,6 +21,7 @@ from dronecats.agent.prompt import Prompt
 from foundation.camera import CameraModel
 from foundation.errors import ModelError, UsageError
 from foundation.run_folder.writing import LineLog
+from foundation.threads import DaemonExecutor, InlineExecutor
 from tests.agent.flown_wire import Clock, Views
 from tests.agent.models.faulty_wire import Wire, answer, completion, hang, reset, say, trickle
 

@@ -11,13 +11,13 @@ from dronecats.agent.action import Go, Rotate
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import Questions
-from dronecats.agent.model_call import InlineExecutor
 from dronecats.agent.models.model import Reply
 from dronecats.agent.prompt import Prompt
 from dronecats.agent.steady.agent import SteadyAgent, SteadyDrone
 from dronecats.agent.steady.leg import seen_place
 from foundation.camera import CameraModel, Frame
 from foundation.run_folder.writing import LineLog
+from foundation.threads import InlineExecutor
 from hil.link.course import PoseHistory
 from hil.link.offboard import GRACE_US, OffboardStream, PositionSetpoint
 from tests.support.charged import Charged

@@ -7,7 +7,7 @@ import pytest
 
 from dronecats.agent import loop as decider
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.agent.model_call import Asking
+from dronecats.agent.loop import Asking
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.flight.run import pilot as run_pilot
 from dronecats.flight.run.fly import fly

@@ -17,8 +17,7 @@ from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.records import catalogue
 from episodes.world.world import World
-from foundation import picture
-from foundation.camera import CameraModel, camera_pose
+from foundation.camera import CameraModel, camera_pose, encode
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 
@@ -27,7 +26,7 @@ SIGN, PLATE = probe.KINDS
 
 def seen(kind, text, distance_m):
     """Return what the pilot gets of an inscription straight ahead, BGR."""
-    return pilot.decode(picture.encode(probe.view(kind, text, distance_m)))
+    return pilot.decode(encode(probe.view(kind, text, distance_m)))
 
 
 @pytest.mark.parametrize(("text", "distance_m"), [("DEPOT", 5.0), ("ROOM 7", 8.0)])
@@ -86,7 +85,7 @@ def first_pictures():
         for drone, start in enumerate(record.starts):
             pose = camera_pose(start.position_ned, quat_from_euler(0.0, 0.0, math.radians(start.yaw_deg)), camera)
             view = renderer.render(pose, world.moved(0.0, world.fleet.other_starts(drone)))
-            images.append(pilot.decode(picture.encode(view.rgb)))
+            images.append(pilot.decode(encode(view.rgb)))
         renderer.close()
         return record, images
 

@@ -15,8 +15,8 @@ from dronecats.pilots.vision import color_detector, color_target, pilot, ranging
 from dronecats.pilots.vision import color_target as approach
 from dronecats.pilots.vision.command import SIZES, read_referent
 from episodes.maps import assets
+from foundation.camera import encode
 from foundation.errors import UsageError
-from foundation.picture import encode
 
 BGR = {
     "red": (24, 18, 200),

@@ -15,9 +15,8 @@ from episodes.camera.renderer import renderer as renderers
 from episodes.maps import assets, campus
 from episodes.maps import scene as scenes
 from episodes.maps.assets import service_vehicles
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, encode
 from foundation.frames import quat_from_euler
-from foundation.picture import encode
 
 HALF = CameraModel(640, 360)
 EYE = (-20.0, 0.0)  # north, east: things stand on the plaza before it

@@ -9,7 +9,7 @@ from dronecats.view.editor.draft import Drafting
 from dronecats.view.live.moment import DroneMoment, JudgeMoment, Moment, ShownPicture
 from episodes import maps
 from episodes.world.world import World
-from foundation.picture import encode
+from foundation.camera import encode
 from foundation.run_folder.rows import Decision
 from tests.view.editor.conftest import port as port
 from tests.view.editor.conftest import yard as yard

@@ -16,10 +16,9 @@ from dronecats.view.live.follow import FlightFollower
 from dronecats.view.live.moment import chosen_go, sight
 from episodes.records import catalogue
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, encode
 from foundation.frames import quat_from_euler
 from foundation.mavlink import Packer, dialect
-from foundation.picture import encode
 from foundation.run_folder import layout
 from foundation.run_folder.rows import Begin, Decision, End, FrameTruth, Pose
 from foundation.run_folder.writing import LineLog, TelemetryLog

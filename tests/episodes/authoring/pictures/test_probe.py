@@ -9,7 +9,7 @@ import pytest
 from dronecats.cli.main import main
 from episodes.authoring import asset_pictures as reading
 from episodes.maps import assets
-from foundation import picture
+from foundation.camera import encode
 from tests import pictures
 
 SIGN, PLATE = reading.KINDS
@@ -43,7 +43,7 @@ def height_of_ink(grey, focal, kind, text, distance):
 @pytest.mark.parametrize("distance", [4, 6])
 def test_letters_stand_as_high_as_geometry_has_them(kind, distance):
     text = "HHH 00" if kind is SIGN else "HH 1111"
-    seen = cv2.imdecode(np.frombuffer(picture.encode(reading.view(kind, text, distance)), np.uint8), 0)
+    seen = cv2.imdecode(np.frombuffer(encode(reading.view(kind, text, distance)), np.uint8), 0)
     measured = height_of_ink(seen, 320.0, kind, text, distance)
     assert measured == pytest.approx(reading.letter_px(kind, distance), rel=0.10)
 
@@ -53,7 +53,7 @@ def test_every_file_is_what_the_agent_would_send(written):
     for probe in (probes[0], probes[-1]):
         kind = SIGN if probe.kind == "sign" else PLATE
         frame = reading.view(kind, probe.text, probe.distance_m)
-        assert (folder / probe.file).read_bytes() == picture.encode(frame)
+        assert (folder / probe.file).read_bytes() == encode(frame)
         assert pictures.read(folder / probe.file).shape == (360, 640, 3)
 
 
