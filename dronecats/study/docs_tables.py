@@ -26,15 +26,15 @@ def tables(page: str) -> dict[str, str]:
             for m in METRICS.values()
         ]
         return {
-            "metrics": markdown(("name", "in tables", "unit", "of", "what it is", "paper"), metrics),
+            "metrics": markdown(("name", "in tables", "unit", "level", "meaning", "section of the paper"), metrics),
             "modes": markdown(("mode", "holds when"), list(MODES.items())),
             "rules": markdown(
-                ("rule", "a success would be"), [(f"`{name}`", text) for name, (text, _) in RULES.items()]
+                ("rule", "a flight succeeds if"), [(f"`{name}`", text) for name, (text, _) in RULES.items()]
             ),
         }
     if page == "studies.md":
         rows = [(f"`{factor.name}`", _levels(factor), factor.unit, factor.help) for factor in FACTORS.values()]
-        return {"factors": markdown(("factor", "levels", "unit", "what it sets"), rows)}
+        return {"factors": markdown(("factor", "levels", "unit", "meaning"), rows)}
     quantities = [declared.quantity for declared in declarations(Impairment).values() if declared.quantity]
     return {
         "pictures": _options("frame"),
@@ -79,7 +79,7 @@ def _options(part: str) -> str:
         for declared_part, _, declared in DECLARED
         if declared_part == part and (option := declared.option)
     ]
-    return markdown(("option", "values", "what happens"), rows)
+    return markdown(("option", "values", "effect"), rows)
 
 
 def _levels(factor: Factor) -> str:

@@ -74,7 +74,7 @@ def test_every_page_that_the_code_names_is_there():
 @pytest.mark.parametrize(
     ("text", "wrong"),
     [
-        ("[there](models.md#the-prompt)", []),
+        ("[there](models.md#change-the-prompt)", []),
         ("[not there](nowhere.md)", ["nowhere.md"]),
         ("[a place](models.md#nowhere)", ["models.md#nowhere"]),
         ("see `vehicles/nothing.py`", ["vehicles/nothing.py"]),

@@ -31,6 +31,10 @@ def test_a_mavsdk_script_takes_off_flies_offboard_and_lands(agent_url):
     fly_example("mavsdk4.py", Path(sys.executable), f"udpout://{agent_url}")
 
 
+def test_a_pymavlink_script_takes_off_flies_offboard_and_lands(agent_url):
+    fly_example("pymavlink_velocity.py", Path(sys.executable), f"udpout:{agent_url}")
+
+
 @pytest.mark.slow
 def test_a_mavsdk_script_sees_all_telemetry_and_flies_offboard_and_a_mission_to_its_end(tmp_path):
     script = Path(__file__).with_name("mavsdk_tour.py")

@@ -173,11 +173,11 @@ def without_cap(flight: JudgedFlight) -> bool | None:
 
 
 RULES: Mapping[str, tuple[str, Rule]] = {
-    "first": ("the first declaration alone", success_at_first),
-    "last": ("the last declaration alone", last_declaration),
-    "dwell": ("ten unbroken seconds within the radius in view (moving targets)", ten_seconds),
-    "proximity": ("any entry into the radius", oracle_success),
-    "no_cap": ("declarations after the cap, too", without_cap),
+    "first": ("the first declaration qualifies", success_at_first),
+    "last": ("the last declaration qualifies", last_declaration),
+    "dwell": ("ten seconds on end within the radius with the target in view (moving targets)", ten_seconds),
+    "proximity": ("the drone enters the radius at some time", oracle_success),
+    "no_cap": ("a declaration qualifies, also after the cap", without_cap),
 }
 
 

@@ -30,11 +30,17 @@ FailureMode = Literal[
 ]
 MODES: dict[FailureMode, str] = {  # in the order of precedence
     "success": "a declaration qualifies",
-    "declared": "arrival was declared, and no declaration qualifies",
-    "arrived": "a drone came within the radius, and none declared",
-    "did not move": "the track, less a hover's wander, is under 5 m, though strides of as much were told: our fault",
+    "declared": "declarations were made, and none qualifies",
+    "arrived": "a drone came within the radius, and no drone declared",
+    "did not move": (
+        "the track is under 5 m, although moves of at least 5 m were commanded; "
+        "movements below 0.5 m are not part of the track"
+    ),
     "never grounded": "the target was within 45° of the nose in fewer than 10 % of the steps",
-    "oscillated": "the path is more than eight times as long as the way that it came, with 720° of turning or more",
+    "oscillated": (
+        "the path is more than eight times as long as the distance from its start to its end, "
+        "and the drone turned by 720° or more"
+    ),
     "never closed": "less than 30 % of the start distance was closed",
     "timed out": "none of these",
 }

@@ -87,43 +87,43 @@ COMMAND = "Commanding Several Drones"
 METRICS = (
     Metric(
         name="drones_found", title="Found the target", unit="count", level="episode", better="more",
-        definition="drones of which a declaration qualifies",
+        definition="number of drones with a declaration that qualifies",
         paper=COMMAND, of=_outcome_count("found"),
     ),
     Metric(
         name="drones_beside", title="Declared at a look-alike", unit="count", level="episode", better="less",
-        definition="other drones of which a declaration was made within the radius of a look-alike's centre",
+        definition="number of other drones that declared within the radius of a look-alike's centre",
         paper=COMMAND, of=_outcome_count("look-alike"),
     ),
     Metric(
         name="drones_elsewhere", title="Declared elsewhere", unit="count", level="episode", better="less",
-        definition="other drones that declared",
+        definition="number of other drones that declared",
         paper=COMMAND, of=_outcome_count("elsewhere"),
     ),
     Metric(
         name="drones_silent", title="Never declared", unit="count", level="episode", better=None,
-        definition="drones that never declared within the cap",
+        definition="number of drones that never declared within the cap",
         paper=COMMAND, of=_outcome_count("never declared"),
     ),
     Metric(
         name="identical_share", title="Coordinate copying", unit="ratio", level="episode", better="less",
-        definition="of the steps on which all drones are told to go, those with one point for all",
+        definition="share of the steps with a go for all drones in which all points are equal",
         paper=COMMAND, of=_commanding_value("identical_share"),
     ),
     Metric(
         name="one_candidate_share", title="All at one candidate", unit="ratio", level="episode", better="less",
-        definition="of the same steps, those on which every drone nears the same candidate",
+        definition="share of the steps with a go for all drones in which all approach the same candidate",
         paper=COMMAND, of=one_candidate_share,
     ),
     Metric(
         name="candidates_neared", title="Candidates neared", unit="count", level="episode", better="more",
         value_type=int,
-        definition="candidates towards which a drone was sent, the target among them",
+        definition="number of candidates that a drone was sent to, including the target",
         paper=COMMAND, of=_commanding_value("candidates_neared"),
     ),
     Metric(
         name="spread_m", title="Spread", unit="m", level="episode", better=None,
-        definition="median over the steps of the mean distance between each two of the places that drones are sent to",
+        definition="mean distance between any two places that drones are sent to in a step; median over the steps",
         paper=COMMAND, of=_commanding_value("spread_m"),
     ),
 )  # fmt: skip

@@ -55,53 +55,53 @@ METRICS = (
     Metric(
         name="success", title="SR", unit="share", level="episode", better="more",
         value_type=bool,
-        definition="one declaration within the radius of the target's centre with the target in view, until the cap",
+        definition="a declaration within the cap was within the radius of the target's centre, with the target in view",
         paper=CRITERION, of=lambda flight: flight.verdict.success if flight.scored else None,
     ),
     Metric(
         name="oracle_success", title="OSR", unit="share", level="episode", better="more",
         value_type=bool,
-        definition="the trajectory came within the radius at some time, whatever was declared; of a fleet, a drone's",
+        definition="a drone came within the radius at some time, with or without a declaration",
         paper="Main Results", of=oracle_success,
     ),
     Metric(
         name="declared", title="Declared", unit="share", level="episode", better=None,
         value_type=bool,
-        definition="arrival was declared at least once within the cap",
+        definition="at least one declaration was made within the cap",
         paper=GAP, of=lambda flight: flight.verdict.declarations > 0 if flight.scored else None,
     ),
     Metric(
         name="ne_m", title="NE", unit="m", level="episode", better="less",
-        definition="distance at the first qualifying declaration, else at the last action",
+        definition="distance at the first declaration that qualifies; without one, at the last action",
         paper="Metrics", of=lambda flight: flight.verdict.ne_m,
     ),
     Metric(
         name="declared_to_start", title="Declared dist. / start dist.", unit="ratio", level="episode", better="less",
-        definition="distance at the first qualifying declaration, else at the first of all, over the start distance of"
-        " the drone that declared",
+        definition="distance at the first declaration that qualifies (without one, at the first declaration), divided"
+        " by the start distance of the same drone",
         paper=GAP, of=declared_to_start,
     ),
     Metric(
         name="declarations", title="Declarations", unit="count", level="episode", better=None,
         value_type=int,
-        definition="declarations within the cap",
+        definition="number of declarations within the cap",
         paper="Verifier Audit", of=lambda flight: flight.verdict.declarations,
     ),
     Metric(
         name="declarations_after_cap", title="After the cap", unit="count", level="episode", better="less",
         value_type=int,
-        definition="declarations after the cap, which do not count",
+        definition="number of declarations after the cap; they do not count",
         paper="Verifier Audit", of=lambda flight: flight.verdict.declarations_after_cap,
     ),
     Metric(
         name="false_declarations", title="False declarations", unit="count", level="episode", better="less",
         value_type=int,
-        definition="declarations within the cap that do not qualify",
+        definition="number of declarations within the cap that do not qualify",
         paper="Verifier Audit", of=lambda flight: flight.verdict.false_declarations,
     ),
     Metric(
         name="declaration_precision", title="Precision", unit="ratio", level="episode", better="more",
-        definition="declarations that qualify over all within the cap",
+        definition="share of the declarations within the cap that qualify",
         paper="", of=lambda flight: flight.verdict.declaration_precision,
     ),
     Metric(
@@ -118,12 +118,12 @@ METRICS = (
     ),
     Metric(
         name="min_distance_m", title="Min. distance", unit="m", level="episode", better="less",
-        definition="least distance to the target's centre",
+        definition="smallest distance to the target's centre",
         paper="Metrics", of=_diagnostic("min_distance_m"),
     ),
     Metric(
         name="min_distance_box_m", title="Min. distance to the box", unit="m", level="episode", better="less",
-        definition="least distance to the nearest point of the target's box, at the frames",
+        definition="smallest distance to the target's box, at the images",
         paper="Metrics", of=min_distance_box,
     ),
     Metric(
@@ -133,7 +133,7 @@ METRICS = (
     ),
     Metric(
         name="approach_ratio", title="Approach ratio", unit="ratio", level="episode", better="more",
-        definition="1 − least distance / start distance: the fraction of it that was closed",
+        definition="1 − smallest distance / start distance",
         paper="Metrics", of=_diagnostic("approach_ratio"),
     ),
     Metric(
@@ -143,17 +143,17 @@ METRICS = (
     ),
     Metric(
         name="dwell_s", title="Dwell", unit="s", level="episode", better="more",
-        definition="time within the radius with the target in view, all of it together",
+        definition="total time within the radius with the target in view",
         paper="Metrics", of=_diagnostic("dwell_s"),
     ),
     Metric(
         name="longest_loss_s", title="Longest loss", unit="s", level="episode", better="less",
-        definition="longest time without the target in view, that before its first acquisition included",
+        definition="longest time without the target in view, also before the first sight of it",
         paper="Metrics", of=_diagnostic("longest_loss_s"),
     ),
     Metric(
         name="path_m", title="Path", unit="m", level="episode", better=None,
-        definition="length of the way along the 2 Hz trace, of a fleet all together",
+        definition="length of the path along the 2 Hz poses; for a fleet, the sum",
         paper="Additional Results", of=_diagnostic("path_m"),
     ),
     Metric(
@@ -164,29 +164,29 @@ METRICS = (
     Metric(
         name="hits", title="Hits", unit="count", level="episode", better="less",
         value_type=int,
-        definition="times a drone flew into something; of one contact each thing counts once",
+        definition="number of times that a drone hit something; in one contact, each thing counts once",
         paper="", of=_contact("hits"),
     ),
     Metric(
         name="crashes", title="Crashes", unit="count", level="episode", better="less",
         value_type=int,
-        definition="drones that hit something faster than 1 m/s, their feet the ground faster than 5 m/s",
+        definition="number of drones that hit something faster than 1 m/s; for feet on the ground, 5 m/s",
         paper="", of=_contact("crashes"),
     ),
     Metric(
         name="hardest_hit_mps", title="Hardest hit", unit="m/s", level="episode", better="less",
-        definition="fastest speed with which a contact began",
+        definition="highest speed at the start of a contact",
         paper="", of=_contact("hardest_hit_mps"),
     ),
     Metric(
         name="contact_s", title="In contact", unit="s", level="episode", better="less",
-        definition="time in contact with obstacles or other drones, of a fleet all together",
+        definition="time in contact with obstacles or other drones; for a fleet, the sum",
         paper="", of=_contact("contact_s"),
     ),
     Metric(
         name="estimator_resets", title="Estimator resets", unit="count", level="episode", better="less",
         value_type=int,
-        definition="times an autopilot set its estimate of yaw, position, velocity or height anew, of all drones",
+        definition="number of resets of the estimate of yaw, position, velocity or height; for a fleet, the sum",
         paper="", of=lambda flight: estimator_resets(flight.logs, flight.cap_s),
     ),
 )  # fmt: skip

@@ -107,18 +107,18 @@ EXECUTION = "Execution"
 METRICS = (
     Metric(
         name="on_target", title="Point on target", unit="share", level="step", better="more",
-        definition="of a go while the target is in view: its point is within the target's box in the picture",
+        definition="for a go while the target is in view: the point is within the target's box in the image",
         paper=EXECUTION, of=on_target,
     ),
     Metric(
         name="pointing_error_deg", title="Pointing error", unit="°", level="step", better="less",
-        definition="of a go while the target is in view: angle at the camera between its point and the target's centre",
+        definition="for a go with the target in view: angle at the camera between the point and the target's centre",
         paper=EXECUTION, of=pointing_error,
     ),
     Metric(
         name="depth_error_m", title="Depth error", unit="m", level="step", better=None,
-        definition="of a go whose point is on the target: its depth less the median depth of the target's surface that"
-        " is seen, both along the optical axis",
+        definition="for a go whose point is on the target: the pilot's depth minus the median depth of the target's"
+        " visible surface, along the optical axis",
         paper=EXECUTION, of=depth_error,
     ),
     Metric(
@@ -128,13 +128,13 @@ METRICS = (
     ),
     Metric(
         name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
-        definition="of a go after another: its point is, to half a unit, the pixels (1.28 x, 0.72 y) in which the"
-        " history shows the drone's go before it",
+        definition="for a go after a go: the point equals, to half a unit, the pixels (1.28 x, 0.72 y) of the previous"
+        " point, as the history shows them",
         paper=EXECUTION, of=rescaled,
     ),
     Metric(
         name="wide_rotation", title="Rotation > 90°", unit="share", level="step", better="less",
-        definition="of a rotation: it is of more than 90° either way",
+        definition="for a rotation: it is larger than 90°",
         paper=EXECUTION, of=wide_rotation,
     ),
     Metric(
@@ -166,7 +166,7 @@ METRICS = (
     Metric(
         name="wide_rotations", title="Rotations > 90°", unit="count", level="episode", better="less",
         value_type=int,
-        definition="how many steps have wide_rotation",
+        definition="number of steps with wide_rotation",
         paper=EXECUTION, of=lambda flight: int(sum(known_values(wide_rotation(flight)))),
     ),
 )  # fmt: skip

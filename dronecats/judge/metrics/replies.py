@@ -54,7 +54,7 @@ THROUGHPUT = "Variance and Throughput Sensitivity"
 METRICS = (
     Metric(
         name="rate_hz", title="Control rate", unit="Hz", level="step", better=None,
-        definition="1 / vehicle time since the decision before; none for the first",
+        definition="1 / vehicle time since the previous decision; null for the first",
         paper=THROUGHPUT, of=_per_question("rate_hz"),
     ),
     Metric(
@@ -64,18 +64,18 @@ METRICS = (
     ),
     Metric(
         name="tokens_in", title="Tokens in", unit="count", level="step", better="less",
-        definition="tokens that the model read, as the server counts them",
+        definition="tokens of the request, as the server counts them",
         paper="Serving and Decoding", of=_per_question("tokens_in"),
     ),
     Metric(
         name="tokens_out", title="Tokens out", unit="count", level="step", better="less",
-        definition="tokens that the model wrote, as the server counts them",
+        definition="tokens of the reply, as the server counts them",
         paper="Serving and Decoding", of=_per_question("tokens_out"),
     ),
     Metric(
         name="questions", title="Steps", unit="count", level="episode", better=None,
         value_type=int,
-        definition="replies that became decisions within the cap; one for all drones that it was for",
+        definition="number of replies within the cap; a reply for several drones counts once",
         paper="Commanding Several Drones",
         of=lambda flight: sum(step.counts and step.is_question for step in flight.steps),
     ),
@@ -112,25 +112,25 @@ METRICS = (
     Metric(
         name="decisions", title="Decisions", unit="count", level="episode", better=None,
         value_type=int,
-        definition="decisions within the cap, of each drone",
+        definition="number of decisions within the cap; each drone counts",
         paper="", of=_decision_count(lambda decision: True),
     ),
     Metric(
         name="unreadable", title="Unreadable", unit="count", level="episode", better="less",
         value_type=int,
-        definition="of these, those whose reply holds no action",
+        definition="number of decisions whose reply has no valid action",
         paper="", of=_decision_count(is_unreadable),
     ),
     Metric(
         name="refused", title="Refused", unit="count", level="episode", better="less",
         value_type=int,
-        definition="of the unreadable ones, those that the model refused or a filter of its provider withheld",
+        definition="number of unreadable replies that the model refused or a filter of the provider withheld",
         paper="", of=_decision_count(is_refused),
     ),
     Metric(
         name="cut_off", title="Cut off", unit="count", level="episode", better="less",
         value_type=int,
-        definition="of the unreadable ones, those that ended at the longest reply that was allowed",
+        definition="number of unreadable replies that ended at the token limit",
         paper="", of=_decision_count(is_cut_off),
     ),
 )  # fmt: skip
