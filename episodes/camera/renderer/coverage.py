@@ -43,7 +43,7 @@ def new_drawn(triangles: int, chunks: int) -> Drawn:
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Drawn) -> None:
     """Fill `drawn` for the chunks of one thread: cull them against the view, then set up their triangles."""
     slope_x = eye.center_x / eye.focal
@@ -66,7 +66,7 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
                 _set_up_triangle(t, triangles.position, eye, drawn)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
     drawn.rows[t, 0] = 1
     drawn.rows[t, 1] = 0
@@ -135,7 +135,7 @@ def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Dra
     drawn.rows[t, 1] = int(bottom)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
     """Return (low, high) widened by the slopes z / x of the part of the edge a - b that lies beyond the near plane."""
     if xa >= NEAR_M:
@@ -174,7 +174,7 @@ def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDA
     return start, items
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def draw_bands(
     thread: int,
     threads: int,
@@ -182,15 +182,17 @@ def draw_bands(
     start: NDArray[np.int64],
     items: NDArray[np.int32],
     samples: NDArray[np.int32],
+    inverse_depths: NDArray[np.float32],
+    count_up: NDArray[np.float32],
 ) -> None:
     """Write the nearest triangle (or NOTHING) of every sample in this thread's bands of `samples` (2 H + 1, 2 W + 1).
 
-    Of two triangles at the same depth the first in the scene wins.
+    Of two triangles at the same depth the first in the scene wins. `inverse_depths` (threads, 2 BAND, 2 W + 1) is room
+    for each thread; `count_up` (2 W + 1,) holds 0, 1, 2 …
     """
     bands = start.size - 1
-    height, width = samples.shape
-    inverse_depth = np.empty((2 * BAND, width), np.float32)
-    count_up = np.arange(width).astype(np.float32)
+    height = samples.shape[0]
+    inverse_depth = inverse_depths[thread]
     for band in range(thread, bands, threads):
         top = band * BAND
         bottom = height - 1 if band == bands - 1 else top + BAND - 1
@@ -212,7 +214,7 @@ def draw_bands(
             )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _draw(
     t: int,
     e: NDArray[np.float64],
@@ -262,7 +264,7 @@ def _draw(
             sample_row[i] = name if closer else sample_row[i]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _cut(a: float, inverse: float, rest: float, low: float, high: float) -> tuple[float, float]:
     """Return the part of [low, high] in which a·i + rest ≥ 0; `inverse` is -1 / a."""
     if a > 0.0:

@@ -62,6 +62,9 @@ class Renderer:
         self._sheet = _sheet(camera)
         self._table = display_table()
         self._threads = max(1, threads)
+        columns = self._sheet.samples.shape[1]
+        self._inverse_depths = np.empty((self._threads, 2 * BAND, columns), np.float32)
+        self._count_up = np.arange(columns, dtype=np.float32)
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
 
     def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
@@ -92,7 +95,7 @@ class Renderer:
             with self._shadows.cast(triangles, place_all(self._layout, moved)) as sun:
                 self._together(set_up, triangles, eye, drawn)
                 start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
-                self._together(draw_bands, drawn, start, items, samples)
+                self._together(draw_bands, drawn, start, items, samples, self._inverse_depths, self._count_up)
                 self._together(
                     shade_rows,
                     eye,

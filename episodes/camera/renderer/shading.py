@@ -20,7 +20,7 @@ from foundation.frames import Vec3
 FRESH = 4  # px, a power of two
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def shade_rows(
     thread: int,
     threads: int,
@@ -45,9 +45,7 @@ def shade_rows(
     height, width = light.shape[:2]
     measured = len(depth) > 0
     per_px = 1.0 / eye.focal
-    e = np.zeros(9)
-    uv = np.zeros(6)
-    base = np.zeros(3)
+    e, uv, base = drawn.edges[0], triangles.uv[0], surfaces.color[0]  # of the triangle of the last pixel
     volume = emission = gloss = facing_sun = slope_x = slope_y = bias = 0.0
     fn = fe = fd = nn = ne = nd = 0.0
     mix = doublings = m = 0
@@ -79,14 +77,11 @@ def shade_rows(
             entered = t != last
             if entered:
                 last = t
-                for k in range(9):
-                    e[k] = drawn.edges[t, k]
+                e = drawn.edges[t]
                 volume = drawn.volume[t]
                 m = triangles.material[t]
-                for k in range(3):
-                    base[k] = surfaces.color[m, k]
-                    uv[2 * k] = triangles.uv[t, k, 0]
-                    uv[2 * k + 1] = triangles.uv[t, k, 1]
+                base = surfaces.color[m]
+                uv = triangles.uv[t]
                 texture = surfaces.texture[m]
                 emission = float(surfaces.emission[m])
                 gloss = float(surfaces.specular[m])
@@ -113,16 +108,16 @@ def shade_rows(
             w1 *= share
             w2 *= share
 
-            r, g, b = base[0], base[1], base[2]
+            r, g, b = float(base[0]), float(base[1]), float(base[2])
             if texture >= 0:
-                u = w0 * uv[0] + w1 * uv[2] + w2 * uv[4]
-                v = w0 * uv[1] + w1 * uv[3] + w2 * uv[5]
+                u = w0 * uv[0, 0] + w1 * uv[1, 0] + w2 * uv[2, 0]
+                v = w0 * uv[0, 1] + w1 * uv[1, 1] + w2 * uv[2, 1]
                 if entered or x & (FRESH - 1) == 0:
                     k = 2.0 * share  # two samples per pixel
-                    ux = k * (e[0] * (uv[0] - u) + e[3] * (uv[2] - u) + e[6] * (uv[4] - u))
-                    vx = k * (e[0] * (uv[1] - v) + e[3] * (uv[3] - v) + e[6] * (uv[5] - v))
-                    uy = k * (e[1] * (uv[0] - u) + e[4] * (uv[2] - u) + e[7] * (uv[4] - u))
-                    vy = k * (e[1] * (uv[1] - v) + e[4] * (uv[3] - v) + e[7] * (uv[5] - v))
+                    ux = k * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
+                    vx = k * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
+                    uy = k * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
+                    vy = k * (e[1] * (uv[0, 1] - v) + e[4] * (uv[1, 1] - v) + e[7] * (uv[2, 1] - v))
                     level, mix, doublings, step_u, step_v = footprint(atlas, texture, ux, vx, uy, vy)
                 tr, tg, tb = texture_color(atlas, u, v, level, mix, doublings, step_u, step_v)
                 r *= tr
@@ -159,7 +154,7 @@ def shade_rows(
             shown[x, 0], shown[x, 1], shown[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Vec3:
     """Return the vector (n, e, d) at unit length and on the side of the unit vector f; f itself if it has no length."""
     square = n * n + e * e + d * d
@@ -171,7 +166,7 @@ def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Ve
     return n * k, e * k, d * k
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _polish(
     day: Daylight,
     gloss: float,
@@ -219,7 +214,7 @@ def _polish(
     return lr, lg, lb
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def resolve_rows(
     thread: int,
     threads: int,
@@ -287,7 +282,7 @@ def resolve_rows(
             shown[x, 2] = table[int(b * scale + half)]
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def _find(
     samples: NDArray[np.int32],
     plane: NDArray[np.int32],

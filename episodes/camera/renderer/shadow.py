@@ -189,7 +189,7 @@ def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: i
                     sun.height[j, i] = h
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=False)
 def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
     """Return (slope_x, slope_y, bias) in m: how the height of a plane with unit normal n (NED) changes per cell, and
     how far below the map's height a point of it still counts as lit.
@@ -203,7 +203,7 @@ def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
     return slope_x, slope_y, BIAS_M + 0.2 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
 
 
-@njit(cache=True, nogil=True, inline="always")
+@njit(cache=True, nogil=True, allocates=False, inline="always")
 def sunlight(sun: SunMap, n: float, e: float, d: float, slope_x: float, slope_y: float, bias: float) -> float:
     """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
 
