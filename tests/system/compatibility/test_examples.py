@@ -231,7 +231,8 @@ there, up to 64 MiB a file, 1 GiB and 4096 entries. Nothing can be stored elsewh
 
 This page is written by the test that flies them:
 
-```
+<!-- test: setup -->
+```sh
 python -m venv older && older/bin/pip install "mavsdk<4" anyio tqdm
 make compatibility EXAMPLES=MAVSDK-Python/examples MAVSDK3=older/bin/python
 ```
