@@ -84,8 +84,13 @@ def _send_modes(port: Port, index: float) -> None:
             )
 
 
-_SELECTABLE = {(mode.main, mode.sub): mode.name for mode in MODES.values() if mode.name not in ("READY", "TERMINATION")}
-_SELECTABLE |= {(4, 0): "MISSION", (3, 2): "POSCTL"}
+_AUTO = MODES["HOLD"].main
+_AUTO_MODES = {mode.sub: mode.name for mode in MODES.values() if mode.main == _AUTO and mode.name != "READY"}
+_AUTO_MODES[0] = "MISSION"
+# whatever the sub mode: of POSCTL's sub modes an orbit needs a command of its own, and the slow one is not modelled
+_MANUAL_MODES = {
+    mode.main: mode.name for mode in MODES.values() if mode.main != _AUTO and not mode.sub and mode.name != "TERMINATION"
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,26 +135,47 @@ def _run(node: Node, port: Port, message: Message, command: Command) -> None:
         handler = HANDLERS.get(command.id)
         result = handler(node, port, command) if handler is not None else UNSUPPORTED
     if result is not None:
-        port.send(
-            dialect.MAVLink_command_ack_message(
-                command.id, result, 0, 0, message.get_srcSystem(), message.get_srcComponent()
-            )
-        )
+        _acknowledge(port, message, command, result)
+
+
+def _acknowledge(port: Port, message: Message, command: Command, result: int) -> None:
+    client = message.get_srcSystem(), message.get_srcComponent()
+    port.send(dialect.MAVLink_command_ack_message(command.id, result, 0, 0, *client))
 
 
 def set_mode_message(node: Node, port: Port, message: Message) -> None:
-    """The old SET_MODE message: as DO_SET_MODE, unacknowledged."""
+    """Act on the old message SET_MODE. PX4 makes the command DO_SET_MODE of it, and acknowledges that."""
     main, sub = message.custom_mode >> 16 & 0xFF, message.custom_mode >> 24 & 0xFF
-    _select_mode(node, int(message.base_mode), main, sub)
+    parameters = (float(message.base_mode), float(main), float(sub), 0.0, 0.0, 0.0, 0.0)
+    command = Command(dialect.MAV_CMD_DO_SET_MODE, parameters, dialect.MAV_FRAME_GLOBAL)
+    _acknowledge(port, message, command, _do_set_mode(node, port, command))
 
 
-def _select_mode(node: Node, base: int, main: int, sub: int) -> int:
-    name = _SELECTABLE.get((main, sub))
-    if name is None and main == MODES["HOLD"].main:
-        return int(REJECTED)  # AUTO with a sub mode that does not exist here
-    if name is None or not base & 1:
+def _do_set_mode(node: Node, port: Port, c: Command) -> int:
+    base, main, sub = ((c.number(i) or 0) & 0xFF for i in (1, 2, 3))
+    if not base & dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED:
+        name = _base_mode(base)
+    elif main == _AUTO:
+        name = _AUTO_MODES.get(sub)
+        if name is None:
+            node.send_text(dialect.MAV_SEVERITY_CRITICAL, "Unsupported auto mode")
+            return int(REJECTED)
+    else:
+        name = _MANUAL_MODES.get(main)
+    if name is None:
         return int(ACCEPTED)  # measured: changes nothing
     return node.vehicle.commander.set_mode(name)
+
+
+def _base_mode(base: int) -> str | None:
+    """Return the mode that MAV_MODE_FLAGs alone choose (PX4, Commander::handle_command); None for no mode."""
+    if base & dialect.MAV_MODE_FLAG_AUTO_ENABLED:
+        return "MISSION"
+    if not base & dialect.MAV_MODE_FLAG_MANUAL_INPUT_ENABLED:
+        return None
+    if base & dialect.MAV_MODE_FLAG_GUIDED_ENABLED:
+        return "POSCTL"
+    return "STABILIZED" if base & dialect.MAV_MODE_FLAG_STABILIZE_ENABLED else "MANUAL"
 
 
 def _arm_disarm(node: Node, port: Port, c: Command) -> int | None:
@@ -162,11 +188,6 @@ def _arm_disarm(node: Node, port: Port, c: Command) -> int | None:
         node.send_text(dialect.MAV_SEVERITY_CRITICAL, "Arming denied: calibrating")
         return int(REJECTED)
     return commander.arm(force) if wish else commander.disarm(force)
-
-
-def _do_set_mode(node: Node, port: Port, c: Command) -> int:
-    base, main, sub = c.number(1), c.number(2), c.number(3)
-    return _select_mode(node, base or 0, main or 0, sub or 0)
 
 
 def _mode(name: str) -> CommandHandler:

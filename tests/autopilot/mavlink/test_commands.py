@@ -104,17 +104,52 @@ def test_land_mode_chosen_on_the_ground_cannot_arm(bench: Bench) -> None:
 
 
 def test_every_mode_can_be_selected_while_disarmed(bench: Bench) -> None:
-    for mode in [m for m in MODES.values() if m.name not in ("READY", "TERMINATION")]:
+    for mode in [m for m in MODES.values() if m.name not in ("READY", "TERMINATION", "ORBIT")]:
         assert bench.client.mode(mode.main, mode.sub) == ACCEPTED, mode.name
         bench.run(1.1)
         assert bench.client.of("HEARTBEAT")[-1].custom_mode == mode.custom_mode, mode.name
 
 
-def test_modes_that_do_not_exist(bench: Bench) -> None:
-    assert bench.client.mode(42) == ACCEPTED  # measured: accepted, and nothing changes
-    assert bench.commander.mode == "HOLD"
-    assert bench.client.mode(4, 17) == REJECTED
-    assert bench.commander.mode == "HOLD"
+@pytest.mark.parametrize(
+    ("parameters", "result", "mode"),
+    [
+        ((1, 42, 0), ACCEPTED, "HOLD"),
+        ((1, 10, 0), ACCEPTED, "HOLD"),
+        ((1, 1, 5), ACCEPTED, "MANUAL"),
+        ((1, 2, 3), ACCEPTED, "ALTCTL"),
+        ((1, 3, 1), ACCEPTED, "POSCTL"),  # an orbit begins with DO_ORBIT only
+        ((1, 3, 7), ACCEPTED, "POSCTL"),
+        ((1, 5, 1), ACCEPTED, "ACRO"),
+        ((1, 6, 4), ACCEPTED, "OFFBOARD"),
+        ((1, 7, 2), ACCEPTED, "STABILIZED"),
+        ((1, 4, 0), ACCEPTED, "MISSION"),
+        *(((1, 4, sub), REJECTED, "HOLD") for sub in (1, 7, 10, 19, 40)),
+        ((0, 0, 0), ACCEPTED, "HOLD"),
+        ((0, 4, 6), ACCEPTED, "HOLD"),
+        ((4, 0, 0), ACCEPTED, "MISSION"),
+        ((220, 0, 0), ACCEPTED, "MISSION"),  # what `mode 220` of MAVProxy sends
+        ((64, 6, 0), ACCEPTED, "MANUAL"),
+        ((192, 0, 0), ACCEPTED, "MANUAL"),
+        ((80, 4, 19), ACCEPTED, "STABILIZED"),
+        ((208, 0, 0), ACCEPTED, "STABILIZED"),
+        ((72, 0, 0), ACCEPTED, "POSCTL"),
+        ((88, 0, 0), ACCEPTED, "POSCTL"),
+    ],
+)  # fmt: skip
+def test_a_mode_in_other_words(bench: Bench, parameters: tuple[int, int, int], result: int, mode: str) -> None:
+    """As a PX4 1.15.4 on the ground was measured to answer DO_SET_MODE, and SET_MODE with the same content."""
+    base, main, sub = parameters
+    assert bench.client.mode(4, 3) == ACCEPTED
+    assert bench.client.command(dialect.MAV_CMD_DO_SET_MODE, base, main, sub) == result
+    assert bench.commander.mode == mode
+    assert ("Unsupported auto mode" in bench.client.texts()) == (result == REJECTED)
+
+    assert bench.client.mode(4, 3) == ACCEPTED
+    bench.client.forget()
+    bench.client.send(dialect.MAVLink_set_mode_message(1, base, main << 16 | sub << 24))
+    acknowledged = [(m.command, m.result, m.target_system) for m in bench.client.of("COMMAND_ACK")]
+    assert acknowledged == [(dialect.MAV_CMD_DO_SET_MODE, result, bench.client.system)]
+    assert bench.commander.mode == mode
 
 
 def test_the_heartbeat_shows_a_change_at_once(bench: Bench) -> None:
