@@ -89,7 +89,9 @@ _AUTO_MODES = {mode.sub: mode.name for mode in MODES.values() if mode.main == _A
 _AUTO_MODES[0] = "MISSION"
 # whatever the sub mode: of POSCTL's sub modes an orbit needs a command of its own, and the slow one is not modelled
 _MANUAL_MODES = {
-    mode.main: mode.name for mode in MODES.values() if mode.main != _AUTO and not mode.sub and mode.name != "TERMINATION"
+    mode.main: mode.name
+    for mode in MODES.values()
+    if mode.main != _AUTO and not mode.sub and mode.name != "TERMINATION"
 }
 
 
