@@ -26,8 +26,8 @@ from typing import Any
 
 from benchmarks.machine import benchmark_parser
 from dronecats.flight.processes.supervisor import Supervisor
-from dronecats.flight.sitl.bus import Listener
 from dronecats.flight.sitl.config import SimulatorConfig
+from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.stages.stage import SIMULATOR
 from foundation.errors import DronecatsError, InfrastructureError
 from foundation.frames import quat_yaw, wrap_pi

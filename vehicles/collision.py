@@ -40,12 +40,12 @@ BOX = -1  # owner number of the moving box
 
 
 @njit(cache=True)
-def meet(params: Record, state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
+def collide(params: Record, state: Record, solids: Record, near: Record, triangles: SolidTriangles) -> None:
     """Let the vehicle bump into what it overlaps: changes its motion and notes hits in `state`. Cheap in the open."""
     if solids.here == 0:
         return
     if solids.box != 0:
-        _meet_box(state, solids, near)
+        _collide_with_box(state, solids, near)
     count = near.box_count
     dx, dy, dz = (
         state.position[0] - near.looked_at[0],
@@ -188,7 +188,7 @@ def _gather(state: Record, solids: Record, near: Record, triangles: SolidTriangl
 
 
 @njit(cache=True)
-def _meet_box(state: Record, solids: Record, near: Record) -> None:
+def _collide_with_box(state: Record, solids: Record, near: Record) -> None:
     """Write the contacts with the moving box, first of all contacts."""
     near.box_count = 0
     since = (state.time_us - solids.box_time_us) * 1e-6

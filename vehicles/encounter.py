@@ -84,7 +84,7 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 
 @njit(cache=True)
-def _meet(
+def _push_apart(
     params: Record, state: Record, size: float, others: Record, other: Record, other_size: float, tick_s: float
 ) -> bool:
     """Add to the external forces and torques of both vehicles; return whether they touch within the tick."""
@@ -127,9 +127,9 @@ def _ease(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
     return mobility(params, rotate_inverse(q, arm), rotate_inverse(q, way))
 
 
-def meet(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
+def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
     """Push two vehicles apart over the coming tick and return whether they touch; adds to their external forces."""
-    return bool(_meet(one.params, one.state, girth(one), other.params, other.state, girth(other), tick_s))
+    return bool(_push_apart(one.params, one.state, girth(one), other.params, other.state, girth(other), tick_s))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from foundation.frames import GRAVITY, Vec3, quat_from_euler
 from foundation.sensors import ACTUATORS, MAX_ROTORS, SENSORS, TRUTH
 from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from vehicles import ground
-from vehicles.collision import fresh_near, meet, solids_record
+from vehicles.collision import collide, fresh_near, solids_record
 from vehicles.faults import Fault, script, strike_rotors
 from vehicles.ground import at_rest, candidates, hold, in_reach, peaks, settle, surface
 from vehicles.records import AIR, FAULTS, PARAMS, STATE, STEP_S, STEP_US, rotate_inverse
@@ -79,7 +79,7 @@ def step(plant: Record, down: Grid, peak: Grid, triangles: SolidTriangles) -> No
     else:
         move(params, state, down, load, breeze, mask)
         settle(params, state, down, load, mask)
-    meet(params, state, plant.solids, plant.near, triangles)
+    collide(params, state, plant.solids, plant.near, triangles)
     state.upside_down = 1 if upright < 0.0 else 0
     state.time_us += STEP_US
 
@@ -157,7 +157,7 @@ class Multirotor:
         plant["params"] = parameters(airframe, terrain)
         self.air["rng"][0] = gusts
         self._origin = origin
-        self.meet(wind)
+        self.set_wind(wind)
         self.sense(suite)
         plant["memory"] = fresh_memory(suite, int(errors))
         plant["faults"] = script(faults, len(airframe.rotors), suite.gps_period_us, suite.gps_age_us)
@@ -195,7 +195,7 @@ class Multirotor:
         """Live through `steps` milliseconds with the actuators as they are."""
         run(steps, *self.kernel_args)
 
-    def meet(self, wind: Wind) -> None:
+    def set_wind(self, wind: Wind) -> None:
         """From now on fly in this wind."""
         self.air["mean"], self.air["w20"] = wind.mean_ned, wind.w20
         self.air["next_us"] = self.state["time_us"]
@@ -208,7 +208,7 @@ class Multirotor:
         before, self.record["suite"] = self.record["suite"].copy(), suite_record(suite, self._origin)
         grow(self.memory, before, self.record["suite"])
 
-    def meet_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
+    def place_box(self, position_ned: Vec3, yaw: float, velocity_ned: Vec3, yaw_rate: float) -> None:
         """Say where the moving obstacle is at this vehicle's time (m, rad) and how it goes on (m/s, rad/s)."""
         box, solids = self.obstacles.moving, self.solids
         if box is None:

@@ -15,8 +15,10 @@ from autopilot.commander.health import (
     mode_failures,
     preflight_failures,
 )
-from autopilot.commander.modes.flight import FlightContext, Mode
-from autopilot.commander.modes.roster import behaviours
+from autopilot.commander.modes.automatic import Descend, Follow, HoldMode, Land, Orbit, ReturnHome, Takeoff
+from autopilot.commander.modes.flight import FlightContext, Mode, Offboard
+from autopilot.commander.modes.manual import Acro, AltitudeControl, PositionControl, Stabilized
+from autopilot.commander.modes.mission import Mission
 from autopilot.commander.plans import MISSION, PlanItem, home_at, moved
 from autopilot.commander.supervision import (
     QUIET,
@@ -60,6 +62,13 @@ class SetpointWriter:
         self._last = (setpoint, armed)
 
 
+class Terminated(Mode):
+    """Rotors idle."""
+
+    def setpoint(self, flight: FlightContext) -> CascadeSetpoint:
+        return IDLE
+
+
 class Commander:
     """Runs the flight modes over the two records. `send_text` receives texts for the ground."""
 
@@ -75,9 +84,8 @@ class Commander:
         self.takeoff_us = 0  # vehicle time of the last lift-off, 0 = none
         self.demand: CascadeSetpoint = IDLE  # what the active mode asks
         self.passed: CascadeSetpoint = IDLE  # what went to the inner loop
-        self._behaviours = behaviours()
-        self.hold, self.takeoff, self.orbit = self._behaviours.hold, self._behaviours.takeoff, self._behaviours.orbit
-        self.mission = self._behaviours.mission
+        self.hold, self.takeoff, self.orbit, self.mission = HoldMode(), Takeoff(), Orbit(), Mission()
+        self._behaviours = self._modes()
         self._active: Mode | None = None
         self._writer = writer
         self._send_text = send_text
@@ -88,6 +96,28 @@ class Commander:
         self._mode_chosen_disarmed = True
         self._home_looked_us = 0
         self._override = StickOverride()
+
+    def _modes(self) -> dict[str, Mode]:
+        """Return the behaviour of each mode's name. PRECLAND, without a beacon to aim at, lands where it is."""
+        land, stabilized = Land(), Stabilized()
+        return {
+            "HOLD": self.hold,
+            "MISSION": self.mission,
+            "FOLLOW": Follow(),
+            "TAKEOFF": self.takeoff,
+            "LAND": land,
+            "PRECLAND": land,
+            "DESCEND": Descend(),
+            "RETURN": ReturnHome(),
+            "ORBIT": self.orbit,
+            "OFFBOARD": Offboard(),
+            "POSCTL": PositionControl(),
+            "ALTCTL": AltitudeControl(),
+            "STABILIZED": stabilized,
+            "MANUAL": stabilized,
+            "ACRO": Acro(),
+            "TERMINATION": Terminated(),
+        }
 
     # what others may ask
 
@@ -280,7 +310,7 @@ class Commander:
         active = self._active
         assert active is not None
         demand = active.setpoint(flight)
-        if active.next_mode is not None and active is self._behaviours.by_name[self.intended]:
+        if active.next_mode is not None and active is self._behaviours[self.intended]:
             self._finish(active.next_mode)
         self.demand = demand
         self.passed = self._ramp.gate(demand, state, flight.landed or self._detector.contact)
@@ -324,9 +354,9 @@ class Commander:
         if self.failsafe.action == Reaction.TERMINATE:
             self.terminate()
             return
-        if shown != self.mode or self._active is not self._behaviours.by_name[behaviour]:
+        if shown != self.mode or self._active is not self._behaviours[behaviour]:
             self.mode = shown
-            self._active = self._behaviours.by_name[behaviour]
+            self._active = self._behaviours[behaviour]
             self._active.enter(self.flight)
 
     def _reaction(self) -> tuple[str, str]:
@@ -353,7 +383,7 @@ class Commander:
             self._choose("POSCTL" if self.flight.state.position_valid else "ALTCTL")
 
     def _activate(self) -> None:
-        self._active = self._behaviours.by_name[self._reaction()[1]]
+        self._active = self._behaviours[self._reaction()[1]]
         self._active.enter(self.flight)
 
     def _idle(self) -> None:

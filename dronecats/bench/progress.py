@@ -11,9 +11,8 @@ from typing import Any
 
 from dronecats.agent.history import NONE_YET
 from dronecats.agent.latency import Circumstance, Question
-from dronecats.agent.models.http_model import tokens_of
 from dronecats.agent.models.ledger import Spent, cost
-from dronecats.agent.models.model import Request
+from dronecats.agent.models.model import Request, tokens_of
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.prompt import Prompt
 from dronecats.bench.benchmark_folder import setting_of

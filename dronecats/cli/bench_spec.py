@@ -17,12 +17,12 @@ from dronecats.cli.options import (
     SELECTION,
     Option,
     accounts_of,
-    disturbances_of,
     first_set,
     is_set,
     model_of,
     speed,
 )
+from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 from foundation.wording import did_you_mean, nearest
 
@@ -190,7 +190,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
             prompt=template_of(args.prompt) if args.prompt else None,
             parser=args.parser,
             stop_unreadable=args.stop_unreadable,
-            disturbances=disturbances_of(args),
+            disturbances=UNDISTURBED.with_options(vars(args)),
             seed=args.seed,
             full=args.full,
         )

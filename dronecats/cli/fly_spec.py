@@ -16,13 +16,13 @@ from dronecats.cli.options import (
     REPLIES,
     Option,
     accounts_of,
-    disturbances_of,
     first_set,
     is_set,
     key_of,
     model_of,
     speed,
 )
+from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
@@ -184,7 +184,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         latency=latency_policy(args.latency or (LATENCY if factor is None else "real")),
         parser=args.parser or "strict",
         stop_unreadable=args.stop_unreadable,
-        disturbances=disturbances_of(args),
+        disturbances=UNDISTURBED.with_options(vars(args)),
         seed=args.seed or 0,
         full=args.full,
         envelope=_envelope(args),
@@ -223,7 +223,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     }
     if args.episode:
         changes |= {"episode": None, "record": None, **_of_episode(args.episode)}
-    changes["disturbances"] = disturbances_of(args, spec.disturbances)
+    changes["disturbances"] = spec.disturbances.with_options(vars(args))
     kept = ("seed", "parser", "stop_unreadable")
     changes |= {name: value for name in kept if (value := getattr(args, name)) is not None}
     if args.latency:

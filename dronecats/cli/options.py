@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dronecats.agent.models.spec import PROVIDERS
-from dronecats.flight.spec.disturbances import DECLARED, UNDISTURBED, Disturbances
+from dronecats.flight.spec.disturbances import DECLARED
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
@@ -214,12 +214,6 @@ def add_disturbances(parser: argparse.ArgumentParser) -> None:
 def with_folder(options: Iterable[Option], folder: str) -> list[Option]:
     """Return the options with the default folder in the help of --out."""
     return [replace(o, help=f"{o.help} (default {folder})") if o.name == "out" else o for o in options]
-
-
-def disturbances_of(args: argparse.Namespace, base: Disturbances = UNDISTURBED) -> Disturbances:
-    """Return `base` with the disturbances that the options set. Raises UsageError for impossible values."""
-    values = {option.name: getattr(args, option.name) for option in DISTURBANCES}
-    return base.with_options({name: value for name, value in values.items() if value is not None})
 
 
 def add_sign(group: "argparse._ActionsContainer") -> None:

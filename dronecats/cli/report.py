@@ -34,7 +34,7 @@ def run(args: argparse.Namespace) -> int:
     """Write the report. Return 0."""
     import math
 
-    from dronecats.judge.metrics.registry import METRICS, own_metrics
+    from dronecats.judge.metrics.judging import METRICS, own_metrics
     from dronecats.report.figures import draw
     from dronecats.report.report_folder import opening, report_data, tables, write
     from dronecats.report.results.collection import collect, exclude, parse_exclusion, without_stalled

@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     catalogue.load(episode)
     if args.seed < 0:
         raise UsageError(f"--seed wants 0 or more, got {args.seed}")
-    air = UNDISTURBED.with_options({name: value for name in AIR if (value := getattr(args, name)) is not None})
+    air = UNDISTURBED.with_options({name: getattr(args, name) for name in AIR})
     if args.faults is not None and not args.faults.is_file():
         raise UsageError(f"--faults {args.faults} does not exist; give the path of a TOML file")
     if args.optics is not None and args.camera is None:

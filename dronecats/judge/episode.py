@@ -1,43 +1,28 @@
-"""The outcome of an episode folder: success, failure, or unscored (error, censored, unknown)."""
+"""Judges episode folders: the verdict, its comparison with verdict.json, and contradictions in the folder's files."""
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.judge import contradictions
-from dronecats.judge.commanding import commanding
-from dronecats.judge.diagnostics import (
-    contacts,
-    distances,
-    drone_diagnostics,
-    estimator_resets,
-    fleet_diagnostics,
-    host_stalls,
-    wide_rotations,
-)
+from dronecats.judge.judged_flight import gaps, outcome
 from dronecats.judge.verdict import (
     NOTHING_KNOWN,
-    Judgement,
-    Measured,
-    declarations,
-    finished,
-    judge,
-    last_action,
-    measures,
-    reasons,
+    SAME_S,
+    consistent,
 )
 from foundation.errors import InfrastructureError, UsageError
 from foundation.files import write_json
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
+from foundation.run_folder.layout import COMMANDER, EPISODE
 from foundation.run_folder.reading import Logs, check_version, episodes, exchanges, json_object, read
-from foundation.run_folder.results import Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
-from foundation.run_folder.writing import as_json
+from foundation.run_folder.results import Verdict
+from foundation.run_folder.rows import Decision, Exchange, FrameTruth, drone_label
 
 SAME = 1.001e-3  # s, m: numbers are rounded to a thousandth, and rounding may change the last digit
 EXPLANATIONS = ("error", "note")  # sentences, whose words may differ between versions
@@ -50,6 +35,8 @@ CORE = (
     "declarations",
     "deciding",
 )  # fields that every version stored
+# (reply, drones, whether it was mended) -> possible readings, each with an action per drone
+Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,93 +113,7 @@ class Judged:
         }
 
 
-def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
-    """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
-
-    A qualifying declaration is a success, whatever the end of the flight. Without one, three cases are errors of the
-    infrastructure and never a failure: the logger did not see an end at the cap or by decision, the logs contradict
-    their end, or a declaration was not measured. A flight that was ended as decided at another radius, before `cap_s`,
-    is censored. Without truth `success` is None: the outcome is unknown, or "distance only" with `distances`, if the
-    autopilot's estimate and a surveyed target give the distance, but not whether the target was in view.
-    """
-    declared = declarations(logs, cap_s) if logs.true else []
-    last = last_action(logs, cap_s) if logs.true else None
-    verdict = judge(declared, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
-    estimated = distances(logs, delta_m, cap_s)
-    error = None if verdict.success else _fault(logs, verdict)
-    seen = logs.end is not None and (logs.end.reason == "cap" or logs.end.t >= cap_s)
-    named = "error" if error else _outcome_name(logs, verdict, seen, estimated is not None)
-    scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
-    claims = finished(logs)
-    drones = drone_diagnostics(logs, delta_m, cap_s)
-    is_whole = error is None and seen
-    resets = estimator_resets(logs, cap_s)
-    return Verdict(
-        outcome=named,
-        success=scored.success if logs.true and named != "censored" else None,
-        ne_m=scored.ne_m,
-        delta_m=delta_m,
-        censored=named in ("success", "censored") and not is_whole,
-        steps=max((d.step + 1 for d in logs.decisions), default=0),
-        declarations=sum(d.t_decided <= cap_s for d in claims),
-        declarations_after_cap=sum(d.t_decided > cap_s for d in claims),
-        **asdict(measures(declared, delta_m, cap_s, is_whole=is_whole) if logs.true else NOTHING_KNOWN),
-        deciding=_deciding(scored.deciding),
-        error=error,
-        note=_note(scored, last),
-        diagnostics=fleet_diagnostics(drones),
-        drones=tuple(_of_drone(drone, diagnostics, declared, delta_m) for drone, diagnostics in drones.items()),
-        distances=UNSET if logs.true else estimated,
-        wide_rotations=wide_rotations(logs.decisions, cap_s) or UNSET,
-        commanding=commanding(logs, cap_s) or UNSET,
-        host_stalls=host_stalls(logs.decisions) or UNSET,
-        cap_s=UNSET if cap_s == CAP_S else cap_s,
-        contacts=contacts(logs, cap_s) or UNSET,
-        estimator_resets=UNSET if resets is None else resets,
-    )
-
-
-def succeeded(logs: Logs) -> bool | None:
-    """Return whether a declaration already qualifies; None while one is not measured."""
-    return judge(declarations(logs), None).success if logs.true else False
-
-
-def _fault(logs: Logs, verdict: Judgement) -> str | None:
-    """Return the reason why the outcome is neither success nor failure; None: it is a failure."""
-    return reasons(verdict.unknown) or contradictions.ending(logs) or contradictions.gaps(logs)
-
-
-def _outcome_name(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outcome:
-    if not logs.true:
-        return "distance only" if estimated else "unknown"
-    if verdict.success:
-        return "success"
-    return "failure" if seen else "censored"
-
-
-def _note(verdict: Judgement, last: Measured | None) -> str | None:
-    """Return a sentence about an open part of the verdict; None: nothing is open."""
-    if verdict.success and verdict.unknown:
-        return f"deciding and ne_m are of the first declaration known to qualify: {reasons(verdict.unknown)}"
-    if not verdict.success and last is not None and last.unknown and verdict.ne_m is None:
-        return f"no declaration qualifies, and ne_m is not known: {last.unknown}"
-    return None
-
-
-def _deciding(declaration: Measured | None) -> Deciding | None:
-    if declaration is None:
-        return None
-    step, drone, t, distance_m = declaration.step, declaration.drone, declaration.t, declaration.distance_m
-    return Deciding(step=step, drone=drone, t=t, distance_m=distance_m)
-
-
-def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], delta_m: float) -> DroneDiagnostics:
-    own = [d for d in declared if d.drone == drone]
-    qualifying = sum(d.qualifies(delta_m) is True for d in own)
-    return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(diagnostics))
-
-
-def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None) -> Judged:
+def judge_folder(folder: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> Judged:
     """Return the `outcome` of an episode folder, compared with its other files. Raises UsageError."""
     logs = read(folder)
     return beside_stored(folder, logs, json_object(folder / layout.EPISODE), outcome(logs, delta_m), reread)
@@ -223,12 +124,12 @@ def beside_stored(
     logs: Logs,
     record: Mapping[str, Any] | None,
     verdict: Verdict,
-    reread: contradictions.Rereading | None = None,
+    reread: Rereading | None = None,
 ) -> Judged:
     """Return the verdict of a folder's logs, compared with the other files; replies are parsed again by `reread`."""
-    sentences = contradictions.log_contradictions(logs)
-    sentences += contradictions.folder_contradictions(folder.resolve().name, record)
-    sentences += contradictions.reply_contradictions(logs, reread) if reread else []
+    sentences = log_contradictions(logs)
+    sentences += folder_contradictions(folder.resolve().name, record)
+    sentences += reply_contradictions(logs, reread) if reread else []
     sentences += _commander_contradictions(folder, logs)
     return Judged(verdict, _stored(folder / layout.VERDICT, verdict), tuple(sentences))
 
@@ -236,7 +137,7 @@ def beside_stored(
 def _commander_contradictions(folder: Path, logs: Logs) -> list[str]:
     """Return the contradictions with commander.jsonl, which no verdict depends on."""
     try:
-        return contradictions.commander_contradictions(logs, exchanges(folder))
+        return commander_contradictions(logs, exchanges(folder))
     except UsageError as damage:
         return [str(damage)]
 
@@ -249,9 +150,7 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
     return compare(stored, verdict.as_json()) if same else None
 
 
-def judge_run(
-    run: Path, delta_m: float = RADIUS_M, reread: contradictions.Rereading | None = None
-) -> dict[str, Judged]:
+def judge_run(run: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> dict[str, Judged]:
     """Return `judge_folder` of every episode of a run folder, or of a single episode folder, by episode id.
 
     A damaged episode is an error, and the others are still judged. Raises UsageError.
@@ -266,7 +165,7 @@ def judge_run(
     return {folder.resolve().name: _judged(folder, delta_m, reread) for folder in folders}
 
 
-def _judged(folder: Path, delta_m: float, reread: contradictions.Rereading | None) -> Judged:
+def _judged(folder: Path, delta_m: float, reread: Rereading | None) -> Judged:
     try:
         return judge_folder(folder, delta_m, reread)
     except UsageError as damage:
@@ -309,3 +208,81 @@ def verdict_of(folder: Path, delta_m: float = RADIUS_M) -> Verdict:
         return outcome(read(folder), delta_m)
     except UsageError as damage:
         return _damaged(damage, delta_m)
+
+
+def log_contradictions(logs: Logs) -> list[str]:
+    """Return the contradictions within the logs, a sentence each."""
+    sentences = [fault] if (fault := gaps(logs)) else []
+    late = [d for d in logs.decisions if (f := _frame(d, logs)) and abs(f.t - d.t_frame) > SAME_S]
+    if late:
+        named_s, logged_s = late[0].t_frame, logs.frames[late[0].drone, late[0].frame_id].t
+        sentences.append(
+            f"step {late[0].step} names a frame of {named_s:g} s that was taken at {logged_s:g} s{_more(late)}"
+        )
+    for kind, rows in (("pose", logs.poses), ("frame", logs.frames.values())):
+        off = [row for row in rows if not consistent(row)]
+        if off:
+            sentences.append(
+                f"the {kind} of {drone_label(off[0].drone)} at {off[0].t:g} s is not as far from the target as its"
+                f" positions are{_more(off)}"
+            )
+    return sentences
+
+
+def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
+    """Return the decisions whose action differs from their reply, in one sentence.
+
+    A reply is for all drones of its steps, in the order of their numbers.
+    """
+    group = reply_groups(logs)
+    replies = [(d, d.reply, group[d.drone]) for d in logs.decisions if d.reply is not UNSET]
+    differing = [
+        d
+        for d, reply, drones in replies
+        if not any(
+            read[drones.index(d.drone)] == d.action for read in reread(reply, len(drones), d.mended is not UNSET)
+        )
+    ]
+    if not differing:
+        return []
+    return [f"the reply of step {differing[0].step} does not say the action that was taken{_more(differing)}"]
+
+
+def reply_groups(logs: Logs) -> dict[int, list[int]]:
+    """Return for each drone the drones of its replies, itself included, in the order of their numbers."""
+    together: dict[int, set[int]] = {}  # by step
+    for decision in logs.decisions:
+        together.setdefault(decision.step, set()).add(decision.drone)
+    group: dict[int, set[int]] = {}  # by drone: a kill may cost a step some of its rows, but not every step
+    for drones in together.values():
+        for drone in drones:
+            group.setdefault(drone, set()).update(drones)
+    return {drone: sorted(drones) for drone, drones in group.items()}
+
+
+def commander_contradictions(logs: Logs, exchanges: Sequence[Exchange]) -> list[str]:
+    """Return the declarations by a commander that its log does not confirm, in one sentence."""
+    confirmed = {
+        (exchange.number, drone, exchange.frames[drone])
+        for exchange in exchanges
+        for drone in exchange.confirms
+        if drone < len(exchange.frames)
+    }
+    made = [d for d in logs.decisions if d.confirmed_by is not UNSET]
+    unconfirmed = [d for d in made if (d.confirmed_by, d.drone, d.frame_id) not in confirmed]
+    return [f"step {unconfirmed[0].step} was not confirmed in {COMMANDER}{_more(unconfirmed)}"] if unconfirmed else []
+
+
+def folder_contradictions(name: str, record: Mapping[str, Any] | None) -> list[str]:
+    """Return a sentence if the folder's name is not the id of its episode."""
+    identity = (record or {}).get("id", name)
+    return [] if identity == name else [f"{EPISODE} is of {identity}, and its folder is named {name}"]
+
+
+def _frame(decision: Decision, logs: Logs) -> FrameTruth | None:
+    return logs.frames.get((decision.drone, decision.frame_id))
+
+
+def _more(rows: Sized) -> str:
+    count = len(rows) - 1
+    return f", and {count} more" if count else ""

@@ -1,20 +1,177 @@
-"""A flight read from its folder, with the files that the judge may use: the input of every metric.
+"""A flight read from its folder, with the files that the judge may use, and the verdict over its logs.
 
-`dronecats.report.recorded.flight` adds the data of MAVLink and of the world.
+It is the input of every metric. `dronecats.report.recorded.flight` adds the data of MAVLink and of the world.
 """
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import asdict, dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self
 
-from dronecats.judge.episode import outcome
-from dronecats.judge.verdict import SAME_S, Measured, declarations, finished, in_order, measured
+from msgspec import UNSET
+
+from dronecats.judge.commanding import commanding
+from dronecats.judge.diagnostics import (
+    contacts,
+    distances,
+    drone_diagnostics,
+    estimator_resets,
+    fleet_diagnostics,
+    host_stalls,
+    wide_rotations,
+)
+from dronecats.judge.verdict import (
+    NOTHING_KNOWN,
+    SAME_S,
+    Judgement,
+    Measured,
+    declarations,
+    finished,
+    in_order,
+    judge,
+    last_action,
+    measured,
+    measures,
+    reasons,
+)
 from foundation.protocol import CAP_S, RADIUS_M
 from foundation.run_folder import layout
+from foundation.run_folder.layout import DECISIONS
 from foundation.run_folder.reading import Logs, json_object, read
-from foundation.run_folder.results import SCORED, Verdict
-from foundation.run_folder.rows import Decision, FrameTruth, PointedGo
+from foundation.run_folder.results import SCORED, Deciding, Diagnostics, DroneDiagnostics, Outcome, Verdict
+from foundation.run_folder.rows import Decision, FrameTruth, PointedGo, Pose, drone_label
+from foundation.run_folder.writing import as_json
+
+
+def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
+    """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
+
+    A qualifying declaration is a success, whatever the end of the flight. Without one, three cases are errors of the
+    infrastructure and never a failure: the logger did not see an end at the cap or by decision, the logs contradict
+    their end, or a declaration was not measured. A flight that was ended as decided at another radius, before `cap_s`,
+    is censored. Without truth `success` is None: the outcome is unknown, or "distance only" with `distances`, if the
+    autopilot's estimate and a surveyed target give the distance, but not whether the target was in view.
+    """
+    declared = declarations(logs, cap_s) if logs.true else []
+    last = last_action(logs, cap_s) if logs.true else None
+    verdict = judge(declared, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
+    estimated = distances(logs, delta_m, cap_s)
+    error = None if verdict.success else _fault(logs, verdict)
+    seen = logs.end is not None and (logs.end.reason == "cap" or logs.end.t >= cap_s)
+    named = "error" if error else _outcome_name(logs, verdict, seen, estimated is not None)
+    scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
+    claims = finished(logs)
+    drones = drone_diagnostics(logs, delta_m, cap_s)
+    is_whole = error is None and seen
+    resets = estimator_resets(logs, cap_s)
+    return Verdict(
+        outcome=named,
+        success=scored.success if logs.true and named != "censored" else None,
+        ne_m=scored.ne_m,
+        delta_m=delta_m,
+        censored=named in ("success", "censored") and not is_whole,
+        steps=max((d.step + 1 for d in logs.decisions), default=0),
+        declarations=sum(d.t_decided <= cap_s for d in claims),
+        declarations_after_cap=sum(d.t_decided > cap_s for d in claims),
+        **asdict(measures(declared, delta_m, cap_s, is_whole=is_whole) if logs.true else NOTHING_KNOWN),
+        deciding=_deciding(scored.deciding),
+        error=error,
+        note=_note(scored, last),
+        diagnostics=fleet_diagnostics(drones),
+        drones=tuple(_of_drone(drone, diagnostics, declared, delta_m) for drone, diagnostics in drones.items()),
+        distances=UNSET if logs.true else estimated,
+        wide_rotations=wide_rotations(logs.decisions, cap_s) or UNSET,
+        commanding=commanding(logs, cap_s) or UNSET,
+        host_stalls=host_stalls(logs.decisions) or UNSET,
+        cap_s=UNSET if cap_s == CAP_S else cap_s,
+        contacts=contacts(logs, cap_s) or UNSET,
+        estimator_resets=UNSET if resets is None else resets,
+    )
+
+
+def succeeded(logs: Logs) -> bool | None:
+    """Return whether a declaration already qualifies; None while one is not measured."""
+    return judge(declarations(logs), None).success if logs.true else False
+
+
+def _fault(logs: Logs, verdict: Judgement) -> str | None:
+    """Return the reason why the outcome is neither success nor failure; None: it is a failure."""
+    return reasons(verdict.unknown) or ending(logs) or gaps(logs)
+
+
+def _outcome_name(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -> Outcome:
+    if not logs.true:
+        return "distance only" if estimated else "unknown"
+    if verdict.success:
+        return "success"
+    return "failure" if seen else "censored"
+
+
+def _note(verdict: Judgement, last: Measured | None) -> str | None:
+    """Return a sentence about an open part of the verdict; None: nothing is open."""
+    if verdict.success and verdict.unknown:
+        return f"deciding and ne_m are of the first declaration known to qualify: {reasons(verdict.unknown)}"
+    if not verdict.success and last is not None and last.unknown and verdict.ne_m is None:
+        return f"no declaration qualifies, and ne_m is not known: {last.unknown}"
+    return None
+
+
+def _deciding(declaration: Measured | None) -> Deciding | None:
+    if declaration is None:
+        return None
+    step, drone, t, distance_m = declaration.step, declaration.drone, declaration.t, declaration.distance_m
+    return Deciding(step=step, drone=drone, t=t, distance_m=distance_m)
+
+
+def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], delta_m: float) -> DroneDiagnostics:
+    own = [d for d in declared if d.drone == drone]
+    qualifying = sum(d.qualifies(delta_m) is True for d in own)
+    return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(diagnostics))
+
+
+# s before its cap at which a flight may end by it: the logger's clock is the newest truth it received, which is late by
+# no more than the stall of a process on a busy machine
+LATE_S = 5.0
+
+
+def ending(logs: Logs) -> str | None:
+    """Return the reason why the log does not end with the end of an episode; None if it does.
+
+    The episode must have begun, something must be measured, and the logger must have seen the end: at the cap, with
+    decisions, or as decided, by a declaration that qualifies at the radius at which flights are watched.
+    """
+    if logs.begin is None:
+        return "the episode never began"
+    if logs.end is None:
+        return "the log breaks off: the logger did not see the episode end"
+    rows: list[Pose | FrameTruth] = [*logs.poses, *logs.frames.values()]
+    if logs.true and not any(row.distance_m is not None for row in rows):
+        return "the logger measured nothing"
+    reason, ended_s = logs.end.reason, logs.end.t
+    if reason == "decided":
+        good = any(d.qualifies(RADIUS_M) for d in declarations(logs))
+        return None if good else f"the flight was ended as decided, and no declaration in {DECISIONS} decides it"
+    if reason != "cap":
+        return logs.end.error or reason
+    cap_s = logs.begin.cap_s or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
+    if ended_s < cap_s - LATE_S:
+        return f"the log says that the flight ended at its cap of {cap_s:g} s, and ends at {ended_s:g} s"
+    if not logs.decisions:
+        return f"the flight was flown to its cap, and {DECISIONS} is empty"
+    return None
+
+
+def gaps(logs: Logs) -> str | None:
+    """Return the fault in the step numbers: a step is missing, or a drone has one twice; None: no fault."""
+    taken = Counter((d.step, d.drone) for d in logs.decisions)
+    twice = next((key for key, count in sorted(taken.items()) if count > 1), None)
+    if twice:
+        return f"{DECISIONS} holds step {twice[0]} of {drone_label(twice[1])} more than once"
+    steps = sorted({-1} | {step for step, _ in taken})
+    missing = next((a + 1 for a, b in pairwise(steps) if b > a + 1), None)
+    return None if missing is None else f"{DECISIONS} lacks step {missing}"
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from dronecats.flight.spec.disturbances import DECLARED
 from dronecats.judge.metrics.audit import RULES
 from dronecats.judge.metrics.failure_mode import MODES
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.study.factors import FACTORS, Factor
 from foundation.declaration import DeclaredNumber, declarations, shown
 from hil.impairment import Impairment

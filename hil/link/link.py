@@ -11,8 +11,8 @@ from foundation.setpoints import Hold, Setpoint, Sight
 from hil.link.conversation import SILENCE_S, Conversation
 from hil.link.course import Arrival
 from hil.link.envelope import Limits, admit, broken_off, placed
-from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream, Turning
-from hil.link.streams import TICK_US, SetpointRate
+from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream, SetpointRate, Turning
+from hil.link.streams import TICK_US
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport
 

@@ -22,6 +22,7 @@ LINE_REACHED_M = 0.05
 YAW_RATE_STILL = math.radians(5.0)  # rad/s: below it a turn is over
 GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
 GAP_US = 200_000  # µs between two looks at a turn, beyond which the time is not counted as turned
+STAMP_US = 1_000  # µs to which the vehicle's stamps are rounded
 LATE_MAX_US = 250_000  # µs by which a move may outlast its time and still be taken for one that ended when it should
 
 
@@ -246,6 +247,25 @@ class OffboardStream:
     def _height_correction(self, position: Vec3) -> float:
         assert self._height is not None
         return _clamped(HEIGHT_GAIN * (self._height - position[2]), CORRECTION_MAX)
+
+
+class SetpointRate:
+    """Says at which ticks a setpoint is sent: at all of them, or so many times a second of vehicle time."""
+
+    def __init__(self, hz: float | None = None) -> None:
+        self._period_us = round(1e6 / hz) if hz else 0
+        self._due_us = 0
+
+    def due(self, time_us: int) -> bool:
+        """Return whether one is due, and take it for sent."""
+        early_us = self._due_us - time_us
+        if STAMP_US < early_us <= self._period_us:
+            return False
+        # in step with when it was due, or the rate would sink to a divisor of the ticks'; after a pause from now.
+        # A tick passed by just before it was due makes the next one late by a whole period and the rounding of stamps.
+        in_step = -self._period_us - STAMP_US < early_us <= STAMP_US
+        self._due_us = (self._due_us if in_step else time_us) + self._period_us
+        return True
 
 
 def _correction(place: Vec3, position: Vec3, yaw: float) -> tuple[float, float]:

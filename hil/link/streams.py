@@ -28,7 +28,6 @@ ONCE = (  # asked for as single messages until they have come
 )
 CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
 SHORT = 0.6  # of what was asked for: below it the wire or the autopilot does not keep up
-STAMP_US = 1_000  # µs to which the vehicle's stamps are rounded
 DOUBLINGS = 2  # of the fast messages' interval, down to 5 Hz: PX4's offboard wants more than 2 Hz of setpoints
 SMALL = 0.05  # share of the bytes under which a foreign stream is not worth silencing
 KEEP = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_STATUSTEXT})
@@ -118,22 +117,3 @@ class Streams:
         for i in FAST:
             self.wanted[i] *= 2
         return [Interval(i, self.wanted[i]) for i in FAST]
-
-
-class SetpointRate:
-    """Says at which ticks a setpoint is sent: at all of them, or so many times a second of vehicle time."""
-
-    def __init__(self, hz: float | None = None) -> None:
-        self._period_us = round(1e6 / hz) if hz else 0
-        self._due_us = 0
-
-    def due(self, time_us: int) -> bool:
-        """Return whether one is due, and take it for sent."""
-        early_us = self._due_us - time_us
-        if STAMP_US < early_us <= self._period_us:
-            return False
-        # in step with when it was due, or the rate would sink to a divisor of the ticks'; after a pause from now.
-        # A tick passed by just before it was due makes the next one late by a whole period and the rounding of stamps.
-        in_step = -self._period_us - STAMP_US < early_us <= STAMP_US
-        self._due_us = (self._due_us if in_step else time_us) + self._period_us
-        return True

@@ -11,7 +11,7 @@ import pytest
 from dronecats.cli.bench_spec import FILE_OPTIONS
 from dronecats.cli.fly_spec import spec_of
 from dronecats.cli.main import parse
-from dronecats.cli.options import add_disturbances, disturbances_of
+from dronecats.cli.options import add_disturbances
 from dronecats.flight.spec.disturbances import DECLARED, UNDISTURBED, Disturbances, LinkFaults, VehicleFaults
 from dronecats.study.factors import FACTORS
 from foundation.declaration import declarations
@@ -22,7 +22,7 @@ from hil.impairment import Impairment
 def parsed(*words: str) -> Disturbances:
     parser = argparse.ArgumentParser()
     add_disturbances(parser)
-    return disturbances_of(parser.parse_args(words))
+    return UNDISTURBED.with_options(vars(parser.parse_args(words)))
 
 
 def wire(text: str) -> LinkFaults:

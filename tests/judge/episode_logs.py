@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from dronecats.judge import episode
+from dronecats.judge import episode, judged_flight
 from foundation.run_folder.reading import Logs, taken
 from foundation.run_folder.rows import TRUTH_ROWS, Decision, FlownRecord
 
@@ -61,7 +61,7 @@ def judge_run(run: Path, *radius) -> dict[str, Any]:
 
 def outcome(flight: Logs, *radius) -> dict[str, Any]:
     """Return the verdict of these logs as verdict.json holds it."""
-    return episode.outcome(flight, *radius).as_json()
+    return judged_flight.outcome(flight, *radius).as_json()
 
 
 def write_verdict(folder: Path) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from dronecats.judge.contradictions import folder_contradictions, log_contradictions, reply_contradictions
+from dronecats.judge.episode import folder_contradictions, log_contradictions, reply_contradictions
 from dronecats.judge.metrics.judging import reread
 from tests.judge.episode_logs import BEGIN, DECIDED, END, decision, frame, judge_folder, logs, outcome, pose, write
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge.contradictions import log_contradictions
+from dronecats.judge.episode import log_contradictions
 from foundation.errors import UsageError
 from foundation.run_folder.reading import read
 from tests.judge.episode_logs import BEGIN, END, decision, frame, judge_run, outcome, pose, write, write_verdict

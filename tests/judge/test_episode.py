@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from dronecats.judge import episode
+from dronecats.judge import judged_flight
 from foundation.errors import UsageError
 from foundation.run_folder.reading import read
 from tests.judge.episode_logs import (
@@ -236,22 +236,22 @@ def _empty(tmp_path):
 
 def test_a_cap_of_ones_own_ends_the_counting_there():
     told = logs([decision(0, 0, 199.0), decision(1, 1, 201.0)], [frame(0, 198.5, 9.0), frame(1, 200.5, 3.0)])
-    assert (episode.outcome(told, 5.0, 200.0).outcome, episode.outcome(told, 5.0, 202.0).outcome) == (
+    assert (judged_flight.outcome(told, 5.0, 200.0).outcome, judged_flight.outcome(told, 5.0, 202.0).outcome) == (
         "failure",
         "success",
     )
-    early = episode.outcome(told, 5.0, 200.0)
+    early = judged_flight.outcome(told, 5.0, 200.0)
     assert (early.ne_m, early.declarations, early.declarations_after_cap, early.cap_s) == (9.0, 1, 1, 200.0)
     assert early.diagnostics is not None
     assert early.diagnostics.min_distance_m == 9.0
-    assert "cap_s" not in episode.outcome(told).as_json()
+    assert "cap_s" not in judged_flight.outcome(told).as_json()
 
 
 def test_what_was_decided_after_another_cap_was_seen_to_that_cap():
     rows = [decision(0, 0, 199.0), decision(1, 1, 201.0)], [frame(0, 198.5, 9.0), frame(1, 200.5, 3.0)]
     decided = logs(*rows, end={**END, "reason": "decided", "t": 201.5})
-    assert episode.outcome(decided).outcome == "success"
-    assert episode.outcome(decided, 5.0, 200.0).outcome == "failure"
-    assert not episode.outcome(decided, 5.0, 200.0).censored
-    assert episode.outcome(decided, 2.0).outcome == "censored"
-    assert episode.outcome(decided, 2.0, 200.0).outcome == "failure"
+    assert judged_flight.outcome(decided).outcome == "success"
+    assert judged_flight.outcome(decided, 5.0, 200.0).outcome == "failure"
+    assert not judged_flight.outcome(decided, 5.0, 200.0).censored
+    assert judged_flight.outcome(decided, 2.0).outcome == "censored"
+    assert judged_flight.outcome(decided, 2.0, 200.0).outcome == "failure"

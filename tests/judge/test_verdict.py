@@ -52,7 +52,7 @@ def test_agrees_with_the_definition(declarations, last):
         assert verdict.ne_m == (last.distance_m if last else None)
 
 
-# a drone takes a step once: a log in which it does not is found out by contradictions.gaps
+# a drone takes a step once: a log in which it does not is found out by judged_flight.gaps
 @given(st.lists(measured, max_size=12, unique_by=lambda d: (d.step, d.drone)), st.permutations(range(12)))
 def test_the_order_of_the_log_does_not_matter(declarations, order):
     shuffled = [declarations[i] for i in order if i < len(declarations)]

@@ -13,8 +13,8 @@ from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.loop import PaperAgent, Questions
 from dronecats.agent.prompt import Prompt
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric
-from dronecats.judge.metrics.registry import METRICS
 from dronecats.report.kit.shell import program
 from dronecats.report.page.index import keys, script_json, write_page
 from dronecats.report.page.pictures import kept

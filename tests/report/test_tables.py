@@ -10,7 +10,7 @@ import pytest
 
 from dronecats.judge.metrics.audit import StepOutlook
 from dronecats.judge.metrics.failure_mode import MODES
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.statistics.shares import known_share, wilson
 from dronecats.report import report_data
 from dronecats.report.report_folder import tables

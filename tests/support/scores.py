@@ -5,7 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from dronecats.judge.episode import NOTHING, outcome
+from dronecats.judge.episode import NOTHING
+from dronecats.judge.judged_flight import outcome
 from dronecats.judge.metrics.metric import MetricValue
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Collection, ScoredEpisode

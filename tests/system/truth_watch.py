@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from dronecats.flight.sitl.bus import Listener
+from dronecats.flight.sitl.truth_listener import Listener
 from foundation.errors import LinkError
 from foundation.mavlink import Parser, dialect
 

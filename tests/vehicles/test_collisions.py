@@ -194,7 +194,7 @@ def test_a_moving_car_carries_along_what_it_hits() -> None:
     craft = vehicle(obstacles=obstacles, camera_frd=CAMERA)  # stands in the way, on the road
     pushed = 0.0
     for k in range(300):
-        craft.meet_box((-6.0 + 3.0 * 0.01 * k, 0.0, 0.0), 0.0, (3.0, 0.0, 0.0), 0.0)
+        craft.place_box((-6.0 + 3.0 * 0.01 * k, 0.0, 0.0), 0.0, (3.0, 0.0, 0.0), 0.0)
         craft.advance(10)
         pushed = max(pushed, craft.state["velocity"][0])
     assert craft.state["hit_owner"] == BOX
@@ -205,7 +205,7 @@ def test_a_moving_car_carries_along_what_it_hits() -> None:
 def test_a_car_that_is_not_there_yet_changes_nothing() -> None:
     craft = vehicle(obstacles=solid(block((40.0, 0.0, 0.0), (1.0, 1.0, 1.0))))
     with pytest.raises(UsageError, match="moving"):
-        craft.meet_box((0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0), 0.0)
+        craft.place_box((0.0, 0.0, 0.0), 0.0, (0.0, 0.0, 0.0), 0.0)
 
 
 def test_far_obstacles_change_no_byte_of_a_flight() -> None:

@@ -98,7 +98,7 @@ def test_a_delay_beyond_the_fixes_under_way_is_refused() -> None:
 def test_gusts_that_begin_later_are_as_fast_as_those_from_boot() -> None:
     craft = vehicle(position_ned=(0.0, 0.0, -5000.0))
     craft.advance(2000)
-    craft.meet(Wind((3.0, 0.0, 0.0), 10.0))
+    craft.set_wind(Wind((3.0, 0.0, 0.0), 10.0))
     before = craft.air["filter"].copy()
     craft.advance(1)
     once = craft.air["filter"].copy()

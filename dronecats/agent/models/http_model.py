@@ -10,15 +10,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
-from dronecats.agent.models.model import Reply, Request
+from dronecats.agent.models.model import Reply, Request, tokens_of
 from dronecats.agent.models.reply_schema import known_part, orders_schema, reply_schema
 from dronecats.agent.models.spec import LOOPBACK, PROVIDERS, ModelSpec, provider_of
 from dronecats.agent.models.turns import Limiters
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
 
-CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
-IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
 MAX_FINISH_CHARS = 40
 MAX_SERVED_CHARS = 100  # of each word of a vendor's name for a model
 TOKENS_MAX = 1_000_000_000  # of one question: a count above it, or below 0, is invalid
@@ -191,11 +189,6 @@ class HttpModel(ABC):
             top_k: provider.top_k if spec.top_k is None else spec.top_k,
         }
         return {name: value for name, value in declared.items() if value is not None}
-
-
-def tokens_of(request: Request) -> int:
-    """Return an estimate of the tokens of a question, before it is sent."""
-    return len(request.text) // CHARACTERS_PER_TOKEN + IMAGE_TOKENS * len(request.images_jpeg)
 
 
 def finish_of(value: Any, words: Mapping[str, str | None]) -> str | None:

@@ -10,8 +10,7 @@ from typing import Protocol
 
 import msgspec
 
-from dronecats.agent.models.http_model import CHARACTERS_PER_TOKEN, tokens_of
-from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
+from dronecats.agent.models.model import CHARACTERS_PER_TOKEN, Model, Reply, Request, WrappedModel, tokens_of
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance, Limiter, Turns
 from foundation.errors import BudgetError, UsageError

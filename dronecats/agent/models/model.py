@@ -37,6 +37,15 @@ class Request:
         return list(zip(labels, self.images_jpeg, strict=True))
 
 
+CHARACTERS_PER_TOKEN = 4  # rule of thumb for English text
+IMAGE_TOKENS = 425  # a 640 × 360 frame by OpenAI's published rule
+
+
+def tokens_of(request: Request) -> int:
+    """Return an estimate of the tokens of a question, before it is sent."""
+    return len(request.text) // CHARACTERS_PER_TOKEN + IMAGE_TOKENS * len(request.images_jpeg)
+
+
 @dataclass(frozen=True, slots=True)
 class Reply:
     """The answer of one step. None stands for a value that the endpoint did not report."""

@@ -10,8 +10,9 @@ from typing import Any
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import strict
-from dronecats.agent.reply.mends import TOLERATED, Mend, answer_of, around
+from dronecats.agent.reply.mends import TOLERATED, Mend, around
 from dronecats.agent.reply.shapes import action_of, is_action
+from dronecats.agent.reply.strict import answer_of
 from dronecats.agent.reply.tolerant import Cut, ReadValue, read_values
 
 NAMED = ("drone", "drone_id", "drone_number", "drone_index")

@@ -6,8 +6,9 @@ from typing import Literal
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
 from dronecats.agent.reply import fleet, strict
-from dronecats.agent.reply.mends import TOLERATED, Mend, answer_of, around, in_order
+from dronecats.agent.reply.mends import TOLERATED, Mend, around, in_order
 from dronecats.agent.reply.shapes import action_of, is_action
+from dronecats.agent.reply.strict import answer_of
 from dronecats.agent.reply.tolerant import ReadValue, read_values
 
 ReplyParser = Literal["strict", "lenient"]

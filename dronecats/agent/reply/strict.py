@@ -1,15 +1,23 @@
 """Strict parser of replies: one JSON object, or an array with one object per drone, with any text around it."""
 
 import json
+import re
 from dataclasses import dataclass
 from typing import Any
 
 from dronecats.agent.action import Action, ActionError, AxisOrder, action_from
-from dronecats.agent.reply.mends import answer_of
 
 MAX_REPLY_CHARS = 200_000  # 8192 tokens are far below this
 MAX_TRIES = 500  # places in a reply at which JSON may begin
 MAX_VAIN_CHARS = 5 * MAX_REPLY_CHARS  # characters read after such places without finding a value
+_WORD = "think(?:ing)?|thoughts?|reasoning|analysis|reflection|scratchpad"
+_MARK = re.compile(
+    rf"""<(?P<closes>/?)(?:\w+:)?(?:{_WORD})>  |  \[(?P<closes_bracket>/?)THINK\]  |  ◁(?P<closes_triangle>/?)think▷
+    |  <\|(?:begin|(?P<closes_thought>end))_of_thought\|>
+    |  <\|channel\|>\s*(?:(?P<closes_channel>final)\b|\w+)(?:[^<]*<\|message\|>)?
+    |  (?P<fence>(?:```|~~~)[ \t]*(?P<opens_fence>(?:{_WORD})\b)?)""",
+    re.IGNORECASE | re.VERBOSE,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +27,49 @@ class JsonSpan:
     value: Any
     begin: int
     end: int
+
+
+def answer_of(reply: str) -> str:
+    """Return a reply without its reasoning. Raises ActionError when there is nothing else."""
+    if _is_json(reply):  # a mark in a string is not reasoning
+        return reply
+    answer = without_reasoning(reply)
+    if not answer.strip() and reply.strip():
+        raise ActionError("the reply is reasoning and no answer")
+    return answer
+
+
+def without_reasoning(text: str) -> str:
+    """Return a reply without the text between its marks of reasoning.
+
+    Marks are tags such as <think> and [THINK], the channels of gpt-oss other than `final`, and fences with such a name.
+    Reasoning that is never closed runs to the end. All text before a closing mark that was never opened is reasoning,
+    since the chat template of some models opens it.
+    """
+    kept: list[str] = []
+    at, within, fenced = 0, False, False
+    for mark in _MARK.finditer(text):
+        if mark["fence"]:
+            opens = bool(mark["opens_fence"]) and not within
+            if not opens and not fenced:
+                continue  # a fence around an answer
+            fenced, closes = opens, not opens
+        else:
+            closes = any(value for name, value in mark.groupdict().items() if name.startswith("closes"))
+        if closes and not within:
+            kept.clear()
+        elif not closes and not within:
+            kept.append(text[at : mark.start()])
+        at, within = mark.end(), not closes
+        fenced = fenced and within
+    return "".join(kept) + ("" if within else text[at:])
+
+
+def _is_json(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict | list)
+    except (ValueError, RecursionError):
+        return False
 
 
 def parse(reply: str, axis_order: AxisOrder = "xy") -> Action:

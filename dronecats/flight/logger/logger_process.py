@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.flight.logger.recorder import LoggerConfig, Measure, Recorder
-from dronecats.flight.sitl.bus import Listener
 from dronecats.flight.sitl.simulation import load_world, origin
+from dronecats.flight.sitl.truth_listener import Listener
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
 from foundation.camera import CameraModel

@@ -14,7 +14,7 @@ from dronecats.flight.run.landing import finish, notify_safely, tending, unexpec
 from dronecats.flight.run.progress import SafetyLog
 from dronecats.flight.spec.flight_spec import Authority
 from dronecats.flight.stages.stage import Stage
-from dronecats.judge.episode import succeeded
+from dronecats.judge.judged_flight import succeeded
 from foundation.errors import BudgetError, DronecatsError, ModelRejectedError
 from foundation.protocol import CAP_S
 from foundation.run_folder import layout

@@ -7,7 +7,7 @@ from foundation.frames import Vec3, wrap_pi
 from foundation.mavlink import dialect
 from foundation.truth import SaidHit, clear_text, hit_text
 from vehicles.collision import BOX
-from vehicles.encounter import DRONE, ball, girth, meet
+from vehicles.encounter import DRONE, ball, girth, push_apart
 from vehicles.multirotor import Multirotor
 
 APART_US = 500_000  # µs without any contact after which a contact is over
@@ -39,7 +39,7 @@ class Traffic:
             here, yaw = self._pose(t_s)
             soon, later = self._pose(t_s + AHEAD_S)
             north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
-            vehicle.meet_box(here, yaw, (north, east, down), wrap_pi(later - yaw) / AHEAD_S)
+            vehicle.place_box(here, yaw, (north, east, down), wrap_pi(later - yaw) / AHEAD_S)
 
 
 class Encounters:
@@ -60,7 +60,7 @@ class Encounters:
             return
         balls = [ball(vehicle, radius_m) for vehicle, radius_m in zip(self._vehicles, self._radii_m, strict=True)]
         for i, j in self._pairs:
-            if balls[i].may_touch(balls[j], tick_s) and meet(self._vehicles[i], self._vehicles[j], tick_s):
+            if balls[i].may_touch(balls[j], tick_s) and push_apart(self._vehicles[i], self._vehicles[j], tick_s):
                 self._pushed |= {i, j}
 
 

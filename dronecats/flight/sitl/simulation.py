@@ -13,7 +13,6 @@ import numpy as np
 
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
-from dronecats.flight.sitl.bus import TruthBus
 from dronecats.flight.sitl.collisions import CollisionReport, Encounters, Traffic
 from dronecats.flight.sitl.config import AIRFRAME, noise_seed
 from dronecats.flight.sitl.failures import Failures
@@ -39,6 +38,53 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
+
+
+class Tap:
+    """One listener's end of the bus."""
+
+    def __init__(self, bus: "TruthBus") -> None:
+        self._bus = bus
+        self._queue = bytearray()
+
+    def take(self) -> bytes:
+        """Return everything that came since the last take."""
+        if not self._queue:
+            return b""
+        data = bytes(self._queue)
+        self._queue.clear()
+        return data
+
+    def receive(self, data: bytes) -> None:
+        """Send bytes to all other subscribers."""
+        self._bus.publish(data, but=self)
+
+    def put(self, data: bytes) -> None:
+        self._queue += data
+
+
+class TruthBus:
+    """Bytes in from one, out to all others."""
+
+    def __init__(self) -> None:
+        self._taps: list[Tap] = []
+
+    def tap(self) -> Tap:
+        tap = Tap(self)
+        self._taps.append(tap)
+        return tap
+
+    @property
+    def has_listeners(self) -> bool:
+        """Whether it has a subscriber."""
+        return bool(self._taps)
+
+    def publish(self, data: bytes, but: Tap | None = None) -> None:
+        if not data:
+            return
+        for tap in self._taps:
+            if tap is not but:
+                tap.put(data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +133,9 @@ class Vehicle:
         self._numbers = np.frombuffer(self.plant.truth, np.float64)[1:17]
         self._collisions = CollisionReport(self.plant)
 
-    def meet(self, disturbances: VehicleFaults) -> None:
+    def disturb(self, disturbances: VehicleFaults) -> None:
         """Apply wind, gusts and worse sensors from now on. Raises UsageError for sensors that cannot be."""
-        self.plant.meet(Wind(disturbances.wind_ned, disturbances.gusts_w20))
+        self.plant.set_wind(Wind(disturbances.wind_ned, disturbances.gusts_w20))
         self.plant.sense(
             self._suite.worsened(
                 gps_delay_s=disturbances.gps_delay_s,
@@ -274,7 +320,7 @@ class Simulation(Generic[V]):
     def _disturb(self) -> None:
         if self._disturbances:
             for vehicle in self.vehicles:
-                vehicle.meet(self._disturbances)
+                vehicle.disturb(self._disturbances)
 
     @property
     def time_us(self) -> int:

@@ -328,12 +328,11 @@ class Disturbances:
         return ", ".join([*words_of(self.frame), *self.link.words, *words_of(self.vehicle)]) or None
 
     def with_options(self, options: Mapping[str, Any]) -> "Disturbances":
-        """Return these with what options say otherwise, name → number or text. Raises UsageError."""
+        """Return these with what options say otherwise, name → number or text; None: not set. Raises UsageError."""
         values = self._values()
         for part, name, disturbance in DECLARED:
             option = disturbance.option
-            if option and option.name in options:
-                value = options[option.name]
+            if option and (value := options.get(option.name)) is not None:
                 values[part] |= option.read(value) if option.read else {name: float(value)}
         return _made(values)
 

@@ -7,9 +7,9 @@ from pathlib import Path
 from dronecats.flight.logger.estimate_process import EstimateLoggerConfig
 from dronecats.flight.logger.recorder import LoggerConfig
 from dronecats.flight.processes.supervisor import Supervisor
-from dronecats.flight.sitl.bus import Listener
 from dronecats.flight.sitl.config import CameraConfig, TruthBridgeConfig
 from dronecats.flight.sitl.truth_bridge import Placement
+from dronecats.flight.sitl.truth_listener import Listener
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.stages.connected import VehicleStage

@@ -16,10 +16,9 @@ from typing import Any
 
 from msgspec import UNSET
 
-from dronecats.judge.contradictions import reply_groups
 from dronecats.judge.diagnostics import hold_s
-from dronecats.judge.episode import outcome
-from dronecats.judge.judged_flight import FlightStep, JudgedFlight
+from dronecats.judge.episode import reply_groups
+from dronecats.judge.judged_flight import FlightStep, JudgedFlight, outcome
 from dronecats.judge.metrics.judging import reread
 from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
 from dronecats.judge.verdict import declarations, judge

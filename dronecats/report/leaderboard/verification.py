@@ -11,8 +11,7 @@ from typing import Annotated, Any
 import msgspec
 
 from dronecats.agent.prompt import Prompt
-from dronecats.judge.contradictions import Rereading
-from dronecats.judge.episode import Judged, compare, judge_run
+from dronecats.judge.episode import Judged, Rereading, compare, judge_run
 from dronecats.judge.statistics.shares import known_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
 from dronecats.report.leaderboard.submission import incomplete

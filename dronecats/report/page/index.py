@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from dronecats import __version__
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import MetricValue
-from dronecats.judge.metrics.registry import METRICS
 from dronecats.report.kit import shell
 from dronecats.report.kit.shell import OUTCOMES
 from dronecats.report.page.flights import shown_flight

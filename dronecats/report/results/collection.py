@@ -14,12 +14,11 @@ from typing import Any
 
 from msgspec import UNSET
 
+from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.audit import StepOutlook, outlooks
 from dronecats.judge.metrics.failure_mode import failure_mode
-from dronecats.judge.metrics.judging import parallel_map
+from dronecats.judge.metrics.judging import METRICS, parallel_map, values_of
 from dronecats.judge.metrics.metric import Metric, MetricValue
-from dronecats.judge.metrics.registry import METRICS, value_of
-from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun, recorded_runs
 from dronecats.report.results.identity import record_digest, served
 from foundation.errors import UsageError
@@ -116,13 +115,13 @@ def collect(
 def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequence[Metric]) -> ScoredEpisode:
     """Return one episode of a run with its metrics. Raises UsageError where a metric of the user's own fails."""
     try:
-        flight = RecordedFlight.read(folder, delta_m)
+        flight = JudgedFlight.read(folder, delta_m)
     except UsageError as damage:
         return ScoredEpisode(
             run=run, folder=folder, episode=folder.resolve().name, map="", cell="", verdict=None, values={},
             error=str(damage),
         )  # fmt: skip
-    verdict = flight.verdict
+    verdict, values = flight.verdict, values_of(flight, metrics)
     return ScoredEpisode(
         run=run,
         folder=folder,
@@ -130,9 +129,9 @@ def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequ
         map=flight.map,
         cell=flight.cell,
         verdict=verdict,
-        values=dict(_episode_values(flight, metrics)),
+        values={name: value for name, value in values.items() if not isinstance(value, Sequence)},
         error=None if verdict.outcome in SCORED else verdict.error or verdict.outcome,
-        steps=dict(_step_values(flight, metrics)),
+        steps={name: tuple(value) for name, value in values.items() if isinstance(value, Sequence)},
         mode=failure_mode(flight),
         outlooks=tuple(outlooks(flight)),
         host_stalls=_host_stalls(flight),
@@ -142,21 +141,7 @@ def scored_episode(run: RecordedRun, folder: Path, delta_m: float, metrics: Sequ
     )
 
 
-def _episode_values(flight: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, MetricValue]]:
-    for metric in metrics:
-        value = value_of(metric, flight) if metric.level == "episode" else ()
-        if value is None or isinstance(value, bool | float | int):
-            yield metric.name, value
-
-
-def _step_values(flight: RecordedFlight, metrics: Sequence[Metric]) -> Iterator[tuple[str, tuple[MetricValue, ...]]]:
-    for metric in metrics:
-        values = value_of(metric, flight) if metric.level == "step" else None
-        if isinstance(values, Sequence):
-            yield metric.name, tuple(values)
-
-
-def _host_stalls(flight: RecordedFlight) -> int | None:
+def _host_stalls(flight: JudgedFlight) -> int | None:
     is_logged = any(isinstance(decision.host_lag_s, float) for decision in flight.logs.decisions)
     stalls = flight.verdict.host_stalls
     return stalls if isinstance(stalls, int) else 0 if is_logged else None

@@ -10,8 +10,8 @@ import msgspec
 from msgspec import UNSET, Meta
 
 from dronecats.agent.action import Go, Rotate
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric, MetricLevel
-from dronecats.judge.metrics.registry import METRICS
 from dronecats.judge.verdict import finished, measured
 from dronecats.report.recorded.flight import RecordedFlight, action_of
 from dronecats.report.recorded.run import RecordedRun

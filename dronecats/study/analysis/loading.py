@@ -8,8 +8,8 @@ from dronecats.agent.latency import LatencyPolicy, trace_name
 from dronecats.agent.names import PAPER
 from dronecats.flight.spec.flight_spec import FlightSpec, digest_of
 from dronecats.flight.spec.spec_file import as_kept, from_json
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric
-from dronecats.judge.metrics.registry import METRICS
 from dronecats.report.recorded.run import RecordedRun
 from dronecats.report.results.collection import Exclusion, collect, exclude, exclusion_sentences
 from dronecats.report.results.entrants import FLAT, Setting, setting

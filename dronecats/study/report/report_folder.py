@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.judging import METRICS
 from dronecats.report import figures as style
 from dronecats.report.kit import shell
 from dronecats.report.report_folder import write_tables

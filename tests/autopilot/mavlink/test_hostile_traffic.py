@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.mavlink.dispatch import HANDLERS
+from autopilot.autopilot import HANDLERS
 from foundation.mavlink import Packer, dialect
 from tests.autopilot.commander_bench import Bench
 

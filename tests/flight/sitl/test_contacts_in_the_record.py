@@ -4,7 +4,7 @@ import pytest
 
 from dronecats.flight.logger.recorder import Recorder
 from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.judging import METRICS
 from foundation.camera import CameraModel
 from foundation.measurement import TargetMeasurement
 from foundation.run_folder.reading import read

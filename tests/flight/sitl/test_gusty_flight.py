@@ -70,7 +70,7 @@ def fly(seed: int, folder: Path) -> Flight:
         origin=ORIGIN,
         state_dir=folder,
     )
-    vehicle.plant.meet(WIND)
+    vehicle.plant.set_wind(WIND)
     lockstep = Lockstep(Simulation([vehicle]))
     home = vehicle.plant.truth["position_ned"].copy()
     flight = Flight()

@@ -25,7 +25,7 @@ def test_a_press_does_no_harm(press):
 @pytest.mark.parametrize("speed", [6.0, -10.0])
 def test_wind_is_not_taken_for_a_wall(speed):
     vehicle = flying(1)
-    vehicle.plant.meet(Wind((speed, 0.0, 0.0)))
+    vehicle.plant.set_wind(Wind((speed, 0.0, 0.0)))
     off = []
     for tick in range(1200):
         if tick % 5 == 0:

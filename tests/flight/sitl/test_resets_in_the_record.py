@@ -7,9 +7,8 @@ import pytest
 from dronecats.flight.logger.estimator_resets import ResetWatch
 from dronecats.flight.logger.logger_process import subscribe
 from dronecats.flight.logger.recorder import Recorder
-from dronecats.judge.episode import outcome
-from dronecats.judge.judged_flight import JudgedFlight
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.judged_flight import JudgedFlight, outcome
+from dronecats.judge.metrics.judging import METRICS
 from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler, rotate_inverse
 from foundation.mavlink import Packer, dialect

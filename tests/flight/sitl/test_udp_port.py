@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from dronecats.flight.sitl.bus import TruthBus
+from dronecats.flight.sitl.simulation import TruthBus
 from dronecats.flight.sitl.sockets import DATAGRAM_BYTES, PEERS, SLICE_BYTES, UdpPort
 from foundation.mavlink import Packer, dialect
 

@@ -5,7 +5,8 @@ import itertools
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hil.link.streams import FAST, SetpointRate, Streams
+from hil.link.offboard import SetpointRate
+from hil.link.streams import FAST, Streams
 
 
 @given(st.floats(2.0, 20.0), st.lists(st.integers(-1, 1), min_size=400, max_size=400))

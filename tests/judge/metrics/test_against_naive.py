@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import MODES, failure_mode
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.judging import METRICS
 from tests.judge.episode_logs import logs
 from tests.judge.metrics import naive
 from tests.judge.metrics.episodes import CAP_S, flights, flown

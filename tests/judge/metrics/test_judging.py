@@ -8,8 +8,7 @@ import pytest
 from benchmarks.judge import write_episode
 from dronecats.cli.main import main
 from dronecats.judge.episode import judge_folder
-from dronecats.judge.metrics.judging import Judging, judged_episodes, reread
-from dronecats.judge.metrics.registry import METRICS
+from dronecats.judge.metrics.judging import METRICS, Judging, judged_episodes, reread
 from foundation.run_folder.writing import as_json
 from tests.support.refusal import refusal
 

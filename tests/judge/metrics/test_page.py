@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from dronecats.judge.metrics.registry import METRICS, own_metrics
+from dronecats.judge.metrics.judging import METRICS, own_metrics
 from dronecats.study.docs_tables import filled, tables
 
 PAGE = Path(__file__).parents[3] / "docs" / "metrics.md"

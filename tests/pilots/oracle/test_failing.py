@@ -10,8 +10,7 @@ import pytest
 from dronecats.agent.latency import LatencyPolicy
 from dronecats.agent.reply.reading import reading
 from dronecats.flight.spec.flight_spec import Connected, FlightSpec, Simulated
-from dronecats.judge.episode import outcome
-from dronecats.judge.judged_flight import JudgedFlight
+from dronecats.judge.judged_flight import JudgedFlight, outcome
 from dronecats.judge.metrics.failure_mode import failure_mode
 from dronecats.pilots import roster
 from dronecats.pilots.oracle import failing

@@ -1,57 +1,9 @@
-"""The truth bus, within one process and over UDP."""
+"""A subscription to the truth bus of another process, over UDP."""
 
 from collections.abc import Callable
 
 from foundation.mavlink import Packer, dialect
 from hil.link.transport import connect
-
-
-class Tap:
-    """One listener's end of the bus."""
-
-    def __init__(self, bus: "TruthBus") -> None:
-        self._bus = bus
-        self._queue = bytearray()
-
-    def take(self) -> bytes:
-        """Return everything that came since the last take."""
-        if not self._queue:
-            return b""
-        data = bytes(self._queue)
-        self._queue.clear()
-        return data
-
-    def receive(self, data: bytes) -> None:
-        """Send bytes to all other subscribers."""
-        self._bus.publish(data, but=self)
-
-    def put(self, data: bytes) -> None:
-        self._queue += data
-
-
-class TruthBus:
-    """Bytes in from one, out to all others."""
-
-    def __init__(self) -> None:
-        self._taps: list[Tap] = []
-
-    def tap(self) -> Tap:
-        tap = Tap(self)
-        self._taps.append(tap)
-        return tap
-
-    @property
-    def has_listeners(self) -> bool:
-        """Whether it has a subscriber."""
-        return bool(self._taps)
-
-    def publish(self, data: bytes, but: Tap | None = None) -> None:
-        if not data:
-            return
-        for tap in self._taps:
-            if tap is not but:
-                tap.put(data)
-
 
 HELLO = dialect.MAVLink_heartbeat_message(
     dialect.MAV_TYPE_ONBOARD_CONTROLLER, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
