@@ -26,6 +26,8 @@ class LinkError(InfrastructureError):
 class ModelError(InfrastructureError):
     """The model endpoint cannot be reached or answers with something that is not a chat completion."""
 
+    lost: tuple[int, int] = (0, 0)  # tokens of questions and replies that the vendor counted in answers without a reply
+
 
 class ModelRejectedError(ModelError):
     """The model endpoint rejects every question: a wrong key, no such model or path, no credit."""

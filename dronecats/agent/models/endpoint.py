@@ -251,13 +251,13 @@ class Endpoint:
         except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
             raise ModelError(f"the model endpoint {self.shown} cannot be reached: {self._reason(error)}") from None
 
-    def post(self, path: str, content: bytes, tokens: int = 0) -> Answer:
+    def post(self, path: str, content: bytes, tokens: int, failed: list[bytes]) -> Answer:
         """Return the first answer of status 200 without an error, after as many attempts as `patience` allows.
 
-        `tokens`: an estimate for the limiter. Raises ModelError; its subclass ModelRejectedError at once, if every
-        other question would get the same answer.
+        `tokens`: an estimate for the limiter. `failed` receives the bodies of all other answers. Raises ModelError; its
+        subclass ModelRejectedError at once, if every other question would get the same answer.
         """
-        return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, until))
+        return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
     def _within(self, seconds: float, call: Callable[[float], T]) -> T:
         """Return the result of `call`, which gets its deadline. Raises ModelError when that has passed.
@@ -274,7 +274,7 @@ class Endpoint:
     def _silent(self, seconds: float) -> ModelError:
         return ModelError(f"the model endpoint {self.shown} has not answered for {seconds:g} s")
 
-    def _attempts(self, path: str, content: bytes, tokens: int, until: float) -> Answer:
+    def _attempts(self, path: str, content: bytes, tokens: int, failed: list[bytes], until: float) -> Answer:
         url, first = self.url(path), time.monotonic()
         for attempt in range(1, self.patience.attempts + 1):
             pause_s = self.patience.pause_s * 2.0 ** (attempt - 1)
@@ -289,6 +289,7 @@ class Endpoint:
             else:
                 if came.status == 200:
                     return Answer(came.body, round(time.monotonic() - began, 6), round(began - first, 6))
+                failed.append(came.body)
                 if came.rejects:
                     reason = self._rejection(came, path)
                     raise ModelRejectedError(f"the model endpoint {self.shown} {reason}", came.status)

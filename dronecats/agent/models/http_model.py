@@ -5,8 +5,8 @@ import hashlib
 import json
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from dronecats.agent.models.endpoint import BEARER, DEFAULT, HEADERS, NOT_FOUND, Endpoint, KeyHeader, RetryPolicy
@@ -92,6 +92,10 @@ class HttpModel(ABC):
         """Return the request body."""
 
     @abstractmethod
+    def tokens(self, data: Any) -> tuple[int | None, int | None]:
+        """Return the tokens of the question and of the reply that an answer counts. Raises as `read`."""
+
+    @abstractmethod
     def read(self, data: Any) -> ReadAnswer:
         """Return the content of an answer.
 
@@ -104,14 +108,27 @@ class HttpModel(ABC):
         return hashlib.sha256(json.dumps(question, sort_keys=True).encode()).hexdigest()
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply of one HTTP exchange, without our keys in it. Raises ModelError, ModelRejectedError."""
+        """Return the reply of one HTTP exchange, without our keys in it. Raises ModelError, ModelRejectedError.
+
+        Reply and error have the tokens of answers without a reply, since a vendor may charge for them.
+        """
+        failed: list[bytes] = []  # bodies of these answers
         try:
-            answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request))
+            reply = self._reply(request, failed)
+        except ModelError as error:
+            error.lost = self._counted(failed)
+            raise
+        return replace(reply, lost=self._counted(failed))
+
+    def _reply(self, request: Request, failed: list[bytes]) -> Reply:
+        try:
+            answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request), failed)
         except ModelRejectedError as rejected:
             raise ModelRejectedError(f"{rejected}{self._near(rejected.status)}", rejected.status) from None
         try:
             content = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
+            failed.append(answer.body)
             problem = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {problem}") from None
         text, finish = self._endpoint.hide(content.text), content.finish and self._endpoint.hide(content.finish)
@@ -127,6 +144,17 @@ class HttpModel(ABC):
             content.tokens_reasoning,
             self._words((content.endpoint,)) or None,
         )
+
+    def _counted(self, answers: Iterable[bytes]) -> tuple[int, int]:
+        """Return the sums of the tokens of questions and of replies that these answers count."""
+        tokens_in = tokens_out = 0
+        for body in answers:
+            try:
+                asked, replied = self.tokens(json.loads(body))
+            except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
+                continue
+            tokens_in, tokens_out = tokens_in + (asked or 0), tokens_out + (replied or 0)
+        return tokens_in, tokens_out
 
     def listed(self) -> list[str]:
         """Return the names of the models that the endpoint lists. Raises ModelError."""

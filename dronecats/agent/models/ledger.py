@@ -13,7 +13,7 @@ import msgspec
 from dronecats.agent.models.model import CHARACTERS_PER_TOKEN, Model, Reply, Request, WrappedModel, tokens_of
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.turns import Allowance, Limiter, Turns
-from foundation.errors import BudgetError, UsageError
+from foundation.errors import BudgetError, ModelError, UsageError
 from foundation.files import FileKind, SqliteFile
 
 KIND = FileKind(
@@ -185,9 +185,13 @@ def cost(spec: ModelSpec, tokens_in: int, tokens_out: int) -> float:
 
 
 def spent_on(spec: ModelSpec, request: Request, reply: Reply) -> Spent:
-    """Return the cost of a question and its reply. Tokens that an endpoint does not count are estimated."""
+    """Return the cost of a question with its failed attempts and its reply.
+
+    Tokens that an endpoint does not count are estimated, but not those of failed attempts.
+    """
     tokens_in = tokens_of(request) if reply.tokens_in is None else reply.tokens_in
     tokens_out = len(reply.text) // CHARACTERS_PER_TOKEN if reply.tokens_out is None else reply.tokens_out
+    tokens_in, tokens_out = tokens_in + reply.lost[0], tokens_out + reply.lost[1]
     return Spent(1, tokens_in, tokens_out, cost(spec, tokens_in, tokens_out))
 
 
@@ -199,8 +203,16 @@ class BudgetedModel(WrappedModel):
         self._spec, self._budget, self._ledger = spec, budget, ledger
 
     def ask(self, request: Request) -> Reply:
-        """Return the reply and book its cost. Raises BudgetError, ModelError, InfrastructureError."""
+        """Return the reply and book its cost. Raises BudgetError, ModelError, InfrastructureError.
+
+        The cost of answers without a reply is booked, too.
+        """
         self._budget.check(self._ledger.spent())
-        reply = self._model.ask(request)
+        try:
+            reply = self._model.ask(request)
+        except ModelError as error:
+            if any(error.lost):
+                self._ledger.spend(self._spec.title, Spent(0, *error.lost, cost(self._spec, *error.lost)))
+            raise
         self._ledger.spend(self._spec.title, spent_on(self._spec, request, reply))
         return reply

@@ -60,6 +60,7 @@ class Reply:
     tokens_cached: int | None = None  # of tokens_in, from the vendor's cache
     tokens_reasoning: int | None = None  # of tokens_out, spent on reasoning
     endpoint: str | None = None  # the provider that a router (OpenRouter) chose
+    lost: tuple[int, int] = (0, 0)  # tokens of questions and replies that the vendor counted in failed attempts
 
     @property
     def share(self) -> float:

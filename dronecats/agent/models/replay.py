@@ -114,7 +114,8 @@ class ReplyCache:
 
     def keep(self, question: str, model: str, reply: Reply) -> Reply:
         """Store a reply and return the stored one: the first of two at once. Raises InfrastructureError."""
-        text = json.dumps(asdict(replace(reply, waited_s=0.0)))  # escaped: half a surrogate pair is no UTF-8
+        stored = asdict(replace(reply, waited_s=0.0, lost=(0, 0)))
+        text = json.dumps(stored)  # escaped: half a surrogate pair is no UTF-8
         with self._file.transaction() as db:
             db.execute("INSERT OR IGNORE INTO replies VALUES (?, ?, ?)", (question, model, text))
             (kept,) = db.execute(_READ, (question,)).fetchone()

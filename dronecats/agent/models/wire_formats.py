@@ -48,6 +48,10 @@ class ChatModel(HttpModel):
             **({"response_format": response_format(schema)} if schema else {}),
         }
 
+    def tokens(self, data: Any) -> tuple[int | None, int | None]:
+        usage = data.get("usage") or {}
+        return count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
+
     def read(self, data: Any) -> ReadAnswer:
         """Return the content of an answer. The text of a refusal is the model's own."""
         choice = data["choices"][0]
@@ -58,10 +62,9 @@ class ChatModel(HttpModel):
         if text is None:  # only reasoning, or a refusal: a failure of the model, not of the wire
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
-        tokens = count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
         return ReadAnswer(
             text_of(text),
-            *tokens,
+            *self.tokens(data),
             finish,
             (data.get("model"), data.get("system_fingerprint")),
             count(table_of(usage.get("prompt_tokens_details")).get("cached_tokens")),
@@ -105,15 +108,18 @@ class GeminiModel(HttpModel):
             "generationConfig": config,
         }
 
+    def tokens(self, data: Any) -> tuple[int | None, int | None]:
+        usage = data.get("usageMetadata") or {}
+        tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
+        return count(usage.get("promptTokenCount")), tokens_out
+
     def read(self, data: Any) -> ReadAnswer:
         """Return the content of an answer. Thoughts count as tokens and are not text."""
         usage = data.get("usageMetadata") or {}
-        tokens_out = count(usage.get("candidatesTokenCount"), usage.get("thoughtsTokenCount"))
         text, finish = _gemini_text(data)
         return ReadAnswer(
             text,
-            count(usage.get("promptTokenCount")),
-            tokens_out,
+            *self.tokens(data),
             finish,
             (data.get("modelVersion"),),
             count(usage.get("cachedContentTokenCount")),
@@ -202,6 +208,11 @@ class AnthropicModel(HttpModel):
             **({"output_config": output} if output else {}),
         }
 
+    def tokens(self, data: Any) -> tuple[int | None, int | None]:
+        usage = data.get("usage") or {}
+        cached = usage.get("cache_creation_input_tokens"), usage.get("cache_read_input_tokens")  # not in input_tokens
+        return count(usage.get("input_tokens"), *cached), count(usage.get("output_tokens"))
+
     def read(self, data: Any) -> ReadAnswer:
         """Return the content of an answer. The text of a refusal is mostly empty."""
         if data["type"] != "message":
@@ -209,11 +220,8 @@ class AnthropicModel(HttpModel):
         usage = data.get("usage") or {}
         text = "".join(text_of(block["text"]) for block in list_of(data["content"]) if block["type"] == "text")
         finish = finish_of(data.get("stop_reason"), _ANTHROPIC_FINISH)
-        cached = usage.get("cache_read_input_tokens")  # not included in input_tokens
-        tokens_in = count(usage.get("input_tokens"), usage.get("cache_creation_input_tokens"), cached)
-        return ReadAnswer(
-            text, tokens_in, count(usage.get("output_tokens")), finish, (data.get("model"),), count(cached)
-        )
+        cached = count(usage.get("cache_read_input_tokens"))
+        return ReadAnswer(text, *self.tokens(data), finish, (data.get("model"),), cached)
 
 
 _FORMATS: dict[Wire, type[HttpModel]] = {"openai": ChatModel, "gemini": GeminiModel, "anthropic": AnthropicModel}

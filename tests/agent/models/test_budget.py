@@ -1,13 +1,19 @@
 """What a model may cost: looked at before each question, counted where nobody else counts, said when it is over."""
 
+from contextlib import nullcontext
+from dataclasses import replace
+
 import pytest
 
+from dronecats.agent.models.endpoint import RetryPolicy
 from dronecats.agent.models.ledger import Budget, BudgetedModel, Ledger, Spent
 from dronecats.agent.models.model import Reply, Request
 from dronecats.agent.models.spec import ModelSpec
+from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
-from foundation.errors import BudgetError
+from foundation.errors import BudgetError, ModelError
+from tests.agent.models.faulty_wire import Wire, answer, say
 from tests.support.refusal import refusal
 
 UNPRICED = ModelSpec(provider="local", name="c", base_url="http://h/v1")
@@ -85,3 +91,40 @@ def test_what_cannot_be_held_is_refused_before_anything_flies():
 
         message = refusal(flight)
         assert [word for word in words if word not in message] == [], message
+
+
+def _counted(content, status=200, **choice):
+    usage = {"prompt_tokens": 1000, "completion_tokens": 50}
+    return say(answer(status, {"choices": [{"message": {"content": content}, **choice}], "usage": usage}))
+
+
+ONCE, TWICE, THRICE = (Spent(0, n * 1000, n * 50, n * 0.0024) for n in (1, 2, 3))
+
+
+@pytest.mark.parametrize(
+    ("script", "lost", "replied"),
+    [
+        ([_counted(17)], ONCE, False),
+        ([_counted("x", 500)], THRICE, False),
+        ([_counted("x", 401)], ONCE, False),
+        ([_counted("x", error={"code": 502}), _counted("x", 503), _counted("good")], TWICE, True),
+        ([say(answer(500, {"error": "busy"})), say(answer(200, b"<html>"))], Spent(), False),
+    ],
+    ids=["unreadable", "always 500", "rejected", "two retries", "not counted"],
+)
+def test_tokens_of_answers_without_a_reply_are_booked(ledger, script, lost, replied):
+    wire = Wire(*script)
+    spec = replace(PRICED, base_url=wire.url)
+    served = open_model(spec, RetryPolicy(give_up_s=5.0, attempts=3, pause_s=0.0))
+    asking = BudgetedModel(served, spec, Budget(cost_usd=0.5), ledger)
+    try:
+        with nullcontext() if replied else pytest.raises(ModelError):
+            asking.ask(REQUEST)
+    finally:
+        served.close()
+        wire.close()
+    reply = ONCE if replied else Spent()
+    assert ledger.spent() == Spent(
+        int(replied), lost.tokens_in + reply.tokens_in, lost.tokens_out + reply.tokens_out,
+        pytest.approx(lost.usd + reply.usd),
+    )  # fmt: skip
