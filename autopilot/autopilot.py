@@ -16,8 +16,7 @@ from autopilot.estimator.estimated_state import EstimatedState, Vibration
 from autopilot.logging.flight_log import FlightLogWriter, LogDirectory, make_folder
 from autopilot.mavlink import commands, file_transfer, mission, steering
 from autopilot.mavlink import parameter_protocol as parameter
-from autopilot.mavlink.node import Inject, Node, Uploads
-from autopilot.mavlink.port import BY_NAME, COMPONENT_ID, GROUPS, Port
+from autopilot.mavlink.node import BY_NAME, COMPONENT_ID, GROUPS, Inject, Node, Port, Uploads
 from autopilot.mavlink.status_makers import Message, TelemetrySource
 from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe

@@ -10,8 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from autopilot.mavlink import mission
-from autopilot.mavlink.node import Node
-from autopilot.mavlink.port import BY_ID, BY_NAME, COMPONENT_ID, Port
+from autopilot.mavlink.node import BY_ID, BY_NAME, COMPONENT_ID, Node, Port
 from autopilot.mavlink.status_makers import Message, standard_mode
 from foundation.frames import Vec3, geodetic_to_ned
 from foundation.mavlink import MODES, dialect

@@ -28,8 +28,7 @@ from autopilot.mavlink.file_tree import (
     FileTree,
     Refusal,
 )
-from autopilot.mavlink.node import Node
-from autopilot.mavlink.port import Port
+from autopilot.mavlink.node import Node, Port
 from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
 

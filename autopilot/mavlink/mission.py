@@ -9,8 +9,7 @@ import math
 
 from autopilot.commander import plans
 from autopilot.commander.plans import CAPACITY, GLOBAL_FRAMES, KINDS, MISSION, NOT_GIVEN, PlanItem
-from autopilot.mavlink.node import CANCELLED, Key, Node, Upload
-from autopilot.mavlink.port import BY_NAME, Port
+from autopilot.mavlink.node import BY_NAME, CANCELLED, Key, Node, Port, Upload
 from autopilot.mavlink.status_makers import Message
 from foundation.mavlink import dialect
 

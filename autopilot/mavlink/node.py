@@ -1,19 +1,277 @@
-"""The autopilot as a MAVLink component: its ports, what they share, and the texts it sends to all of them.
+"""The autopilot as a MAVLink component: its ports with their streams, the uploads that they share, and its texts.
 
-What they share includes plans on their way in, one per client: an upload is collected apart and put in force as a
-whole. Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
+A port is one wire to the outside. It has its own stream rates, its own sequence numbers, and its own queue of bytes to
+send. TABLE has the streams: message → rate on each kind of port → its maker. Rates (Hz) as measured on PX4 1.15; 0 =
+only on request. A stream sends at most one message per tick of the autopilot.
+
+An upload is a plan on its way in, one per client: it is collected apart and put in force as a whole. Source:
+mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 """
 
-from collections.abc import Callable
+import struct
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from autopilot.commander.plans import PlanItem
 from autopilot.logging.flight_log import FlightLogWriter
+from autopilot.mavlink import motion_makers as motion
+from autopilot.mavlink import status_makers as status
 from autopilot.mavlink.file_tree import FileSessions, FileTree, packed
-from autopilot.mavlink.port import BY_ID, Port
-from autopilot.mavlink.status_makers import Message, TelemetrySource
-from foundation.mavlink import dialect
+from autopilot.mavlink.status_makers import Maker, Message, TelemetrySource
+from foundation.errors import UsageError
+from foundation.mavlink import Packer, Parser, dialect
+from foundation.signing import Signing
+
+PROFILES = ("onboard", "gcs", "minimal")
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One telemetry message."""
+
+    name: str
+    onboard: float  # Hz, PX4's offboard link, 14540
+    gcs: float  # Hz, PX4's ground station link, 14550
+    make: Maker
+
+    @property
+    def message_id(self) -> int:
+        return int(getattr(dialect, f"MAVLINK_MSG_ID_{self.name}"))
+
+    def rate(self, profile: str) -> float:
+        """Return the default rate (Hz) on a port of this profile."""
+        if self.name == "HEARTBEAT":
+            return 1.0
+        return {"onboard": self.onboard, "gcs": self.gcs}.get(profile, 0.0)
+
+
+TABLE: tuple[Stream, ...] = (
+    Stream("HEARTBEAT", 1, 1, status.heartbeat),
+    Stream("ATTITUDE", 100, 50, motion.attitude),
+    Stream("ATTITUDE_QUATERNION", 50, 50, motion.attitude_quaternion),
+    Stream("GLOBAL_POSITION_INT", 50, 50, motion.global_position_int),
+    Stream("HIGHRES_IMU", 50, 0, motion.highres_imu),
+    Stream("LOCAL_POSITION_NED", 30, 50, motion.local_position_ned),
+    Stream("ODOMETRY", 30, 0, motion.odometry),
+    Stream("ATTITUDE_TARGET", 10, 50, motion.attitude_target),
+    Stream("POSITION_TARGET_LOCAL_NED", 10, 50, motion.position_target_local_ned),
+    Stream("SERVO_OUTPUT_RAW", 10, 50, motion.servo_output_raw),
+    Stream("ALTITUDE", 10, 1, motion.altitude),
+    Stream("VFR_HUD", 10, 4, motion.vfr_hud),
+    Stream("DISTANCE_SENSOR", 10, 0.5, motion.distance_sensor),
+    Stream("TIMESYNC", 10, 0, status.timesync),
+    Stream("GPS_RAW_INT", 8, 5, motion.gps_raw_int),
+    Stream("SYS_STATUS", 5, 1, status.sys_status),
+    Stream("EXTENDED_SYS_STATE", 5, 1, status.extended_sys_state),
+    Stream("RC_CHANNELS", 20, 20, status.rc_channels),
+    Stream("ORBIT_EXECUTION_STATUS", 5, 2, motion.orbit_execution_status),
+    Stream("ESTIMATOR_STATUS", 1, 0.5, motion.estimator_status),
+    Stream("GPS_GLOBAL_ORIGIN", 1, 1, motion.gps_global_origin),
+    Stream("SYSTEM_TIME", 1, 0, status.system_time),
+    Stream("SCALED_PRESSURE", 1, 1, motion.scaled_pressure),
+    Stream("MISSION_CURRENT", 1, 1, status.mission_current),
+    Stream("PING", 1, 0.1, status.ping),
+    Stream("BATTERY_STATUS", 0.5, 0.5, status.battery_status),
+    Stream("HOME_POSITION", 0.5, 0.5, motion.home_position),
+    Stream("CURRENT_MODE", 0.5, 0.5, status.current_mode),
+    Stream("VIBRATION", 0.5, 0.1, motion.vibration),
+    Stream("AVAILABLE_MODES_MONITOR", 0.3, 0.3, status.available_modes_monitor),
+    Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
+    Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
+    Stream("SCALED_IMU", 0, 0, motion.scaled_imu),
+    Stream("ACTUATOR_OUTPUT_STATUS", 0, 0, motion.actuator_output_status),
+)
+
+BY_ID: dict[int, Stream] = {stream.message_id: stream for stream in TABLE}
+BY_NAME: dict[str, Stream] = {stream.name: stream for stream in TABLE}
+HEARTBEAT_ID = int(dialect.MAVLINK_MSG_ID_HEARTBEAT)
+
+# REQUEST_DATA_STREAM groups (MAV_DATA_STREAM) of clients that predate SET_MESSAGE_INTERVAL
+GROUPS: dict[int, tuple[str, ...]] = {
+    dialect.MAV_DATA_STREAM_RAW_SENSORS: ("HIGHRES_IMU", "SCALED_PRESSURE", "GPS_RAW_INT"),
+    dialect.MAV_DATA_STREAM_EXTENDED_STATUS: ("SYS_STATUS", "EXTENDED_SYS_STATE", "GPS_RAW_INT", "MISSION_CURRENT"),
+    dialect.MAV_DATA_STREAM_POSITION: ("LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"),
+    dialect.MAV_DATA_STREAM_EXTRA1: ("ATTITUDE",),
+    dialect.MAV_DATA_STREAM_EXTRA2: ("VFR_HUD",),
+    dialect.MAV_DATA_STREAM_RAW_CONTROLLER: ("SERVO_OUTPUT_RAW", "ATTITUDE_TARGET"),
+}
+GROUPS[dialect.MAV_DATA_STREAM_ALL] = tuple(sorted({name for names in GROUPS.values() for name in names}))
+
+
+COMPONENT_ID = int(dialect.MAV_COMP_ID_AUTOPILOT1)
+PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
+TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
+TRANSFER_BACKLOG = 200  # messages waiting on the wire, at which downloads pause
+FASTEST_US = 1_000
+QUEUE_LIMIT = 20_000  # messages: a port that nobody empties forgets the oldest
+
+
+class Port:
+    """Pure: `receive` what came from the wire, `take` what goes to it. Opened by `Autopilot.open_port`."""
+
+    def __init__(self, node: "Node", profile: str, number: int, handle: Callable[["Port", Message], None]) -> None:
+        """`number` counts the ports of a component; `handle` acts on what was received."""
+        if profile not in PROFILES:
+            raise UsageError(f"Port profile {profile!r} does not exist; choose one of {', '.join(PROFILES)}.")
+        self.profile = profile
+        self.received = 0  # messages understood
+        self.lost = 0  # messages that could not be encoded, or were dropped because nobody took them
+        self.transfers: dict[str, Iterator[Message]] = {}  # service → what its download has still to send
+        self.signing = Signing(number)
+        self._node, self._handle = node, handle
+        self._parser = Parser()
+        self._packer = Packer(node.system_id, COMPONENT_ID)
+        self._out: list[bytes] = []
+        self._streams: dict[int, list[int]] = {}  # message id → [due µs, interval µs]
+        self._next_due_us = 0  # the earliest of the streams
+        self.shortest_us = 1_000_000  # the interval of the fastest of them
+        self._parameters: Iterator[Message] | None = None  # those of the list that are still to be sent
+        for stream in TABLE:
+            self.set_default_interval(stream.message_id)
+
+    @property
+    def bad(self) -> int:
+        """Stretches of the byte stream that were no MAVLink message."""
+        return self._parser.bad
+
+    def receive(self, data: bytes) -> None:
+        """Act on bytes from the wire. Never raises on what they contain: garbage is counted."""
+        before = self._parser.bad
+        for message in self._parser.feed(data):
+            self.received += 1
+            if not self.signing.accepts(message, self._node.time_us):
+                if self.signing.rejected == 1:
+                    self._node.send_text(4, "MAVLink message without a valid signature ignored")
+                continue
+            self._handle(self, message)
+            self._node.show_mode()
+        if before == 0 and self._parser.bad:
+            self.note_malformed()
+
+    def note_malformed(self) -> None:
+        """Tell all clients that bytes have come which are no MAVLink message."""
+        self._node.send_text(4, "Malformed MAVLink data received")
+
+    def take(self) -> bytes:
+        """Return everything queued since the last call."""
+        data = b"".join(self._out)
+        self._out.clear()
+        return data
+
+    def send(self, message: Message) -> None:
+        """Queue a message."""
+        try:
+            frame = self._packer.pack(message)
+        except (struct.error, OverflowError, ValueError):  # a value that its field cannot hold
+            self.lost += 1
+            return
+        if self.signing.active:
+            frame = self.signing.sign(frame, message.crc_extra, self._node.time_us)
+        self._out.append(frame)
+        if len(self._out) > QUEUE_LIMIT:
+            self.lost += len(self._out) - QUEUE_LIMIT // 2
+            del self._out[: -QUEUE_LIMIT // 2]
+
+    def send_raw(self, data: bytes) -> None:
+        """Queue a packed message of another component as it is."""
+        self._out.append(data)
+
+    def send_heartbeat(self) -> None:
+        """Queue a HEARTBEAT now; the next regular one follows a full interval later."""
+        message = self._node.telemetry(HEARTBEAT_ID)
+        if message is not None:
+            self.send(message)
+        self._streams[HEARTBEAT_ID][0] = self._node.time_us + self._streams[HEARTBEAT_ID][1]
+
+    def send_telemetry(self, message_id: int) -> None:
+        """Queue one telemetry message now, if there is something to tell."""
+        message = self._node.telemetry(message_id)
+        if message is not None:
+            self.send(message)
+
+    def set_interval(self, message_id: int, interval_us: int) -> None:
+        """Stream a message at another interval (µs), -1 stops it. HEARTBEAT keeps its rate."""
+        if message_id == HEARTBEAT_ID:
+            return
+        if interval_us < 0:
+            self._streams.pop(message_id, None)
+        else:
+            self._streams[message_id] = [self._node.time_us, max(interval_us, FASTEST_US)]
+            self._next_due_us = 0
+        self._find_shortest()
+
+    def set_default_interval(self, message_id: int) -> None:
+        """Stream a message as the port's profile has it."""
+        rate = BY_ID[message_id].rate(self.profile)
+        if rate > 0.0:
+            self._streams[message_id] = [self._node.time_us, round(1e6 / rate)]
+            self._next_due_us = 0
+        else:
+            self._streams.pop(message_id, None)
+        self._find_shortest()
+
+    def interval_us(self, message_id: int) -> int:
+        """Return the interval (µs) at which a message is streamed, -1 when it is not."""
+        stream = self._streams.get(message_id)
+        return stream[1] if stream is not None else -1
+
+    def list_parameters(self, values: Iterable[Message]) -> None:
+        """Start to send every parameter, a few per tick."""
+        self._parameters = iter(values)
+
+    def tick(self) -> None:
+        """Queue what is due."""
+        node = self._node
+        now = node.time_us
+        if now >= self._next_due_us:
+            self._send_due(node, now)
+        if self._parameters is not None:
+            self._send_parameters(self._parameters)
+        if self.transfers:
+            self._send_transfers()
+
+    def stream(self) -> None:
+        """Queue the telemetry that is due, and nothing else: between two ticks, for what is faster than they are."""
+        node = self._node
+        if node.time_us >= self._next_due_us:
+            self._send_due(node, node.time_us)
+
+    def _find_shortest(self) -> None:
+        self.shortest_us = min(stream[1] for stream in self._streams.values())  # HEARTBEAT is always there
+        self._node.find_shortest()
+
+    def _send_due(self, node: "Node", now: int) -> None:
+        for message_id, stream in self._streams.items():
+            due = stream[0]
+            if now >= due:
+                interval = stream[1]
+                # late by more than one interval: start a new grid instead of sending a burst
+                stream[0] = due + interval if now - due < interval else now + interval
+                message = node.telemetry(message_id)
+                if message is not None:
+                    self.send(message)
+        self._next_due_us = min((stream[0] for stream in self._streams.values()), default=now)
+
+    def _send_transfers(self) -> None:
+        for service, messages in list(self.transfers.items()):
+            for _ in range(TRANSFERS_PER_TICK):
+                if len(self._out) >= TRANSFER_BACKLOG:
+                    return
+                message = next(messages, None)
+                if message is None:
+                    self.transfers.pop(service, None)
+                    break
+                self.send(message)
+
+    def _send_parameters(self, values: Iterator[Message]) -> None:
+        for _ in range(PARAMETERS_PER_TICK):
+            message = next(values, None)
+            if message is None:
+                self._parameters = None
+                return
+            self.send(message)
+
 
 RETRY_US = 250_000
 TIMEOUT_US = 5_000_000

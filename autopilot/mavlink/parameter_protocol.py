@@ -3,8 +3,7 @@
 import struct
 from collections.abc import Iterator
 
-from autopilot.mavlink.node import Node
-from autopilot.mavlink.port import Port
+from autopilot.mavlink.node import Node, Port
 from autopilot.mavlink.status_makers import Message
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect

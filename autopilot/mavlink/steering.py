@@ -6,8 +6,7 @@ Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rule
 
 import math
 
-from autopilot.mavlink.node import Node
-from autopilot.mavlink.port import Port
+from autopilot.mavlink.node import Node, Port
 from autopilot.mavlink.status_makers import Message
 from autopilot.records import FREE, KIND_ATTITUDE, KIND_RATES, NAN, CascadeSetpoint
 from foundation.frames import Quat, Vec3, geodetic_to_ned, quat_normalized, rotate

@@ -4,9 +4,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from dronecats.judge.metrics.metric import Metric
-from dronecats.report.report_data import ReportData
+from dronecats.report.report_data import ReportData, entrants
 from dronecats.report.results.collection import Collection, Exclusion, exclusion_sentences, unflown
-from dronecats.report.results.entrants import entrants
 from dronecats.report.table import ReportTable
 from dronecats.report.tables import comparison, measures, outcomes, setup
 from dronecats.report.writers import as_csv, as_latex, as_markdown, as_shell, escaped

@@ -80,7 +80,7 @@ class TableRow:
     """A row of a table: a cell for each of its columns."""
 
     cells: tuple[TableCell, ...]
-    entrant: str = ""  # label of the entrant that it is about, as in `results.entrants`; empty: none or several
+    entrant: str = ""  # label of the entrant that it is about, as in `report_data.entrants`; empty: none or several
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

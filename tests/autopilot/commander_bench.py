@@ -8,7 +8,7 @@ import numpy as np
 
 from autopilot.autopilot import Autopilot
 from autopilot.logging.flight_log import FlightLogWriter
-from autopilot.mavlink.port import Port
+from autopilot.mavlink.node import Port
 from autopilot.records import ESTIMATE, KIND_TRAJECTORY, SETPOINT
 from foundation.airframe import Airframe, Battery, Rotor, RotorCurve
 from foundation.mavlink import Packer, Parser, dialect

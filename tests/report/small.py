@@ -2,9 +2,8 @@
 
 from collections.abc import Callable
 
-from dronecats.report.report_data import ReportData
+from dronecats.report.report_data import ReportData, entrants
 from dronecats.report.results.collection import Collection, Usage
-from dronecats.report.results.entrants import entrants
 from dronecats.report.table import ReportTable, TableCell
 from episodes.records.catalogue import BlindFlight
 from tests.support.scores import a_run, an_episode, collected, flights, named

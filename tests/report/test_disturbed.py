@@ -1,7 +1,7 @@
 """What was done to flights on purpose makes a line of its own, and is said above the tables."""
 
+from dronecats.report.report_data import entrants
 from dronecats.report.report_folder import opening
-from dronecats.report.results.entrants import entrants
 from dronecats.report.tables.setup import setup
 from foundation.protocol import RADIUS_M
 from tests.report.small import line, made, small

@@ -29,8 +29,8 @@ from dronecats.report.page.pictures import (
 )
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.run import RecordedRun
+from dronecats.report.report_data import entrants
 from dronecats.report.results.collection import Collection, ScoredEpisode
-from dronecats.report.results.entrants import entrants
 from dronecats.report.table import ReportTable, TableColumn, TableRow
 from dronecats.report.writers import as_html
 from episodes.records.record import CELLS

@@ -5,8 +5,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from dronecats.judge.statistics.shares import ALPHA, POWER, Paired, Spread, holm, paired, spread
-from dronecats.report.report_data import BUILT_IN, COMMANDING, MODELS, NAME, ONE_DRONE, PERCENT, ReportData, titled
-from dronecats.report.results.entrants import Entrant
+from dronecats.report.report_data import (
+    BUILT_IN,
+    COMMANDING,
+    MODELS,
+    NAME,
+    ONE_DRONE,
+    PERCENT,
+    Entrant,
+    ReportData,
+    titled,
+)
 from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow, row
 from episodes.records.record import CELLS
 

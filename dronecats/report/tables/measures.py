@@ -11,6 +11,7 @@ from dronecats.report.report_data import (
     NAME,
     PERCENT,
     Cells,
+    Entrant,
     ReportData,
     fraction,
     mean,
@@ -21,7 +22,6 @@ from dronecats.report.report_data import (
     total,
 )
 from dronecats.report.results.collection import ScoredEpisode
-from dronecats.report.results.entrants import Entrant
 from dronecats.report.table import ReportTable, TableCell, TableColumn
 from dronecats.report.tables.outcomes import cut_off, rate
 from episodes.records.record import CELLS

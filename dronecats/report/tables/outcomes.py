@@ -15,6 +15,7 @@ from dronecats.report.report_data import (
     NONE,
     ONE_DRONE,
     Cells,
+    Entrant,
     ReportData,
     best_blind,
     fraction,
@@ -25,7 +26,6 @@ from dronecats.report.report_data import (
     total,
 )
 from dronecats.report.results.collection import ScoredEpisode
-from dronecats.report.results.entrants import Entrant
 from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, row
 
 APPROACHING = "approaching"

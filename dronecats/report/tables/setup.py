@@ -5,9 +5,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from dronecats.agent.models.spec import PROVIDERS
-from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, ReportData
+from dronecats.report.report_data import FLIGHTS, NAME, NONE, Cells, Entrant, ReportData
 from dronecats.report.results.collection import ScoredEpisode
-from dronecats.report.results.entrants import Entrant
 from dronecats.report.results.identity import DIGEST, NOT_RECORDED, identity
 from dronecats.report.table import ReportTable, TableCell, TableColumn, words
 

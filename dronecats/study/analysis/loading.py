@@ -11,8 +11,8 @@ from dronecats.flight.spec.spec_file import as_kept, from_json
 from dronecats.judge.metrics.judging import METRICS
 from dronecats.judge.metrics.metric import Metric
 from dronecats.report.recorded.run import RecordedRun
+from dronecats.report.report_data import FLAT, Setting, setting
 from dronecats.report.results.collection import Exclusion, collect, exclude, exclusion_sentences
-from dronecats.report.results.entrants import FLAT, Setting, setting
 from dronecats.report.results.identity import Identity, differences, identity
 from dronecats.study import folder as study_folder
 from dronecats.study.analysis.steps import METRICS as MOTION

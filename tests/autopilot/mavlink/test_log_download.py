@@ -7,7 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from autopilot.mavlink.port import TRANSFERS_PER_TICK
+from autopilot.mavlink.node import TRANSFERS_PER_TICK
 from foundation.mavlink import dialect
 from tests.autopilot.commander_bench import Bench, Client
 

@@ -6,7 +6,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from autopilot.mavlink.port import TABLE
+from autopilot.mavlink.node import TABLE
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from foundation.sensors import ACTUATORS, CALENDAR_START_US

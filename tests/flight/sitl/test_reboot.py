@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from autopilot.commander.plans import FENCE, MISSION, RALLY, PlanItem
-from autopilot.mavlink.port import BY_NAME
+from autopilot.mavlink.node import BY_NAME
 from dronecats.flight.sitl.lockstep import Lockstep
 from dronecats.flight.sitl.simulation import BootPose, SimulatedVehicle, Simulation
 from foundation.mavlink import MODES, dialect

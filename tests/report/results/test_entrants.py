@@ -2,7 +2,7 @@
 
 import pytest
 
-from dronecats.report.results.entrants import entrants
+from dronecats.report.report_data import entrants
 from foundation.errors import UsageError
 from tests.support.scores import MODEL, a_run, an_episode, collected, flights, named
 
