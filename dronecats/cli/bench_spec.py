@@ -24,6 +24,7 @@ from dronecats.cli.options import (
 )
 from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
+from foundation.typed_file import toml_table
 from foundation.wording import did_you_mean, nearest
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def with_file(args: argparse.Namespace) -> argparse.Namespace:
     if files:
         if len(args.episodes) > 1:
             raise UsageError("a .toml file names the episodes: leave the others out, or name them in it")
-        values = checked(files[0], toml(files[0]), tuple(FILE_OPTIONS))
+        values = checked(files[0], toml_table(files[0], str(files[0])), tuple(FILE_OPTIONS))
         args.episodes = []
         values.setdefault("out", str(Path("runs") / files[0].stem))
     return filled(args, {**DEFAULTS, **values})
@@ -80,18 +81,6 @@ def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespa
         if value is not None and not 1 <= value <= most:
             raise UsageError(f"--{name} wants 1 to {most}, got {value}")
     return args
-
-
-def toml(path: Path) -> dict[str, Any]:
-    """Return the keys and tables of a file. Raises UsageError if it cannot be read."""
-    import tomllib
-
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"{path} is not TOML: {error}") from None
 
 
 def checked(path: Path, table: dict[str, Any], names: Sequence[str], more_names: Sequence[str] = ()) -> dict[str, Any]:

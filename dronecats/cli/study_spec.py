@@ -5,12 +5,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+from msgspec import Meta
+
+from dronecats.agent.models.spec import Text
 from dronecats.cli import bench_spec
 from dronecats.cli.bench_spec import FILE_OPTIONS
 from dronecats.cli.options import DISTURBANCES, MODEL, first_set
 from foundation.errors import UsageError
+from foundation.typed_file import no_choice, toml_table, typed
 from foundation.wording import did_you_mean, nearest
 
 if TYPE_CHECKING:
@@ -20,11 +24,20 @@ if TYPE_CHECKING:
     from dronecats.study.plan import StudyPlan
     from foundation.run_folder.results import Level
 
-# keys of a file besides those of a benchmark's file
-LISTS = ("cells", "maps", "generators")
-COUNTS = ("points", "design_seed")
-TABLES = ("factors", "held")
-OWN_KEYS = ("name", "seconds", "design", *LISTS, *COUNTS, *TABLES)
+Words = Annotated[tuple[str, ...], Meta(min_length=1)]
+Count = Annotated[int, Meta(ge=0)]
+OWN_KEYS: dict[str, Any] = {  # of a file, besides those of a benchmark's file
+    "name": Text,
+    "seconds": float,
+    "design": str,
+    "cells": Words,
+    "maps": Words,
+    "generators": Words,
+    "points": Count,
+    "design_seed": Count,
+    "factors": dict[str, Any],
+    "held": dict[str, Any],
+}
 PILOT_FACTORS = ("pilot", "model")
 CHOSEN = ("suite", "cells", "maps")  # keys that choose episodes without their names
 FACTOR_KEYS = ("agent", "command", "latency", "rate")
@@ -54,14 +67,13 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
     Raises UsageError with the file, the key and the wanted value.
     """
     path = args.file
-    table = bench_spec.toml(path)
-    own = {key.replace("-", "_"): value for key, value in table.items() if key.replace("-", "_") in OWN_KEYS}
-    of_bench = {key: value for key, value in table.items() if key.replace("-", "_") not in OWN_KEYS}
+    table = toml_table(path, str(path))
+    keys = {key: key.replace("-", "_") for key in table}
+    own = {key: typed(table[k], OWN_KEYS[key], str(path), key) for k, key in keys.items() if key in OWN_KEYS}
+    of_bench = {key: value for key, value in table.items() if keys[key] not in OWN_KEYS}
     if factor := next((key for key in of_bench if key in FACTOR_KEYS), None):
         raise UsageError(f"{path}: {factor} is a factor: put it under [factors], or a single level under [held]")
-    for key, value in own.items():
-        _check(path, key, value)
-    values = bench_spec.checked(path, of_bench, BENCH_KEYS, OWN_KEYS)
+    values = bench_spec.checked(path, of_bench, BENCH_KEYS, tuple(OWN_KEYS))
     values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
     if args.episodes:  # names on the command line override the choice of the file, and the other way round
         values = {key: value for key, value in values.items() if key not in CHOSEN}
@@ -69,27 +81,6 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
         values.pop("episodes", None)
     bench_spec.filled(args, values)
     return _request(args, {"name": path.stem, **own}, Path("runs") / path.stem, path)
-
-
-def _check(path: Path, key: str, value: Any) -> None:
-    """Raise UsageError unless the value of one of OWN_KEYS has its type."""
-    from dronecats.study.design import KINDS
-
-    def wants(wanted: str) -> UsageError:
-        return UsageError(f"{path}: {key} wants {wanted}, got {value!r:.60}")
-
-    if key in LISTS and not (isinstance(value, list) and value and all(isinstance(item, str) for item in value)):
-        raise wants("a list of words")
-    if key in COUNTS and (not isinstance(value, int) or isinstance(value, bool) or value < 0):
-        raise wants("a whole number")
-    if key in TABLES and not isinstance(value, dict):
-        raise wants("a table")
-    if key == "name" and not (isinstance(value, str) and value):
-        raise wants("a word")
-    if key == "seconds" and (not isinstance(value, int | float) or isinstance(value, bool)):
-        raise wants("a number")
-    if key == "design" and value not in KINDS:
-        raise wants(f"one of {', '.join(KINDS)}")
 
 
 @contextmanager
@@ -110,7 +101,7 @@ def _request(
     suite = suite_of_options(args)
     out = args.out or folder
     with _naming(file):
-        varied, single = (_from_file(study.get(table, {}), file) for table in TABLES)
+        varied, single = (_from_file(study.get(table, {}), file) for table in ("factors", "held"))
         axes = [_axis(name, value) for name, value in varied.items()]
         _check_once("[factors]", varied)
         design = _design(axes, study)
@@ -215,6 +206,8 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
     from dronecats.study.factors import ENTRANT_FACTORS
 
     kind = study.get("design", "full")
+    if kind not in design.KINDS:
+        raise UsageError(f"'design' {no_choice(kind, design.KINDS)}")
     for key, of in (("generators", "fractional"), ("points", "latin"), ("design_seed", "latin")):
         if key in study and kind != of:
             raise UsageError(f'{key} goes with design = "{of}"; leave it out')

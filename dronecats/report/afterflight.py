@@ -13,10 +13,11 @@ State per axis: position, velocity (constant but for white noise in the accelera
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -44,6 +45,17 @@ class SurveyedTarget:
     longitude_deg: float
     altitude_m: float | None  # m above mean sea level; None: not surveyed, so that distances are horizontal
     std_m: float = HANDHELD_STD_M  # m, per axis
+
+    def __post_init__(self) -> None:
+        """Raise UsageError when its place or accuracy is out of range."""
+        latitude, longitude, altitude, std_m = self.latitude_deg, self.longitude_deg, self.altitude_m, self.std_m
+        is_out = altitude is not None and not -500.0 <= altitude <= 9000.0
+        if is_out or not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+            raise UsageError(
+                f"a target at latitude {latitude:g}, longitude {longitude:g}, altitude {altitude} is nowhere"
+            )
+        if not 0.0 <= std_m <= 100.0:
+            raise UsageError(f"a target is surveyed to 0 to 100 m, got {std_m:g}")
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON."""
@@ -74,30 +86,17 @@ def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
     if len(numbers) not in (2, 3) or not all(math.isfinite(n) for n in numbers):
         raise UsageError(f"a target is LAT,LON or LAT,LON,ALT, for example 47.397742,8.545594,488.2; got '{text}'")
     latitude, longitude, *altitude = numbers
-    return checked(latitude, longitude, altitude[0] if altitude else None, HANDHELD_STD_M if std_m is None else std_m)
+    std_m = HANDHELD_STD_M if std_m is None else std_m
+    return SurveyedTarget(latitude, longitude, altitude[0] if altitude else None, std_m)
 
 
 def target_of(value: Any) -> SurveyedTarget:
     """Return the target that `as_json` wrote. Raises UsageError for anything else."""
-    if isinstance(value, dict):
-        values: list[Any] = [value.get(f.name) for f in fields(SurveyedTarget)]
-        latitude, longitude, altitude, std_m = values
-        if all(_is_number(v) for v in (latitude, longitude, std_m)) and (altitude is None or _is_number(altitude)):
-            return checked(latitude, longitude, altitude, std_m)
-    raise UsageError("a surveyed target wants latitude_deg, longitude_deg, altitude_m (or null) and std_m, in numbers")
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def checked(latitude: float, longitude: float, altitude: float | None, std_m: float) -> SurveyedTarget:
-    """Return the target. Raises UsageError when its place or accuracy is out of range."""
-    if not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0 and (altitude is None or -500.0 <= altitude <= 9000.0)):
-        raise UsageError(f"a target at latitude {latitude:g}, longitude {longitude:g}, altitude {altitude} is nowhere")
-    if not 0.0 <= std_m <= 100.0:
-        raise UsageError(f"a target is surveyed to 0 to 100 m, got {std_m:g}")
-    return SurveyedTarget(latitude, longitude, altitude, std_m)
+    try:
+        return msgspec.convert(value, SurveyedTarget)
+    except msgspec.ValidationError:
+        wanted = "latitude_deg, longitude_deg, altitude_m (or null) and std_m, in numbers"
+        raise UsageError(f"a surveyed target wants {wanted}") from None
 
 
 Array = NDArray[np.float64]

@@ -1,6 +1,5 @@
 """A flight as JSON, in a file, and read back from the folder in which it was flown."""
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -18,9 +17,11 @@ from foundation.redaction import HIDDEN, redacted_url
 from foundation.run_folder import layout
 from foundation.run_folder.reading import episode_folder, exchanges, json_object, rows, run_configuration, truth
 from foundation.run_folder.rows import Decision, End, Exchange
+from foundation.typed_file import file_bytes, json_of
 from hil.cameras.address import shown
 
 BYTES_MAX = 4_000_000
+DEPTH_MAX = 40  # levels of brackets
 
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
@@ -68,18 +69,11 @@ def _flight(value: Any) -> FlightSpec:
 
 def read(path: Path) -> FlightSpec:
     """Return the spec in a file: a run.json, or a spec alone. Raises UsageError naming the file and the reason."""
-    try:
-        data = path.read_bytes()
-        if len(data) > BYTES_MAX:
-            raise UsageError(f"--spec {path} is longer than a flight can be")
-        value = json.loads(data)
-    except OSError as error:
-        raise UsageError(f"--spec {path} cannot be read: {error.strerror}") from None
-    except (ValueError, RecursionError) as error:
-        raise UsageError(f"--spec {path} is not JSON: {error}") from None
+    where = f"--spec {path}"
+    value = json_of(file_bytes(path, where, BYTES_MAX), where, BYTES_MAX, DEPTH_MAX)
     if isinstance(value, dict) and "versions" in value and "flight" not in value:
-        raise UsageError(f"--spec {path} is of a run that an earlier version flew, which kept no flight in it")
-    return from_json(value["flight"] if isinstance(value, dict) and "flight" in value else value, f"--spec {path}")
+        raise UsageError(f"{where} is of a run that an earlier version flew, which kept no flight in it")
+    return from_json(value["flight"] if isinstance(value, dict) and "flight" in value else value, where)
 
 
 def hidden(spec: FlightSpec) -> list[str]:
