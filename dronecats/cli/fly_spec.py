@@ -80,11 +80,13 @@ VEHICLE = (
         name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
         help="with --autopilot px4: starts your PX4; without it, waits",
     ),
-    Option(name="keep_ulog", kind=bool, help="with --connect or --px4: keep PX4's log from on board"),
+    Option(
+        name="keep_ulog", kind=bool, replay="as recorded", help="with --connect or --px4: keep PX4's log from on board"
+    ),
 )  # fmt: skip
 PILOT = (
     Option(
-        name="pilot", metavar="NAME",
+        name="pilot", metavar="NAME", replay="as recorded",
         help="built in: vision (default), oracle, noisy, blind:NAME, failing:NAME, recorded:FILE",
     ),
     Option(
@@ -146,8 +148,6 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
         return _read(args)
     if args.sitl == bool(args.connect):
         raise UsageError("choose one vehicle: --sitl for a simulated one, or --connect URL")
-    if args.model and args.pilot:
-        raise UsageError("choose one pilot: --pilot NAME or --model PROVIDER/NAME")
     if not args.model and (alone := first_set(args, MODEL)):
         raise UsageError(f"{alone.flag} goes with --model PROVIDER/NAME, for example --model local/my-model")
     if args.commander_url and (not args.commander or args.commander.startswith(SCRIPTED)):
@@ -199,12 +199,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     from episodes.camera.optics.file import load as load_optics
 
     path = args.model.removeprefix(REPLAY)
-    if args.keep_ulog:
-        raise UsageError("--keep-ulog does not go with --model replay:RUN; leave it out")
     if args.connect:
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
-    if args.base_url:
-        raise UsageError("a replay asks no model: leave --base-url out")
     if stray := first_set(args, (option for option in OPTIONS if option.replay == "as recorded")):
         raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN): leave it out")
     spec = recorded(Path(path))
@@ -261,10 +257,11 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
     from hil.cameras.lens import load as load_calibration
     from hil.link.envelope import Limits
 
-    _check_camera(args)
+    if args.world and args.target:
+        raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
+    if args.target_std is not None and not args.target:
+        raise UsageError("--target-std goes with --target; add it or leave it out")
     key_of(args.sign)
-    if args.arm and args.dry_run:
-        raise UsageError("--dry-run moves nothing, so it goes without --arm")
     vehicle = Connected(
         url=args.connect,
         camera=args.camera,
@@ -322,8 +319,10 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
         **commanded_by(args),
     }
     if args.model:
-        return {"model": model_of(args.model, args), **fields}
-    return {"pilot": roster.check(args.pilot or "vision"), **fields}
+        fields["model"] = model_of(args.model, args)
+    if args.pilot or not args.model:
+        fields["pilot"] = roster.check(args.pilot or "vision")
+    return fields
 
 
 def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
@@ -370,17 +369,3 @@ def _limits(file: Path | None, base: "Limits") -> "Limits":
     from hil.link.envelope import load
 
     return load(file, base) if file else base
-
-
-def _check_camera(args: argparse.Namespace) -> None:
-    """Raise UsageError unless a connected vehicle has either a camera or a drawn world, and an instruction."""
-    if bool(args.world) != bool(args.truth):
-        raise UsageError("--world and --truth go together: the world is drawn from the true pose")
-    if args.world and args.target:
-        raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
-    if args.target_std is not None and not args.target:
-        raise UsageError("--target-std goes with --target; add it or leave it out")
-    if args.world and (args.camera or args.calibration):
-        raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
-    if not args.world and not (args.camera and args.instruction):
-        raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")

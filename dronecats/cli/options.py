@@ -103,7 +103,10 @@ def first_set(args: argparse.Namespace, options: Iterable[Option]) -> Option | N
 
 
 MODEL = (
-    Option(name="base_url", metavar="URL", help="where the model is served, http://HOST:PORT/v1", beside_spec=True),
+    Option(
+        name="base_url", metavar="URL", help="where the model is served, http://HOST:PORT/v1", beside_spec=True,
+        replay="as recorded",
+    ),
     Option(
         name="axis", choices=("xy", "yx"), help="order of the model's point (default: its row's, or xy)",
         replay="as recorded",

@@ -155,7 +155,7 @@ class FlightSpec:
             raise UsageError("a flight wants one of episode, record or map, and has more; leave the others out")
         self._check_commander()
         if self.connected:
-            self._check_connected()
+            self._check_connected(self.connected)
         if self.simulated:
             self._check_simulated(self.simulated)
 
@@ -167,7 +167,7 @@ class FlightSpec:
         if self.command == "hierarchical" and self.agent == STEADY:
             raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
 
-    def _check_connected(self) -> None:
+    def _check_connected(self, connected: Connected) -> None:
         if self.command != "flat":
             raise UsageError(f"--command {self.command} goes with --sitl: a vehicle that is connected is one")
         if self.drones is not None:
@@ -176,6 +176,15 @@ class FlightSpec:
             raise UsageError("a vehicle that is not simulated wants an envelope; --envelope FILE moves its limits")
         if self.disturbances != UNDISTURBED:
             raise UsageError("disturbances go with simulated: what is connected has its own")
+        has_world = any(place is not None for place in (self.episode, self.record, self.map))
+        if has_world != (connected.truth is not None):
+            raise UsageError("--world and --truth go together: the world is drawn from the true pose")
+        if has_world and (connected.camera or connected.calibration):
+            raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
+        if not has_world and not (connected.camera and self.instruction):
+            raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
+        if connected.authority.arm and connected.authority.dry:
+            raise UsageError("--dry-run moves nothing, so it goes without --arm")
 
     def _check_simulated(self, simulated: Simulated) -> None:
         lockstep = simulated.speed is None
