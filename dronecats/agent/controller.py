@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.agent.history import History
+from dronecats.agent.prompt import History
 from foundation.camera import CameraModel
 from foundation.protocol import (
     BEARING_DEADBAND_DEG,

@@ -9,12 +9,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from dronecats.agent.history import NONE_YET
 from dronecats.agent.latency import Circumstance, Question
 from dronecats.agent.models.ledger import Spent, cost
 from dronecats.agent.models.model import Request, tokens_of
 from dronecats.agent.models.spec import ModelSpec
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import NONE_YET, Prompt
 from dronecats.bench.benchmark_folder import setting_of
 from dronecats.bench.campaign import OpenRun
 from dronecats.flight.spec.flight_spec import FlightSpec

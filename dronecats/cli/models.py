@@ -172,12 +172,11 @@ def _recorded(spec: "ModelSpec") -> dict[str, Any]:
 
 def _request(spec: "ModelSpec", lifted: bool) -> dict[str, Any]:
     """Return {url, headers, body} of the first step's request, without key and picture. Raises UsageError."""
-    from dronecats.agent.history import History
     from dronecats.agent.models.model import Request
     from dronecats.agent.models.probe import marked_picture
     from dronecats.agent.models.spec import provider_of
     from dronecats.agent.models.wire_formats import open_model
-    from dronecats.agent.prompt import Prompt
+    from dronecats.agent.prompt import History, Prompt
     from foundation.camera import CameraModel
     from foundation.protocol import HISTORY_LENGTH
 

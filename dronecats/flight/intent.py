@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dronecats.agent.action import Go, action_from
 from dronecats.agent.controller import Segment, plan
-from dronecats.agent.history import compact
+from dronecats.agent.prompt import compact
 from foundation.camera import CameraModel
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder import layout

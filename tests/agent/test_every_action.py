@@ -8,9 +8,8 @@ import pytest
 
 from dronecats.agent.action import Action, action_from
 from dronecats.agent.controller import plan
-from dronecats.agent.history import History, compact
 from dronecats.agent.models.reply_schema import action_schema, flat_action_schema
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import History, Prompt, compact
 from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.redaction import MIN_CHARS, SPOKEN

@@ -4,8 +4,7 @@ import pytest
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
 from dronecats.agent.commanding.command_prompt import CAUSES, CommandPrompt
-from dronecats.agent.history import History
-from dronecats.agent.prompt import FLEET, FRAMED, SINGLE, Prompt
+from dronecats.agent.prompt import FLEET, FRAMED, SINGLE, History, Prompt
 from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.errors import UsageError

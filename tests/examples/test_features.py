@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from dronecats.agent.action import Action, Finished, Go, Rotate, Think
-from dronecats.agent.history import History
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import History, Prompt
 from dronecats.pilots import actions
 from examples.action_head import features
 from foundation.camera import CameraModel, encode

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from dronecats.agent.action import Finished, Go
-from dronecats.agent.history import History
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import History, Prompt
 from dronecats.agent.reply.strict import parse, parse_fleet
 from dronecats.cli.main import main
 from dronecats.pilots.server import PilotServer

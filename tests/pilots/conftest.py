@@ -8,8 +8,7 @@ import pytest
 
 from dronecats.agent.action import Finished
 from dronecats.agent.controller import plan
-from dronecats.agent.history import History
-from dronecats.agent.prompt import Prompt
+from dronecats.agent.prompt import History, Prompt
 from dronecats.agent.reply.strict import parse
 from foundation.camera import CameraModel, encode
 from foundation.frames import quat_from_euler, wrap_pi

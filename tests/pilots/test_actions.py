@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from dronecats.agent.action import Finished, Go, Rotate, Think
-from dronecats.agent.history import NONE_YET, History
-from dronecats.agent.prompt import Prompt, labels
+from dronecats.agent.prompt import NONE_YET, History, Prompt, labels
 from dronecats.pilots import actions
 from dronecats.pilots import scripted as blind
 from dronecats.pilots.vision.command import read_referent

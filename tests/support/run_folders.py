@@ -10,8 +10,7 @@ import cv2
 import numpy as np
 
 from dronecats.agent.action import action_from
-from dronecats.agent.history import History
-from dronecats.agent.prompt import Prompt, labels
+from dronecats.agent.prompt import History, Prompt, labels
 from foundation.camera import CameraModel
 from foundation.protocol import HISTORY_LENGTH
 from foundation.run_folder import layout

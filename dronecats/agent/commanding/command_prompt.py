@@ -10,8 +10,8 @@ from typing import Any
 
 from dronecats.agent.action import Go
 from dronecats.agent.controller import Drone
-from dronecats.agent.history import compact
 from dronecats.agent.models.reply_schema import CONFIRM, ORDERS
+from dronecats.agent.prompt import compact
 from dronecats.agent.reply.strict import json_spans
 from foundation.protocol import POINT_SPAN
 from foundation.run_folder.rows import Cause

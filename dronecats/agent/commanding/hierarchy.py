@@ -17,11 +17,10 @@ from dronecats.agent.commanding.command_prompt import (
     parse_orders,
     roster,
 )
-from dronecats.agent.history import History
 from dronecats.agent.latency import COMMANDER, LatencyPolicy, Question
 from dronecats.agent.loop import Asking, Decider, Questions, SideBySideAgent, Tally, await_reply
 from dronecats.agent.models.model import Model, Request
-from dronecats.agent.prompt import labels
+from dronecats.agent.prompt import History, labels
 from foundation.camera import Frame
 from foundation.errors import ModelError
 from foundation.protocol import CAP_S, GO

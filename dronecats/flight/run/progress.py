@@ -10,8 +10,8 @@ from pathlib import Path
 from msgspec import UNSET
 
 from dronecats.agent.action import action_from
-from dronecats.agent.history import compact
 from dronecats.agent.models.model import ending_reason
+from dronecats.agent.prompt import compact
 from foundation.errors import UnreadableError
 from foundation.protocol import FINISHED
 from foundation.run_folder.rows import Decision, drone_label

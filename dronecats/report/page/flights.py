@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from dronecats.agent.history import compact
+from dronecats.agent.prompt import compact
 from dronecats.judge.verdict import qualifies
 from dronecats.report.kit.shell import action_words
 from dronecats.report.page.pictures import PictureAddress
