@@ -1,6 +1,7 @@
 """Vehicles on one clock: each a plant that reports its truth, our autopilot on it, and a fleet built from a record.
 
-Plant and inner loop are one compiled loop (`fused.py`); the commanders run around it.
+Plant and inner loop are one compiled loop (`fused.py`); the commanders run around it. The truth of all vehicles goes
+out on a bus within this process.
 """
 
 import math
@@ -38,6 +39,8 @@ from vehicles.wind import Wind
 
 STEP_US = 1_000  # plant and inner loop
 TICK_US = 10_000  # commander, MAVLink and truth
+FINER_US = (5_000, 2_000)  # steps within a tick, while a client wants messages at more than 100 Hz
+TRUTH_US = 20_000  # 50 Hz
 
 
 class Tap:
@@ -64,7 +67,7 @@ class Tap:
 
 
 class TruthBus:
-    """Bytes in from one, out to all others."""
+    """The truth bus within one process: bytes in from one subscriber, out to all others."""
 
     def __init__(self) -> None:
         self._taps: list[Tap] = []
@@ -203,10 +206,6 @@ class VehiclePort:
         self._port.signing.set_up(key, timestamp, now_us)
 
 
-__all__ = ["STEP_US", "TICK_US", "BootPose", "SimulatedVehicle", "Simulation"]
-
-FINER_US = (5_000, 2_000)  # steps within a tick, while a client wants messages at more than 100 Hz
-TRUTH_US = 20_000  # 50 Hz
 V = TypeVar("V", bound=Vehicle)
 
 
