@@ -24,17 +24,17 @@ if TYPE_CHECKING:
     from dronecats.study.plan import StudyPlan
     from foundation.run_folder.results import Level
 
-Words = Annotated[tuple[str, ...], Meta(min_length=1)]
-Count = Annotated[int, Meta(ge=0)]
+_Words = Annotated[tuple[str, ...], Meta(min_length=1)]
+_Count = Annotated[int, Meta(ge=0)]
 OWN_KEYS: dict[str, Any] = {  # of a file, besides those of a benchmark's file
     "name": Text,
     "seconds": float,
     "design": str,
-    "cells": Words,
-    "maps": Words,
-    "generators": Words,
-    "points": Count,
-    "design_seed": Count,
+    "cells": _Words,
+    "maps": _Words,
+    "generators": _Words,
+    "points": _Count,
+    "design_seed": _Count,
     "factors": dict[str, Any],
     "held": dict[str, Any],
 }
