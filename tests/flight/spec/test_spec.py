@@ -112,6 +112,28 @@ def test_what_is_no_flight_is_refused(tmp_path, capsys):
         assert str(file) in error, change
 
 
+SHOWN, TRUE = {"camera": "c"}, {"truth": "udpin://x:2"}
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "flight", "word"),
+    [
+        ({}, {"instruction": "go"}, "--camera"),
+        (SHOWN, {}, "--instruction"),
+        (SHOWN, {"map": "blocks", "instruction": "go"}, "--truth"),
+        (TRUE, {"instruction": "go"}, "--world"),
+        ({**TRUE, **SHOWN}, {"episode": catalogue.DEFAULT}, "--camera"),
+        ({**SHOWN, "authority": Authority(dry=True)}, {"instruction": "go"}, "--dry-run"),
+    ],
+    ids=["no picture", "no task", "no truth", "no world", "two pictures", "moves nothing, and arms"],
+)
+def test_a_connected_flight_that_contradicts_itself_is_refused(vehicle, flight, word):
+    for right in ((SHOWN, {"instruction": "go"}), (TRUE, {"episode": catalogue.DEFAULT})):
+        FlightSpec(pilot="vision", connected=Connected(url="x", **right[0]), **right[1])
+    with pytest.raises(UsageError, match=word):
+        FlightSpec(pilot="vision", connected=Connected(url="x", **vehicle), **flight)
+
+
 def test_what_is_kept_of_a_flight_holds_no_key():
     model = ModelSpec(provider="local", name="m", base_url="https://h.example/v1/sk-0123456789abcdef?token=T0PSECRET")
     real = Connected(url="udpin://0.0.0.0:14540", camera="rtsp://me:pw777@cam/1")
