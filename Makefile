@@ -69,7 +69,7 @@ metrics: install
 studies: install
 	$(BIN)/python -c "from pathlib import Path; from dronecats.study.docs_tables import write; write(Path('docs'), 'studies.md', 'disturbances.md')"
 
-# Rewrites flight.png, replay.jpg and watching.jpg of docs/pictures. Run it when what they show changes.
+# Rewrites flight.png, replay.jpg, watching.jpg and report-step.jpg of docs/pictures. Run it when what they show changes.
 pictures: install-dev
 	$(BIN)/python -m tests.docs.made_pictures
 

@@ -102,4 +102,4 @@ def _command(args: argparse.Namespace) -> str:
 def _machine() -> str:
     from dronecats.bench.engine import cores
 
-    return f"On a machine with {cores()} cores, which may have had other work too."
+    return f"On a machine with {cores()} cores. Other programs may have run on it too."

@@ -291,18 +291,18 @@ def is_common(name: str) -> bool:
 def pilot_description(pilot: str) -> str:
     """Return a phrase that describes a built-in pilot; empty: an unknown pilot."""
     if pilot == roster.ORACLE:
-        return "is told where the target is"
+        return "knows where the target is"
     if pilot == roster.NOISY:
-        return "is told where the target is, and errs as classical vision does"
+        return "knows where the target is, and makes the errors of classical vision"
     if pilot.startswith(roster.FAILING):
         failing = FAILURES.get(pilot.removeprefix(roster.FAILING))
-        return f"is told the truth, and fails on purpose{f': {failing.description}' if failing else ''}"
+        return f"knows the truth and fails on purpose{f': {failing.description}' if failing else ''}"
     if pilot == "blind" or pilot.startswith(roster.BLIND):
         pattern = PATTERNS.get(pilot.removeprefix(roster.BLIND))
-        return f"looks at nothing{f': {pattern.description}' if pattern else ''}"
+        return f"never looks at an image{f': {pattern.description}' if pattern else ''}"
     if pilot.startswith(roster.RECORDED):
-        return "says the replies of a file again"
-    return "looks at the frames by classical vision" if pilot in roster.SERVED else ""
+        return "repeats the replies in a file"
+    return "looks at the images with classical vision" if pilot in roster.SERVED else ""
 
 
 def best_blind(table: BlindTable, episodes: Iterable[str]) -> tuple[str, int, int] | None:

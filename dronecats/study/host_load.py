@@ -275,26 +275,33 @@ def _marking_json(marking: Marking) -> dict[str, Any]:
 
 
 NAME = "host-load"
-TEXT = """Each episode is flown in lockstep and in real time beside several processes that only compute. Every flight
-is compared with the same episode and seed in lockstep at the first level: *moved* flights have another verdict, *other
-bytes* another log (in real time all of them, since steps fall on other instants). The last column is the median
-difference in navigation error. *Marked* flights are those that `bench` marks as delayed by the host; `--drop-stalled`
-leaves them out."""
+TEXT = """This page shows how a busy host changes flights. Each episode is flown in lockstep and in real time, while
+several processes keep the processor busy (*busy* is their number). Each flight is compared with the lockstep flight of
+the same episode and seed at the first level.
+
+| column | meaning |
+| --- | --- |
+| moved | flights with another verdict |
+| other bytes | flights with another log; in real time this is every flight |
+| marked | flights that `bench` marks as delayed by the host; `--drop-stalled` leaves them out |
+| change of NE | median change of the navigation error |
+| precision | share of the marked flights that moved |
+| recall | share of the moved flights that were marked |"""
 
 
 def tables(findings: LoadFindings) -> list[ReportTable]:
     """Return the table of the levels, and that of marked and moved flights."""
     levels = [words("clock"), *map(numbers, ("busy", "flights", "solved", "moved", "other bytes", "marked",
-                                             "steps held up", "NE differs by"))]  # fmt: skip
+                                             "delayed steps", "change of NE"))]  # fmt: skip
     rows = (
         (r.clock, r.busy, r.flights, r.solved, r.moved, r.other_bytes, r.marked, f"{r.stalled_steps} of {r.steps}",
          None if r.ne_moved_m is None else f"{r.ne_moved_m:.2f} m")
         for r in findings.rows
     )  # fmt: skip
-    marks = [words("the mark, in real time"), *map(numbers, ("moved", "marked", "both", "precision", "recall"))]
+    marks = [words("in real time, moved means"), *map(numbers, ("moved", "marked", "both", "precision", "recall"))]
     lines = [_mark_cells("another verdict", findings.of_verdicts)]
     if findings.idle_error_m is not None:
-        error = f"NE off by more than {findings.idle_error_m:.2f} m, the most at the first level"
+        error = f"NE changed by more than {findings.idle_error_m:.2f} m, the largest change at the first level"
         lines.append(_mark_cells(error, findings.of_errors))
     return [table_of(levels, rows), table_of(marks, lines)]
 

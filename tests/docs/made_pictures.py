@@ -33,6 +33,7 @@ FOLDER = ROOT / "docs" / "pictures"
 FLIGHT = "residential-approaching-01"
 REPLAY, REPLAY_S = "campus-approaching-04", 80.0
 LIVE, LIVE_S = "residential-approaching-03", 12.0
+REPORTED, REPORTED_STEP = "residential-tracking-01", 3
 PALETTE = 256
 PATIENCE_S = 120.0
 
@@ -56,7 +57,8 @@ FLIGHT_PICTURE = MadePicture("flight.png", (1000, 1000), tuple(map(rgb_of, FLIGH
 REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(palette.shade(color) for color in RUN_COLORS[:2]), CHOSEN))
 
 LIVE_PICTURE = MadePicture("watching.jpg", (1400, 757), (CHOSEN,))
-MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE)
+REPORT_PICTURE = MadePicture("report-step.jpg", (1100, 701), (CHOSEN,))
+MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE, REPORT_PICTURE)
 
 
 class Standing:
@@ -151,6 +153,16 @@ def live_picture(folder: Path) -> NDArray[np.uint8]:
         server.stop()
 
 
+def report_picture(run: Path, out: Path) -> NDArray[np.uint8]:
+    """Return a step of a flight in the page of a report, (H, W, 3) BGR. The report is written to `out`."""
+    from dronecats.cli.main import main
+
+    assert main(["report", str(run), "--out", str(out)]) == 0
+    url = f"{(out / 'index.html').as_uri()}#{run.name}/{REPORTED}/{REPORTED_STEP}"
+    with shown(url, REPORT_PICTURE.size) as driver:
+        return standing(driver)
+
+
 def save_jpeg(picture: NDArray[np.uint8], path: Path) -> None:
     """Write a picture, (H, W, 3) BGR, without blurring its colours."""
     Image.fromarray(picture[..., ::-1]).save(path, quality=88, subsampling=0, optimize=True)
@@ -164,6 +176,8 @@ def write(folder: Path) -> None:
         replayed = replay_picture([flown(Path(runs) / "replay", REPLAY, pilot) for pilot in ("vision", "oracle")])
         save_jpeg(replayed, folder / REPLAY_PICTURE.name)
         save_jpeg(live_picture(flown(Path(runs) / "live", LIVE, "vision")), folder / LIVE_PICTURE.name)
+        reported = flown(Path(runs) / "reported", REPORTED, "vision").parent
+        save_jpeg(report_picture(reported, Path(runs) / "report"), folder / REPORT_PICTURE.name)
 
 
 if __name__ == "__main__":

@@ -79,14 +79,13 @@ HEADER = """# Leaderboard
 
 After this page you can read the ranking, verify an entry and submit your own.
 
-The figures are the percentage of successful flights. SR covers all episodes of the entry; its 95 % interval takes
-[episodes as the unit](report.md#how-sure-it-is). Compare entries of one suite with the same settings only: `latency` is
-what a reply costs.
+The figures are percentages of successful flights. SR is the success rate over all episodes of the entry, with its
+[95 % interval](report.md#how-sure-it-is). Compare only entries of the same suite with the same settings, for example
+with the same `latency`.
 """
 HOW_TO = """## Submit an entry
 
-An entry has the flights of one pilot with one configuration over a whole suite. Flights of one episode differ only in
-`seed`.
+An entry has the flights of one pilot over a whole suite, all with the same settings except `seed`.
 
 1. Pack the run folders:
 
@@ -95,8 +94,8 @@ An entry has the flights of one pilot with one configuration over a whole suite.
 dronecats submit runs/demo --partial --out entry.tar.xz --note "as the paper has it"
 ```
 
-`submit` rejects runs of several configurations. Without `--partial` it also rejects missing episodes and unscored
-flights. `--partial` marks the entry, and partial entries are never ranked.
+   `submit` rejects runs with different settings, missing episodes and unscored flights. With `--partial` it accepts missing
+   episodes and unscored flights, but such an entry is not ranked.
 
 2. Verify the archive. Anybody can do this:
 
@@ -105,9 +104,8 @@ flights. `--partial` marks the entry, and partial entries are never ranked.
 dronecats verify entry.tar.xz
 ```
 
-`verify` checks the digests and the episodes, and derives settings, actions and verdicts from the logs again. It prints
-the scores, and the facts that it cannot check. It rejects unknown files and excessive sizes, so you can verify archives
-from strangers.
+   `verify` derives settings, actions and verdicts from the logs again. It prints the scores, and lists what it cannot
+   check. You can safely verify archives from strangers.
 
 | status | meaning |
 | --- | --- |
@@ -115,31 +113,28 @@ from strangers.
 | 2 | the file is not an archive of this kind |
 | 4 | something differs |
 
-A lockstep flight can be [flown again from its replies](models.md#replay-a-flight). Its truth then follows from
-them.
+   To check the truth of a lockstep flight too, [fly it again from its replies](models.md#replay-a-flight).
 
-3. Write the entry with `dronecats verify FILE --json` to `docs/leaderboard/`, and make this page:
+3. Write the output of `dronecats verify FILE --json` to a file in `docs/leaderboard/`. Then make this page:
 
 <!-- test: run -->
 ```sh
 dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md
 ```
 
-`leaderboard` also takes archives, and verifies them first.
-
 ## Content of an archive
 
 | file | content |
 | --- | --- |
-| `manifest.json` | pilot, suite, reasons for *partial*, digest of the settings, SHA-256 and size of every packed or omitted file |
+| `manifest.json` | pilot, suite, reasons for *partial*, digest of the settings, SHA-256 and size of every file |
 | `runs/NN/run.json` | the settings of a flight of the suite |
 | `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`, and `commander.jsonl` or `estimate.jsonl` |
 
-Frames and telemetry are omitted; `--with-frames` includes the frames. Keys become `***` and absolute paths lose their
-folders; `scrubbed` names the changed files. The same runs give the same bytes with the same liblzma.
+Images and telemetry are omitted; `--with-frames` includes the images. Keys become `***`, and absolute paths lose their
+folders. The same runs give the same archive.
 """  # noqa: E501  # tables
 ABOUT_PILOTS = (
-    "They show how hard the episodes are. Some know the place of the target, and some never look at an image.\n"
+    "These pilots show how hard the episodes are. Some know the place of the target, others never look at an image.\n"
 )
 
 

@@ -187,14 +187,20 @@ def page(outcomes: list[Outcome], python: Path) -> str:
             state = f"**fails**: {outcome.fault}".replace("|", "/")
         rows.append(f"| {example.script} | {example.plugins} | {example.expectation} | {state} | "
                     f"{outcome.seconds:.0f} | {'; '.join(notes)} |")  # fmt: skip
-    return f"""# Other people's clients
+    return f"""# Compatibility with clients of PX4
 
-The examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python), unmodified, against `dronecats sitl` over an
-open field, as in PX4's own empty world, at the speed of the wall clock, a fresh simulator each:
-{count(outcomes)} An example works when it prints every line it is known for, prints no
-error and no traceback, ends with status 0 (an endless one is interrupted once it has shown everything), and, where it
-flies, the vehicle's own log has the climb and the truth has no collision. *core* and *yes* say how much a PX4-like
-autopilot is expected to serve it; the seconds are the script's own.
+This page lists the examples of [MAVSDK-Python](https://github.com/mavlink/MAVSDK-Python) that run unmodified with
+`dronecats sitl`, and the features of PX4 that the simulator lacks.
+
+## Examples of MAVSDK-Python
+
+{count(outcomes)}
+
+An example works if it prints every expected line, prints no error and ends with status 0. Examples without an end are
+interrupted after their last expected line. If the example flies, the vehicle must climb and must not collide. Each
+example has a fresh simulator in real time, over an open field.
+
+*Expected* says how much PX4 users rely on the example: *core* or *yes*. The seconds are the running time of the script.
 
 | example | plugins | expected | outcome | seconds | note |
 | --- | --- | --- | --- | --- | --- |
@@ -203,33 +209,31 @@ autopilot is expected to serve it; the seconds are the script's own.
 Client of the examples: mavsdk {older}, the gRPC client. Python {platform.python_version()}, {platform.system()}
 {platform.machine()}.
 
-More clients fly in the test suite on every run: mavsdk {_version("mavsdk")}, whose API is another one, and pymavlink
-{_version("pymavlink")} alone (`tests/system/test_clients.py`); and an agent and a ground station at the same time
-(`tests/system/compatibility/test_two_clients.py`). Scripts to start from are `examples/mavsdk4.py` and
-`examples/mavsdk3.py`: MAVSDK 4, which DroneCATS installs, has another API than MAVSDK 3, and scripts for 3 fail with
-"System is not constructed directly".
+The test suite also flies mavsdk {_version("mavsdk")}, which has another API, and pymavlink
+{_version("pymavlink")}. A script for MAVSDK 3 fails under MAVSDK 4 with "System is not constructed directly".
+There is a [script for each client](sitl.md#connect-a-client).
 
-## What a client of PX4 will miss
+## Differences from PX4
 
-Some of PX4's parameters can be set and read and change nothing, since what they choose is not modelled:
+Clients can set and read these parameters, but they have no effect:
 
-- `GF_SOURCE`: the geofence watches the estimated position, never the receiver's own (PX4's default).
-- `GF_PREDICT`: a breach is seen when the vehicle is outside, not when it could no longer stop inside (PX4's default).
-- `COM_FLTT_LOW_ACT`: there is no estimate of the flight time that the battery is still good for; `COM_FLT_TIME_MAX` and
-  the battery levels act.
+| parameter | what the simulator does instead |
+| --- | --- |
+| `GF_SOURCE` | the geofence uses the estimated position, as in PX4's default |
+| `GF_PREDICT` | a breach begins when the vehicle is outside, as in PX4's default |
+| `COM_FLTT_LOW_ACT` | the remaining flight time is not estimated; `COM_FLT_TIME_MAX` and the battery levels act |
 
-`MISSION_WRITE_PARTIAL_LIST` is refused at once with UNSUPPORTED; PX4 does not answer it. Message intervals belong to a
-link and are those of its start script again after a reboot; parameters, missions, geofence and rally points outlive it,
-and the process too where `sitl --state` names a folder.
+| subject | difference or rule |
+| --- | --- |
+| `MISSION_WRITE_PARTIAL_LIST` | the answer is UNSUPPORTED; PX4 does not answer |
+| reboot | message intervals are reset; parameters, missions, geofence and rally points are kept |
+| end of the process | everything is lost, unless `sitl --state` names a folder |
+| `SYSTEM_TIME` | begins with 2026-01-01 at boot, so that equal flights have equal logs. Sent after the first GPS fix |
+| MAVLink FTP | clients may make, rename and remove files, but only in `/fs/microsd`. Logs are in `/fs/microsd/log` |
+| size of files by FTP | up to 64 MiB per file, 1 GiB and 4096 entries in all |
+| files on disk | `vehicle-N/card` of the state folder |
 
-`SYSTEM_TIME` has a calendar from the first GPS fix on. The calendar begins with 2026-01-01 at boot and goes on with the
-vehicle's clock, so that equal flights have equal logs. A PX4 in simulation has the calendar of its computer.
-
-MAVLink FTP has one card, `/fs/microsd`, with the logs in `/fs/microsd/log`. Clients may make, rename and remove files
-there, up to 64 MiB a file, 1 GiB and 4096 entries. Nothing can be stored elsewhere. `sitl` keeps the card in
-`vehicle-N/card` of its state folder.
-
-This page is written by the test that flies them:
+## Make this page
 
 <!-- test: setup -->
 ```sh
