@@ -202,7 +202,7 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
     print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to clients of port {TRUTH_LOCAL + args.instance}")
     if camera:
         print(f"camera: {camera}")
-    print("MAVSDK scripts to start from: examples/mavsdk4.py, and examples/mavsdk3.py for MAVSDK 3")
+    print("example scripts: examples/mavsdk4.py, examples/mavsdk3.py (MAVSDK 3), examples/pymavlink_velocity.py")
     print("Ctrl-C ends it", flush=True)
     vehicle = [f"udpin://0.0.0.0:{AGENT_PORT + args.instance}", *(["--sign", str(args.sign)] if args.sign else [])]
     if camera:
