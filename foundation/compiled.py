@@ -104,20 +104,19 @@ class Kernel(Protocol[P, R]):
         """Compile it for arguments of these types and leave it in the cache."""
 
 
-def njit(*, cache: bool = True, allocates: bool = True, **options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+def njit(*, cache: bool = True, allocates: bool = False, **options: Any) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Return the decorator `numba.njit(…)` with caching; it keeps signatures for the type checker.
+
+    `allocates`: the kernel, or one that it calls, makes an array. Only then numba counts references: every view of an
+    array (`a[k]`, a field of a named tuple) costs two locked instructions, for which threads that share the array wait
+    on one another; short kernels spend most of their time there.
 
     Without a writable folder nothing is cached, and each start compiles: numba's own default, a cache beside the
     sources, gets out of date, or fails where they are read-only. The wrapper for calls from C is left out, which saves
-    a tenth of the compile time.
-
-    `allocates` False: neither the kernel nor one that it calls makes an array. Then numba counts no references. With
-    them, every view of an array (`a[k]`, a field of a named tuple) costs two locked instructions, for which threads
-    that share the array wait on one another; short kernels spend most of their time there.
+    a tenth of the compile time, and so are checks for a division by zero, which gives infinity or NaN as in numpy.
     """
-    compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(
-        **{"cache": cache and KEEPS, "no_cfunc_wrapper": True, "_nrt": allocates, **options}
-    )
+    defaults = {"cache": cache and KEEPS, "no_cfunc_wrapper": True, "error_model": "numpy", "_nrt": allocates}
+    compiled: Callable[[Callable[P, R]], Kernel[P, R]] = numba.njit(**{**defaults, **options})
     return compiled
 
 

@@ -21,7 +21,10 @@ Quat = tuple[float, float, float, float]
 
 def wrap_pi(angle: float) -> float:
     """Return `angle` (rad) wrapped into [-π, π)."""
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+    turned = angle + math.pi
+    if 0.0 <= turned < 2.0 * math.pi:
+        return turned - math.pi  # as below, without the slow division
+    return turned % (2.0 * math.pi) - math.pi
 
 
 def quat_multiply(a: Quat, b: Quat) -> Quat:

@@ -67,6 +67,7 @@ GROUND_EFFECT_FARTHEST = 4.0  # rotor radii; the gain there is 0.4 %
 # test files of flight-review-rs; means over 5 ms, above 10 Hz) show 1.3 to 2.2 m/s² forward and right, 1.4 to 5.2 down.
 IMBALANCE_SPEED = 0.016
 FIRST_TURN = 2.4  # rad between the first turns of two rotors: no two alike, so that they do not shake in step
+REVOLUTION = 2.0 * math.pi  # rad
 STANDSTILL = 0.1  # rad/s, speed below which a rotor that slows down stops
 
 
@@ -132,7 +133,9 @@ def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec
         torque = torque_coefficient * speed * speed * gain_torque
         drag = params.blade_drag * speed
         # The heavy side pulls outwards as it goes round. The arms bend, so that about as much of it arrives along z.
-        turn = (state.rotor_turn[i] + speed * STEP_S) % (2.0 * math.pi)
+        turn = state.rotor_turn[i] + speed * STEP_S  # less than one revolution further
+        if turn >= REVOLUTION:
+            turn -= REVOLUTION  # the bits of `%`, without its division
         state.rotor_turn[i] = turn
         shake = params.imbalance * speed * speed
         forward = shake * math.cos(turn)

@@ -34,7 +34,7 @@ def _pointer(typingctx: Any, address: Any) -> tuple[Any, Callable[..., Any]]:
     return types.voidptr(types.int64), generate
 
 
-@njit(cache=True)
+@njit(cache=True, allocates=True)
 def fly(
     steps: int,
     at: NDArray[np.int64],

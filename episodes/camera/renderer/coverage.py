@@ -43,7 +43,7 @@ def new_drawn(triangles: int, chunks: int) -> Drawn:
     )
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Drawn) -> None:
     """Fill `drawn` for the chunks of one thread: cull them against the view, then set up their triangles."""
     slope_x = eye.center_x / eye.focal
@@ -66,7 +66,7 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
                 _set_up_triangle(t, triangles.position, eye, drawn)
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
     drawn.rows[t, 0] = 1
     drawn.rows[t, 1] = 0
@@ -135,7 +135,7 @@ def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Dra
     drawn.rows[t, 1] = int(bottom)
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) -> tuple[float, float]:
     """Return (low, high) widened by the slopes z / x of the part of the edge a - b that lies beyond the near plane."""
     if xa >= NEAR_M:
@@ -146,7 +146,7 @@ def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) 
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=True)
 def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Return (start, items): band k holds triangles items[start[k]:start[k + 1]], in the order of the scene."""
     start = np.zeros(bands + 1, np.int64)
@@ -174,7 +174,7 @@ def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDA
     return start, items
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def draw_bands(
     thread: int,
     threads: int,
@@ -214,7 +214,7 @@ def draw_bands(
             )
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _draw(
     t: int,
     e: NDArray[np.float64],
@@ -264,7 +264,7 @@ def _draw(
             sample_row[i] = name if closer else sample_row[i]
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _cut(a: float, inverse: float, rest: float, low: float, high: float) -> tuple[float, float]:
     """Return the part of [low, high] in which a·i + rest ≥ 0; `inverse` is -1 / a."""
     if a > 0.0:

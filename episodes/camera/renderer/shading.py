@@ -20,7 +20,7 @@ from foundation.frames import Vec3
 FRESH = 4  # px, a power of two
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def shade_rows(
     thread: int,
     threads: int,
@@ -154,7 +154,7 @@ def shade_rows(
             shown[x, 0], shown[x, 1], shown[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Vec3:
     """Return the vector (n, e, d) at unit length and on the side of the unit vector f; f itself if it has no length."""
     square = n * n + e * e + d * d
@@ -166,7 +166,7 @@ def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Ve
     return n * k, e * k, d * k
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _polish(
     day: Daylight,
     gloss: float,
@@ -214,7 +214,7 @@ def _polish(
     return lr, lg, lb
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def resolve_rows(
     thread: int,
     threads: int,
@@ -282,7 +282,7 @@ def resolve_rows(
             shown[x, 2] = table[int(b * scale + half)]
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _find(
     samples: NDArray[np.int32],
     plane: NDArray[np.int32],

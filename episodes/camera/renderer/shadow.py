@@ -79,7 +79,7 @@ def _grid(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int,
     )
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=True)
 def _bounds(
     position: NDArray[np.float32],
     casts: NDArray[np.bool_],
@@ -148,7 +148,7 @@ def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]
         sun.height[rows, columns] = heights
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, allocates=True)
 def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: int) -> None:
     """Raise `sun.height` to the triangles first … stop - 1."""
     cells = sun.height.shape[0]
@@ -189,7 +189,7 @@ def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: i
                     sun.height[j, i] = h
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
     """Return (slope_x, slope_y, bias) in m: how the height of a plane with unit normal n (NED) changes per cell, and
     how far below the map's height a point of it still counts as lit.
@@ -203,7 +203,7 @@ def sun_slopes(sun: SunMap, nn: float, ne: float, nd: float) -> Vec3:
     return slope_x, slope_y, BIAS_M + 0.2 * (abs(slope_x) + abs(slope_y)) + 0.1 * sun.cell
 
 
-@njit(cache=True, nogil=True, allocates=False, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def sunlight(sun: SunMap, n: float, e: float, d: float, slope_x: float, slope_y: float, bias: float) -> float:
     """Return the share (0 … 1) of the sun's disc that reaches the point (n, e, d), NED, m, of a plane.
 

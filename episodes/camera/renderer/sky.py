@@ -52,7 +52,7 @@ def _vec3(v: tuple[float, ...]) -> Vec3:
     return (v[0], v[1], v[2])
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def sky_color(day: Daylight, n: float, e: float, d: float) -> Vec3:
     """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED."""
     up = max(-d, 0.0)

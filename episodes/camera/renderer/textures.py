@@ -92,7 +92,7 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
     return pyramid
 
 
-@njit(cache=True, nogil=True, allocates=False, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def footprint(
     atlas: Atlas, texture: int, ux: float, vx: float, uy: float, vy: float
 ) -> tuple[np.int64, int, int, float, float]:
@@ -123,7 +123,7 @@ def footprint(
     return lower, mix, doublings, along_u * share, along_v * share
 
 
-@njit(cache=True, nogil=True, allocates=False, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def texture_color(
     atlas: Atlas, u: float, v: float, level: np.int64, mix: int, doublings: int, step_u: float, step_v: float
 ) -> Vec3:
@@ -163,7 +163,7 @@ def texture_color(
     return r * r, g * g, b * b
 
 
-@njit(cache=True, nogil=True, allocates=False, inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def _bilinear(
     texels: NDArray[np.uint64], offset: np.int64, w: np.int64, h: np.int64, u: float, v: float, weight: int
 ) -> np.uint64:
@@ -189,7 +189,7 @@ def _bilinear(
     return lanes
 
 
-@njit(cache=True, nogil=True, allocates=False)
+@njit(cache=True, nogil=True)
 def _log2(x: float) -> float:
     """Return log₂ x within 0.05, from the bits of a float: its exponent, and its mantissa taken as straight."""
     return (np.float32(x).view(np.int32) - ONE_BITS) * (1.0 / (1 << 23)) + 0.043
