@@ -277,7 +277,7 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
         slot = near.ball[n] + BALLS if n < near.box_count else near.ball[n]
         if near.touched_us[slot] < state.time_us - STEP_US and closing > HIT_LEAST:
             remember(state, solids, near.ball[n], near.owner[n], closing)
-        near.touched_us[slot] = state.time_us
+        near.touched_us[slot] = near.newest_us = state.time_us
     for _ in range(ROUNDS):
         for n in range(count):
             normal = (near.normal[n, 0], near.normal[n, 1], near.normal[n, 2])
@@ -370,5 +370,5 @@ def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None
 def fresh_near() -> np.void:
     """Return a NEAR record that has not looked yet."""
     near: np.void = np.zeros(1, NEAR)[0]
-    near["touched_us"] = -2 * STEP_US
+    near["touched_us"] = near["newest_us"] = -2 * STEP_US
     return near

@@ -5,10 +5,12 @@ within the coming one, both get the impulse of that contact as a force over it, 
 """
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from foundation.compiled import Record, njit
 from foundation.frames import Quat, Vec3
+from foundation.record_reader import reader
 from vehicles.collision import BREAKING, FRICTION, HIT_LEAST, mobility
 from vehicles.ground import CRASH_BODY
 from vehicles.multirotor import Multirotor
@@ -136,8 +138,8 @@ def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
 class Ball:
     """A vehicle's ball at the beginning of a tick, as plain numbers, since a fleet looks at every pair."""
 
-    position: list[float]  # (3,) m, NED
-    velocity: list[float]  # (3,) m/s
+    position: Sequence[float]  # (3,) m, NED
+    velocity: Sequence[float]  # (3,) m/s
     radius_m: float
 
     def may_touch(self, other: "Ball", tick_s: float) -> bool:
@@ -146,9 +148,14 @@ class Ball:
         return room <= math.dist(self.velocity, other.velocity) * tick_s
 
 
-def ball(vehicle: Multirotor, radius_m: float) -> Ball:
-    """Return a vehicle's ball, whose radius is its `girth`."""
-    return Ball(vehicle.state["position"].tolist(), vehicle.state["velocity"].tolist(), radius_m)
+def balls(vehicles: Sequence[Multirotor]) -> Callable[[], list[Ball]]:
+    """Return a function that looks where the vehicles' balls, of the radius of their `girth`, are now."""
+    looks = [(reader(vehicle.state, "position", "velocity"), girth(vehicle)) for vehicle in vehicles]
+
+    def look() -> list[Ball]:
+        return [Ball(numbers[:3], numbers[3:], radius_m) for numbers, radius_m in ((at(), size) for at, size in looks)]
+
+    return look
 
 
 def girth(vehicle: Multirotor) -> float:

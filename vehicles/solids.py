@@ -59,6 +59,7 @@ NEAR = np.dtype(
         ("point", "f8", (CONTACTS, 3)),  # m, NED
         ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, of the obstacle there
         ("touched_us", "i8", (2 * BALLS,)),  # µs, when each ball last touched a triangle, and after these the box
+        ("newest_us", "i8"),  # µs, when any of them last touched
         ("stiffness", "f8", (CONTACTS,)),  # N/m
         ("pressed", "f8", (CONTACTS,)),  # N·s, so far
         ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, so far

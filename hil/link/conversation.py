@@ -202,7 +202,7 @@ class Conversation:
 
     def _is_credible(self, message: dialect.MAVLink_message) -> bool:
         """Return whether a message that was just received may come from the one whose ids it has."""
-        if not self._signing.accepts(message, self._wire_us):
+        if self._signing.active and not self._signing.accepts(message, self._wire_us):
             return False
         ids = message.get_srcSystem(), message.get_srcComponent()
         return not self.system or ids != (self.system, AUTOPILOT) or self._address.admits()
@@ -239,18 +239,23 @@ class Conversation:
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
         stamp_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
-        self.state = update(self.state, message, self.family.mode_name, stamp_us, self.time_us)
+        before = self.state
+        self.state = update(before, message, self.family.mode_name, stamp_us, self.time_us)
         if kind in STAMPED:
-            self._track(update(VehicleState(), message, self.family.mode_name, stamp_us))
+            brought = self.state
+            if brought is before:  # overtaken by a newer one, and still a place on the track
+                brought = update(VehicleState(), message, self.family.mode_name, stamp_us)
+            self._track(kind, brought)
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
             self.track.range(self.clock.time_us, self.state.range_m)
         self._noticed()
 
-    def _track(self, state: VehicleState) -> None:
-        """Record place and attitude of one message, whether or not a newer one has overtaken it."""
-        if state.position_ned is not None and state.velocity_ned is not None:
-            self.track.place(state.position_us, state.position_ned, state.velocity_ned)
-        if state.euler is not None:
+    def _track(self, kind: int, state: VehicleState) -> None:
+        """Record the place or the attitude that a message of this kind has brought into a state."""
+        if kind == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
+            if state.position_ned is not None and state.velocity_ned is not None:
+                self.track.place(state.position_us, state.position_ned, state.velocity_ned)
+        elif state.euler is not None:
             self.track.heading(state.attitude_us, state.euler[2], state.yaw_rate or 0.0)
             self.track.tilt(state.attitude_us, state.euler[0], state.euler[1])
 

@@ -5,9 +5,10 @@ from collections.abc import Callable, Sequence
 
 from foundation.frames import Vec3, wrap_pi
 from foundation.mavlink import dialect
+from foundation.record_reader import reader
 from foundation.truth import SaidHit, clear_text, hit_text
 from vehicles.collision import BOX
-from vehicles.encounter import DRONE, ball, girth, push_apart
+from vehicles.encounter import DRONE, balls, push_apart
 from vehicles.multirotor import Multirotor
 
 APART_US = 500_000  # µs without any contact after which a contact is over
@@ -28,9 +29,8 @@ class Traffic:
         """From this vehicle time on the target moves; before, it is not there."""
         self._t0_us = t0_us
 
-    def place(self, vehicles: Sequence[Multirotor]) -> None:
+    def place(self, vehicles: Sequence[Multirotor], time_us: int) -> None:
         """Tell every vehicle where the target is now and how it goes on; between two words it goes straight on."""
-        time_us = int(vehicles[0].state["time_us"])
         if self._t0_us is None or time_us < self._next_us:
             return
         self._next_us = time_us + UPDATE_US
@@ -47,7 +47,7 @@ class Encounters:
 
     def __init__(self, vehicles: Sequence[Multirotor]) -> None:
         self._pairs = tuple(itertools.combinations(range(len(vehicles)), 2))
-        self._radii_m = tuple(girth(vehicle) for vehicle in vehicles)
+        self._balls = balls(vehicles)
         self._pushed: set[int] = set()
         self._vehicles = vehicles
 
@@ -58,9 +58,9 @@ class Encounters:
         self._pushed.clear()
         if not self._pairs:
             return
-        balls = [ball(vehicle, radius_m) for vehicle, radius_m in zip(self._vehicles, self._radii_m, strict=True)]
+        now = self._balls()
         for i, j in self._pairs:
-            if balls[i].may_touch(balls[j], tick_s) and push_apart(self._vehicles[i], self._vehicles[j], tick_s):
+            if now[i].may_touch(now[j], tick_s) and push_apart(self._vehicles[i], self._vehicles[j], tick_s):
                 self._pushed |= {i, j}
 
 
@@ -69,6 +69,8 @@ class CollisionReport:
 
     def __init__(self, vehicle: Multirotor) -> None:
         self._vehicle = vehicle
+        self._signs = reader(vehicle.state, "time_us", "crashed", "hits")
+        self._newest = reader(vehicle.near, "newest_us")
         self._hits, self._crashed = 0, False
         self._since_us: int | None = None  # when the present contact began
         self._last_us = 0  # when anything touched last
@@ -79,11 +81,14 @@ class CollisionReport:
 
         Each thing that one contact hits is reported once. The contact ends after half a second without a touch.
         """
+        time_us, crashed, hits = self._signs()
+        (touched_us,) = self._newest()
+        same = hits == self._hits and crashed == self._crashed and touched_us <= self._last_us
+        if same and self._since_us is None:
+            return None  # as at nearly every tick
         state = self._vehicle.state
-        hits, crashed, time_us = int(state["hits"]), bool(state["crashed"]), int(state["time_us"])
         struck, newly = hits > self._hits, crashed and not self._crashed
         self._hits, self._crashed = hits, crashed
-        touched_us = int(self._vehicle.near["touched_us"].max())
         if struck or touched_us > self._last_us:
             self._last_us = time_us if struck else touched_us
         if struck or newly:

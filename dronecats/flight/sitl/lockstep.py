@@ -41,9 +41,8 @@ class TurnOrder(ABC, Generic[V]):
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
         """Return the agent's end of the same over a wire that can be impaired, by the fates of `seed`."""
 
-    @property
-    def time_s(self) -> float:
-        """s of vehicle time."""
+    def now_s(self) -> float:
+        """Return the vehicle time (s)."""
         return self.simulation.time_us / 1e6
 
     def follow(self, feed: Callable[[bytes], None]) -> Callable[[bytes], None]:
@@ -65,11 +64,11 @@ class Lockstep(TurnOrder[SimulatedVehicle]):
     def transport(self, vehicle: int, profile: str = "minimal") -> Transport:
         """Return the agent's end of a MAVLink port of one vehicle's autopilot; `minimal` streams what is asked for."""
         port = self.simulation.vehicles[vehicle].open_port(profile)
-        return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump, lambda: self.time_s)
+        return MemoryTransport(f"lockstep://{vehicle}", port.take, port.receive, self.pump, self.now_s)
 
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
         port = self.simulation.vehicles[vehicle].open_port("minimal")
-        wire = SteppedWire(f"lockstep://{vehicle}", port.take, port.receive, self.pump, lambda: self.time_s, seed)
+        wire = SteppedWire(f"lockstep://{vehicle}", port.take, port.receive, self.pump, self.now_s, seed)
         self.followers.append(wire.step)
         return wire
 
@@ -100,7 +99,7 @@ class Px4Lockstep(TurnOrder[Px4Vehicle]):
     def wire(self, vehicle: int, seed: int) -> SteppedWire:
         socket = self._socket(vehicle)
         wire = SteppedWire(
-            socket.url, lambda: socket.receive(0.0), socket.send, self.pump, lambda: self.time_s, seed, socket.close
+            socket.url, lambda: socket.receive(0.0), socket.send, self.pump, self.now_s, seed, socket.close
         )
         self.followers.append(lambda: wire.step(socket.receive(MOMENT_S)))
         return wire

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, Required, TypedDict, TypeVar, Unpack
 
-import numpy as np
-
 from autopilot.autopilot import Autopilot
 from autopilot.control.flight_core import FlightCore
 from dronecats.flight.sitl.collisions import CollisionReport, Encounters, Traffic
@@ -28,6 +26,8 @@ from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 from foundation.mavlink import Packer
+from foundation.record_reader import reader
+from foundation.sensors import TRUTH
 from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
 from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
 from vehicles import airframe as airframes
@@ -132,8 +132,7 @@ class Vehicle:
             faults=physics.get("faults", ()),
         )
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
-        # position to acceleration of TRUTH as one array of numbers: a record's fields are slow to read one by one
-        self._numbers = np.frombuffer(self.plant.truth, np.float64)[1:17]
+        self._truth, self._time = reader(self.plant.truth, *TRUTH.names or ()), reader(self.plant.truth, "time_us")
         self._collisions = CollisionReport(self.plant)
 
     def disturb(self, disturbances: VehicleFaults) -> None:
@@ -156,14 +155,14 @@ class Vehicle:
 
     @property
     def time_us(self) -> int:
-        return int(self.plant.truth["time_us"])
+        return int(self._time()[0])
 
     def truth(self) -> bytes:
         """Return HIL_STATE_QUATERNION as bytes."""
-        n, e, d, vn, ve, vd, w, x, y, z, p, q, r, ax, ay, az = self._numbers.tolist()
+        time_us, n, e, d, vn, ve, vd, w, x, y, z, p, q, r, ax, ay, az = self._truth()
         return self._packer.pack(
             truth_message(
-                self.time_us, (n, e, d), (vn, ve, vd), (w, x, y, z), (p, q, r), (ax, ay, az), self.origin,
+                time_us, (n, e, d), (vn, ve, vd), (w, x, y, z), (p, q, r), (ax, ay, az), self.origin,
             )
         )  # fmt: skip
 
@@ -307,6 +306,7 @@ class Simulation(Generic[V]):
         self.traffic = traffic
         self._plants = tuple(vehicle.plant for vehicle in vehicles)
         self._encounters = Encounters(self._plants)
+        self.time_us = self.vehicles[0].time_us  # kept, since it is read several times a tick
         if from_boot:
             self._disturb()
 
@@ -321,18 +321,15 @@ class Simulation(Generic[V]):
             for vehicle in self.vehicles:
                 vehicle.disturb(self._disturbances)
 
-    @property
-    def time_us(self) -> int:
-        return self.vehicles[0].time_us
-
     def advance(self) -> None:
         """Advance every vehicle by one tick, and publish what it hit and, when due, where it is."""
         if self.traffic:
-            self.traffic.place(self._plants)
+            self.traffic.place(self._plants, self.time_us)
         self._encounters.part(TICK_US / 1e6)
         for vehicle in self.vehicles:
             vehicle.advance()
             self.bus.publish(vehicle.collisions())
+        self.time_us = self.vehicles[0].time_us
         if self.bus.has_listeners and self.time_us % TRUTH_US == 0:
             for vehicle in self.vehicles:
                 self.bus.publish(vehicle.truth())

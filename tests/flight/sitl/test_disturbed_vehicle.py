@@ -50,7 +50,7 @@ class Aloft:
 
     def _note(self) -> None:
         truth = self.vehicle.plant.truth
-        self.times_s.append(self.lockstep.time_s)
+        self.times_s.append(self.lockstep.now_s())
         self.attitudes.append(quat_to_euler(tuple(truth["attitude"].tolist())))
         self.places.append(truth["position_ned"].copy())
         self.errors.append(self._error() - self._off)
@@ -77,7 +77,7 @@ def noses_down_after_s(flight: Aloft) -> float:
     """Return the seconds from the order to fly ahead until the nose, by the truth, is 2° below where it was."""
     flight.begin()
     flight.link.wait(2.0)
-    asked_s, level = flight.lockstep.time_s, flight.attitudes[-1][1]
+    asked_s, level = flight.lockstep.now_s(), flight.attitudes[-1][1]
     flight.link.fly(Velocity(3.0, None), 20.0)
     flight.link.wait(3.0)
     down = next(
@@ -94,7 +94,7 @@ def test_a_setpoint_is_obeyed_later_by_the_wires_delay_and_the_clock_stays_right
         flight.wire.impair(Impairment(delay_s=up), Impairment(delay_s=down), 1e9)
         flight.link.behind_us = round(down * 1e6)
         took_s.append(noses_down_after_s(flight))
-        assert flight.link.time_us / 1e6 == pytest.approx(flight.lockstep.time_s, abs=0.02)
+        assert flight.link.time_us / 1e6 == pytest.approx(flight.lockstep.now_s(), abs=0.02)
     assert took_s[1] - took_s[0] == pytest.approx(0.4, abs=0.03)
     assert took_s[2] - took_s[0] == pytest.approx(0.0, abs=0.06)  # the vehicle is told at once, from where it was
 
@@ -197,7 +197,7 @@ def test_setpoints_are_sent_as_often_as_is_asked_for(hz: float | None, told: flo
     flight.begin()
     flight.link.stream_at(hz)
     flight.link.wait(2.0)
-    flight.link.on_setpoint = lambda setpoint: sent.append(flight.lockstep.time_s)
+    flight.link.on_setpoint = lambda setpoint: sent.append(flight.lockstep.now_s())
     flight.link.wait(5.0)
     assert len(sent) / 5.0 == pytest.approx(told, rel=0.06)
     assert np.ptp(np.array(flight.places), axis=0).max() < 0.3
