@@ -40,11 +40,13 @@ simulated = st.builds(
     speed=st.none() | NUMBERS, rendered=st.booleans(),
     optics=st.none() | st.just({"haze": {"density_per_m": 0.02}}),
 )  # fmt: skip
-connected = st.builds(
-    Connected, url=TEXTS, camera=OPTIONAL, calibration=st.none() | st.just(LENS), truth=OPTIONAL,
-    authority=st.builds(Authority, arm=st.booleans(), then=st.sampled_from(["land", "hold"]), dry=st.booleans()),
-)  # fmt: skip
 WORDS = TEXTS.filter(str.strip)
+authorities = st.builds(
+    lambda moves, then: Authority(arm=moves == "arm", then=then, dry=moves == "dry"),
+    st.sampled_from(["arm", "dry", "neither"]), st.sampled_from(["land", "hold"]),
+)  # fmt: skip
+filmed = st.builds(Connected, url=TEXTS, camera=WORDS, calibration=st.none() | st.just(LENS), authority=authorities)
+drawn = st.builds(Connected, url=TEXTS, truth=TEXTS, authority=authorities)
 models = st.builds(
     ModelSpec, provider=WORDS, name=WORDS, base_url=st.none() | WORDS, axis_order=st.sampled_from(["xy", "yx"]),
     temperature=st.floats(0.0, 2.0), schema=st.sampled_from([None, "object", "array"]),
@@ -65,9 +67,9 @@ def specs(draw):
     pilot = draw(st.sampled_from(["pilot", "model"]))
     place = draw(st.sampled_from(["episode", "map", "record", "instruction"]))
     chosen: dict[str, Any] = {
-        vehicle: draw(simulated if vehicle == "simulated" else connected),
+        vehicle: draw(simulated if vehicle == "simulated" else filmed if place == "instruction" else drawn),
         pilot: draw(TEXTS if pilot == "pilot" else models),
-        place: {"id": draw(TEXTS)} if place == "record" else draw(TEXTS),
+        place: {"id": draw(TEXTS)} if place == "record" else draw(WORDS),
     }
     return FlightSpec(
         **chosen,
