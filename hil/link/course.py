@@ -1,9 +1,8 @@
 """Where a vehicle was and is: the recorded poses, and the arrival at a place."""
 
 import math
+from array import array
 from bisect import bisect_left, bisect_right
-from collections import deque
-from typing import TypeVar
 
 from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Sight
@@ -47,34 +46,33 @@ class Arrival:
 KEPT_US = 375_000_000  # µs; a frame that is acted on is younger: up to a minute late, its reply five more
 OVERTAKEN_US = 5_000_000  # µs by which a report may be older than the newest and still be of the same boot
 AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
-
-Report = TypeVar("Report", tuple[int, Vec3, Vec3], tuple[int, float, float], tuple[int, float])
+DROPPED_AT_ONCE = 512  # reports that are too old, whose memory is given back together
 
 
 class PoseHistory:
     """Places and headings by the vehicle's clock."""
 
     def __init__(self) -> None:
-        self._places: deque[tuple[int, Vec3, Vec3]] = deque()  # µs, m, m/s
-        self._headings: deque[tuple[int, float, float]] = deque()  # µs, rad, rad/s
-        self._tilts: deque[tuple[int, float, float]] = deque()  # µs, rad roll, rad pitch
-        self._ranges: deque[tuple[int, float]] = deque()  # µs, m
+        self._places = _Reports(6)  # m north, east, down; m/s north, east, down
+        self._headings = _Reports(2)  # rad, rad/s
+        self._tilts = _Reports(2)  # rad roll, rad pitch
+        self._ranges = _Reports(1)  # m
 
     def place(self, time_us: int, position_ned: Vec3, velocity_ned: Vec3) -> None:
         """Record a place (m, local frame) and velocity (m/s)."""
-        _keep(self._places, (time_us, position_ned, velocity_ned))
+        self._places.keep(time_us, (*position_ned, *velocity_ned))
 
     def heading(self, time_us: int, yaw: float, yaw_rate: float) -> None:
         """Record a heading (rad) and its rate (rad/s)."""
-        _keep(self._headings, (time_us, yaw, yaw_rate))
+        self._headings.keep(time_us, (yaw, yaw_rate))
 
     def tilt(self, time_us: int, roll: float, pitch: float) -> None:
         """Record roll and pitch (rad)."""
-        _keep(self._tilts, (time_us, roll, pitch))
+        self._tilts.keep(time_us, (roll, pitch))
 
     def range(self, time_us: int, range_m: float) -> None:
         """Record a range of the rangefinder (m)."""
-        _keep(self._ranges, (time_us, range_m))
+        self._ranges.keep(time_us, (range_m,))
 
     def at(self, time_us: int) -> Sight | None:
         """Return where the vehicle was at a time (µs), None while nothing is known.
@@ -83,63 +81,98 @@ class PoseHistory:
         """
         if not self._places or not self._headings:
             return None
-        before, after, share, ahead_s = _around(self._places, time_us)
-        place = tuple(b + share * (a - b) + ahead_s * v for b, a, v in zip(before[1], after[1], after[2], strict=True))
-        first, second, part, on_s = _around(self._headings, time_us)
-        heading = first[1] + part * wrap_pi(second[1] - first[1]) + on_s * second[2]
+        before, after, share, ahead_s = self._places.around(time_us)
+        north, east, down = (
+            b + share * (a - b) + ahead_s * v for b, a, v in zip(before[:3], after[:3], after[3:], strict=True)
+        )
+        first, second, part, on_s = self._headings.around(time_us)
+        heading = first[0] + part * wrap_pi(second[0] - first[0]) + on_s * second[1]
         roll, pitch = self._tilt(time_us)
-        carried_on = time_us > min(self._places[-1][0], self._headings[-1][0])
-        return Sight((place[0], place[1], place[2]), wrap_pi(heading), roll, pitch, carried_on)
+        carried_on = time_us > min(self._places.newest_us, self._headings.newest_us)
+        return Sight((north, east, down), wrap_pi(heading), roll, pitch, carried_on)
 
     def _tilt(self, time_us: int) -> tuple[float, float]:
         """Return roll and pitch (rad) at a time, level while nothing is known; never carried on."""
         if not self._tilts:
             return 0.0, 0.0
-        before, after, share, _ = _around(self._tilts, time_us)
-        return before[1] + share * (after[1] - before[1]), before[2] + share * (after[2] - before[2])
+        before, after, share, _ = self._tilts.around(time_us)
+        return before[0] + share * (after[0] - before[0]), before[1] + share * (after[1] - before[1])
 
     def mean_place(self, seconds: float) -> Vec3 | None:
         """Return the mean place (m, local frame) over the last `seconds`, None while nothing is known."""
-        late = [place for _, place, _ in self._late(self._places, seconds)]
+        late = self._late(self._places, seconds)
         if not late:
             return None
-        north, east, down = (sum(values) / len(late) for values in zip(*late, strict=True))
+        north, east, down = (sum(values) / len(late) for values in list(zip(*late, strict=True))[:3])
         return (north, east, down)
 
     def mean_range(self, seconds: float) -> float | None:
         """Return the mean of the rangefinder (m) over the last `seconds`, None where there is none that is heard."""
-        late = [range_m for _, range_m in self._late(self._ranges, seconds)]
-        return sum(late) / len(late) if late else None
+        late = self._late(self._ranges, seconds)
+        return sum(range_m for (range_m,) in late) / len(late) if late else None
 
-    def _late(self, reports: deque[Report], seconds: float) -> list[Report]:
-        since_us = self._places[-1][0] - round(seconds * 1e6) if self._places else 0
-        return [report for report in reports if report[0] >= since_us]
-
-
-def _keep(reports: deque[Report], report: Report) -> None:
-    """Put a report into its place and drop what is too old; an older clock begins a new track."""
-    if reports and report[0] < reports[-1][0] - OVERTAKEN_US:
-        reports.clear()
-    if reports and report[0] < reports[-1][0]:  # others have overtaken it
-        k = bisect_left(reports, report[0], key=lambda entry: entry[0])
-        if reports[k][0] == report[0]:
-            reports[k] = report
-        else:
-            reports.insert(k, report)
-        return
-    if reports and report[0] == reports[-1][0]:
-        reports.pop()
-    reports.append(report)
-    while reports[0][0] < report[0] - KEPT_US:
-        reports.popleft()
+    def _late(self, reports: "_Reports", seconds: float) -> list[tuple[float, ...]]:
+        return reports.since(self._places.newest_us - round(seconds * 1e6) if self._places else 0)
 
 
-def _around(reports: deque[Report], time_us: int) -> tuple[Report, Report, float, float]:
-    """Return the reports before and after a time, how far between them it is (0 … 1), and how far beyond (s)."""
-    k = bisect_right(reports, time_us, key=lambda report: report[0])
-    if k == 0:
-        return reports[0], reports[0], 0.0, 0.0
-    if k == len(reports):
-        return reports[-1], reports[-1], 0.0, min(time_us - reports[-1][0], AHEAD_US) / 1e6
-    before, after = reports[k - 1], reports[k]
-    return before, after, (time_us - before[0]) / (after[0] - before[0]), 0.0
+class _Reports:
+    """Reports of so many numbers each, sorted by time (µs).
+
+    They lie in flat memory: as objects that live for minutes among others that live for milliseconds they would
+    fragment the heap, which then grows for hours.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._times = array("q")
+        self._values = array("d")
+        self._first = 0  # of those that are not too old
+
+    def __bool__(self) -> bool:
+        return len(self._times) > 0  # the newest is never too old
+
+    @property
+    def newest_us(self) -> int:
+        return self._times[-1]
+
+    def keep(self, time_us: int, report: tuple[float, ...]) -> None:
+        """Put a report into its place and drop what is too old; an older clock begins a new track."""
+        times = self._times
+        if times and time_us < times[-1] - OVERTAKEN_US:
+            del times[:], self._values[:]
+            self._first = 0
+        k = bisect_left(times, time_us, self._first) if times and time_us <= times[-1] else len(times)
+        if k < len(times) and times[k] == time_us:
+            self._values[k * self._width : (k + 1) * self._width] = array("d", report)
+        elif k == len(times):
+            times.append(time_us)
+            self._values.extend(report)
+        else:  # others have overtaken it
+            times.insert(k, time_us)
+            self._values[k * self._width : k * self._width] = array("d", report)
+        self._drop()
+
+    def _drop(self) -> None:
+        while self._times[self._first] < self._times[-1] - KEPT_US:
+            self._first += 1
+        if self._first >= DROPPED_AT_ONCE:
+            del self._times[: self._first], self._values[: self._first * self._width]
+            self._first = 0
+
+    def since(self, time_us: int) -> list[tuple[float, ...]]:
+        """Return the reports from a time on."""
+        return [self._report(k) for k in range(bisect_left(self._times, time_us, self._first), len(self._times))]
+
+    def around(self, time_us: int) -> tuple[tuple[float, ...], tuple[float, ...], float, float]:
+        """Return the reports before and after a time, how far between them it is (0 … 1), and how far beyond (s)."""
+        times = self._times
+        k = bisect_right(times, time_us, self._first)
+        if k == self._first:
+            return self._report(k), self._report(k), 0.0, 0.0
+        before = self._report(k - 1)
+        if k == len(times):
+            return before, before, 0.0, min(time_us - times[-1], AHEAD_US) / 1e6
+        return before, self._report(k), (time_us - times[k - 1]) / (times[k] - times[k - 1]), 0.0
+
+    def _report(self, k: int) -> tuple[float, ...]:
+        return tuple(self._values[k * self._width : (k + 1) * self._width])

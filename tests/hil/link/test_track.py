@@ -1,8 +1,9 @@
 import math
+import tracemalloc
 
 import pytest
 
-from hil.link.course import PoseHistory
+from hil.link.course import DROPPED_AT_ONCE, KEPT_US, PoseHistory
 
 
 def told(*, places=(), headings=()):
@@ -81,3 +82,36 @@ def test_the_mean_is_of_the_last_seconds_alone():
     track.range(1_000_000, 9.0)
     track.range(6_500_000, 1.0)
     assert track.mean_range(2.0) == 1.0
+
+
+def fly_straight(track, since_us, until_us, every_us=50_000):
+    """Record a straight flight at 1 m/s."""
+    for time_us in range(since_us, until_us + 1, every_us):
+        track.place(time_us, (time_us / 1e6, 0.5, -2.25), (1.0, 0.0, 0.0))
+        track.heading(time_us, 0.5, 0.0)
+        track.tilt(time_us, 0.1, -0.2)
+
+
+@pytest.mark.parametrize("more", [0, 1, DROPPED_AT_ONCE - 1, DROPPED_AT_ONCE, DROPPED_AT_ONCE + 1, 3 * DROPPED_AT_ONCE])
+def test_reports_that_are_too_old_are_forgotten_one_by_one(more):
+    track, every_us = PoseHistory(), 1_000_000
+    end_us = KEPT_US + more * every_us
+    fly_straight(track, 0, end_us, every_us)
+    oldest_s = more * every_us / 1e6
+    assert track.at(0).position_ned[0] == oldest_s
+    assert track.at(more * every_us + every_us // 2).position_ned[0] == oldest_s + 0.5
+    track.place((more + 1) * every_us, (-7.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # from so long ago that the clock began anew
+    assert track.at(end_us).position_ned[0] == -7.0
+
+
+def test_the_memory_of_a_long_flight_is_small_and_does_not_grow():
+    track, sizes = PoseHistory(), []
+    tracemalloc.start()
+    try:
+        for k in range(4):
+            fly_straight(track, k * KEPT_US + 1, (k + 1) * KEPT_US)
+            sizes.append(tracemalloc.get_traced_memory()[0])
+    finally:
+        tracemalloc.stop()
+    assert sizes[0] < 1.5e6  # 7500 reports of 13 numbers: 0.8 MB, and what an array has in reserve
+    assert sizes[-1] < 1.15 * sizes[1]
