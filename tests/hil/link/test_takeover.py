@@ -263,6 +263,17 @@ def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
         link.wait(5.0)
 
 
+@pytest.mark.parametrize("simulated", [False, True])
+def test_a_takeover_is_noticed_within_a_second(vehicle, simulated):
+    """With CURRENT_MODE, which a flight asks for at 10 Hz; the next heartbeat says that it was no failsafe."""
+    link = flying(vehicle, simulated=simulated)
+    vehicle.mode, changed_us = "POSCTL", vehicle.time_ms * 1000
+    vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["POSCTL"].custom_mode, MODES["POSCTL"].custom_mode))
+    with pytest.raises(TakeoverError):
+        link.wait(5.0)
+    assert link.time_us - changed_us <= (1_000_000 if simulated else 100_000)
+
+
 def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(vehicle):
     link = flying(vehicle, simulated=True)
     vehicle.silent.add(dialect.MAVLINK_MSG_ID_HEARTBEAT)  # lost, all of them
