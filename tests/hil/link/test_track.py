@@ -84,6 +84,12 @@ def test_the_mean_is_of_the_last_seconds_alone():
     assert track.mean_range(2.0) == 1.0
 
 
+def north(track, time_us):
+    sight = track.at(time_us)
+    assert sight is not None
+    return sight.position_ned[0]
+
+
 def fly_straight(track, since_us, until_us, every_us=50_000):
     """Record a straight flight at 1 m/s."""
     for time_us in range(since_us, until_us + 1, every_us):
@@ -98,10 +104,10 @@ def test_reports_that_are_too_old_are_forgotten_one_by_one(more):
     end_us = KEPT_US + more * every_us
     fly_straight(track, 0, end_us, every_us)
     oldest_s = more * every_us / 1e6
-    assert track.at(0).position_ned[0] == oldest_s
-    assert track.at(more * every_us + every_us // 2).position_ned[0] == oldest_s + 0.5
+    assert north(track, 0) == oldest_s
+    assert north(track, more * every_us + every_us // 2) == oldest_s + 0.5
     track.place((more + 1) * every_us, (-7.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # from so long ago that the clock began anew
-    assert track.at(end_us).position_ned[0] == -7.0
+    assert north(track, end_us) == -7.0
 
 
 def test_the_memory_of_a_long_flight_is_small_and_does_not_grow():
