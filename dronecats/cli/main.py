@@ -89,10 +89,13 @@ class VerbParser(argparse.ArgumentParser):
 
     def format_help(self) -> str:
         """Return the help, with the examples that begin with this parser's command."""
-        lines = EXAMPLES.read_text(encoding="utf-8").splitlines()
-        examples = [line for line in lines if line.startswith(f"{self.prog} ")]
-        self.epilog = self.epilog or "\n  ".join(["examples:", *examples[:3]])
+        self.epilog = self.epilog or "\n  ".join(["examples:", *self.examples()[:3]])
         return super().format_help()
+
+    def examples(self) -> list[str]:
+        """Return all example commands that begin with this parser's command."""
+        lines = EXAMPLES.read_text(encoding="utf-8").splitlines()
+        return [line for line in lines if line.startswith(f"{self.prog} ")]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, and end the program with a suggestion for an option that the command does not have."""
@@ -111,6 +114,11 @@ class VerbParser(argparse.ArgumentParser):
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the parsed command line, with the function to call as `run`. Raises SystemExit as argparse does."""
+    return command_parser(_verb(arguments)).parse_args(arguments)
+
+
+def command_parser(named: str | None) -> VerbParser:
+    """Return the parser of the command line, in which only the verb `named` has its options."""
     parser = VerbParser(
         prog="dronecats",
         description="A multimodal model as the pilot of a drone, and the benchmark that measures it.",
@@ -118,13 +126,12 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     )
     parser.add_argument("--version", action="version", version=f"dronecats {__version__}")
     verbs = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    named = _verb(arguments)
     for verb, text in VERBS.items():
         added = verbs.add_parser(verb, help=text)
         if verb == named:
             module = importlib.import_module(f"dronecats.cli.{MODULES.get(verb, verb)}")
             getattr(module, f"add_{verb}_options")(added)
-    return parser.parse_args(arguments)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:

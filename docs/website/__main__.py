@@ -1,0 +1,29 @@
+"""Builds the site: collects the pages in build/docs, then runs Sphinx, for which every warning is an error."""
+
+import shutil
+import sys
+
+from sphinx.cmd.build import build_main
+
+from docs.website import api, commands, pages
+from docs.website.places import CONFIGURATION, DOCTREES, PAGES, SITE
+
+
+def main() -> int:
+    """Build the site and return the exit status: 0, or 1 after a warning such as a broken link."""
+    # Always from nothing: Sphinx reports the warnings of a page only when it reads the page.
+    for folder in (PAGES, DOCTREES, SITE):
+        shutil.rmtree(folder, ignore_errors=True)
+    generated = [commands.write(PAGES), api.write(PAGES)]
+    pages.write(PAGES, generated)
+    status = build_main(
+        ["-q", "-b", "html", "-c", str(CONFIGURATION), "-d", str(DOCTREES), "-j", "2"]
+        + ["--fail-on-warning", "--keep-going", str(PAGES), str(SITE)]
+    )
+    if status == 0:
+        print(f"site: {SITE / 'index.html'}")
+    return status
+
+
+if __name__ == "__main__":
+    sys.exit(main())

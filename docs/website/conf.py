@@ -1,0 +1,41 @@
+"""Sphinx's configuration of the site."""
+
+from typing import Any
+
+from docs.website.docstrings import document_comments, process
+from foundation.version import __version__
+
+project = "DroneCATS"
+author = copyright = "The DroneCATS authors"
+version = release = __version__
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary"]
+root_doc = "index"
+
+myst_heading_anchors = 4  # an anchor for each heading, as GitHub makes it
+suppress_warnings = ["myst.header"]  # pages of GitHub may start with a heading of any level
+
+default_role = "code"  # `name` in docstrings
+autodoc_default_options = {"members": True, "member-order": "bysource"}
+autoclass_content = "both"
+autodoc_inherit_docstrings = False
+autodoc_preserve_defaults = True
+autosummary_generate = False  # a module's page has a table of its members, and no page for each
+toc_object_entries = False  # the table replaces them; in the navigation of every page they double the build time
+autodoc_typehints_format = "short"
+add_module_names = False
+python_maximum_signature_line_length = 80
+
+html_theme = "furo"
+html_title = f"DroneCATS {__version__}"
+html_static_path = ["style"]
+html_css_files = ["site.css"]
+html_copy_source = False
+html_use_index = html_domain_indices = False  # the search has the same entries
+html_show_sphinx = False
+pygments_style, pygments_dark_style = "friendly", "monokai"
+
+
+def setup(app: Any) -> None:
+    """Register what turns our docstrings and comments into those that Sphinx reads."""
+    document_comments()
+    app.connect("autodoc-process-docstring", process)

@@ -1,0 +1,148 @@
+"""Collects the committed pages: copies them for Sphinx, with the navigation that docs/README.md gives.
+
+Three rules turn pages of GitHub into pages of the site:
+- README.md is the index of its folder, so README.md of the repository is the front page.
+- A link to a file of the repository that is neither page nor picture leads to a page with the file's text; a link to a
+  folder leads to the list of its files.
+- Each table row of docs/README.md is an entry of the navigation under the heading of its section. The first link of the
+  row is the page; the others are below it.
+"""
+
+import os
+import re
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path, PurePosixPath
+
+from docs.website.places import ROOT
+
+INDEX = PurePosixPath("docs/README.md")
+FRONT = "README.md"
+PICTURES = (".gif", ".jpg", ".png", ".svg")
+LINK = re.compile(r"\]\((?![a-z]+:|#)([^()\s#]+)(#[^()\s]*)?\)")  # a link that stays in the repository
+TITLED = re.compile(r"(?<!!)\[([^\]]+)\]\((?![a-z]+:|#)([^()\s#]+\.md)\)")  # with its text, and to a whole page
+FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+FILES = PurePosixPath("files")  # folder of the pages that show files
+LANGUAGES = {".py": "python", ".toml": "toml", ".json": "json"}
+
+
+def write(folder: Path, generated: Sequence[str]) -> None:
+    """Write the pages of the repository into a folder. `generated`: the first pages of the generated parts."""
+    committed = _committed()
+    names = [name for name in committed if name.suffix == ".md" and (name.parts[0] == "docs" or len(name.parts) == 1)]
+    children = dict(_children(_rows()))
+    shown: set[PurePosixPath] = set()
+    for name in names:
+        text = _outside_fences((ROOT / name).read_text(encoding="utf-8"), lambda part: _relinked(part, name, shown))
+        if name in children:
+            text += _toctree(name, "", children[name])
+        if str(name) == FRONT:
+            text += _navigation(generated)
+        _write(folder / _page(name), text)
+    for name in committed:
+        if name.suffix in PICTURES and name.parts[0] == "docs":
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(ROOT / name, folder / name)
+    for name in sorted(shown):
+        _write(folder / _file_page(name), _shown(name, committed))
+
+
+def _committed() -> list[PurePosixPath]:
+    """Return the files of the repository: those that git tracks or would track, and not the ignored ones."""
+    command = ["git", "ls-files", "--cached", "--others", "--exclude-standard", "--deduplicate"]
+    listed = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    return sorted(PurePosixPath(line) for line in listed.splitlines() if (ROOT / line).is_file())
+
+
+def _page(name: PurePosixPath) -> PurePosixPath:
+    return name.with_name("index.md") if name.name == "README.md" else name
+
+
+def _file_page(name: PurePosixPath) -> PurePosixPath:
+    return FILES / name.parent / f"{name.name}.md"
+
+
+def _write(path: Path, text: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(text, encoding="utf-8")
+
+
+def _outside_fences(text: str, change: Callable[[str], str]) -> str:
+    """Return a page with all text changed that is not in a block of code."""
+    parts, end = [], 0
+    for fence in FENCE.finditer(text):
+        parts += [change(text[end : fence.start()]), fence[0]]
+        end = fence.end()
+    return "".join([*parts, change(text[end:])])
+
+
+def _target(page: PurePosixPath, link: str) -> PurePosixPath:
+    """Return the path that a link of a page means, from the repository's root."""
+    return PurePosixPath(os.path.normpath(page.parent / link))
+
+
+def _relative(page: PurePosixPath, target: PurePosixPath) -> str:
+    return PurePosixPath(os.path.relpath(target, page.parent)).as_posix()
+
+
+def _relinked(text: str, page: PurePosixPath, shown: set[PurePosixPath]) -> str:
+    """Return text with the links of the site. Adds files that need a page of their own to `shown`."""
+
+    def relink(found: re.Match[str]) -> str:
+        target, anchor = _target(page, found[1]), found[2] or ""
+        if not (ROOT / target).exists() or target.suffix in PICTURES:
+            return found[0]
+        if target.suffix == ".md":
+            return f"]({_relative(page, _page(target))}{anchor})"
+        shown.add(target)
+        return f"]({_relative(page, _file_page(target))}{anchor})"
+
+    return LINK.sub(relink, text)
+
+
+def _shown(name: PurePosixPath, committed: Sequence[PurePosixPath]) -> str:
+    """Return a page with the text of a file, or with the names of a folder's files."""
+    title = f"---\norphan: true\n---\n# {name}\n\n"
+    if (ROOT / name).is_dir():
+        return title + "\n".join(f"- `{file.relative_to(name)}`" for file in committed if file.is_relative_to(name))
+    text = (ROOT / name).read_text(encoding="utf-8")
+    return f"{title}`````{LANGUAGES.get(name.suffix, 'text')}\n{text}\n`````\n"
+
+
+Link = tuple[str, PurePosixPath]  # text and page
+
+
+def _rows() -> Iterator[tuple[str, list[Link]]]:
+    """Yield each line of docs/README.md that has links to pages, with the heading above it."""
+    heading = "Start"
+    for line in (ROOT / INDEX).read_text(encoding="utf-8").splitlines():
+        if line.startswith("## "):
+            heading = line.removeprefix("## ")
+        links = [(text[0].upper() + text[1:], _target(INDEX, path)) for text, path in TITLED.findall(line)]
+        if links and line.startswith("|"):
+            yield heading, links
+        else:
+            yield from ((heading, [link]) for link in links)
+
+
+def _children(rows: Iterator[tuple[str, list[Link]]]) -> Iterator[tuple[PurePosixPath, list[Link]]]:
+    """Yield the pages of the rows with more than one, each with the pages below it."""
+    for _, (first, *others) in rows:
+        if others:
+            yield first[1], others
+
+
+def _toctree(page: PurePosixPath, caption: str, links: Sequence[Link]) -> str:
+    entries = [f"{text} <{_relative(page, _page(target).with_suffix(''))}>" for text, target in links]
+    return "\n".join(["\n```{toctree}", ":hidden:", *([f":caption: {caption}"] if caption else []), *entries, "```\n"])
+
+
+def _navigation(generated: Sequence[str]) -> str:
+    """Return the navigation of the front page: a part for each section of docs/README.md, then the generated parts."""
+    sections: dict[str, list[Link]] = {}
+    for heading, links in _rows():
+        sections.setdefault(heading, []).append(links[0])
+    sections["Start"].insert(0, ("All pages", INDEX))
+    text = "".join(_toctree(PurePosixPath(FRONT), heading, links) for heading, links in sections.items())
+    return text + "\n".join(["\n```{toctree}", ":hidden:", ":caption: Reference", *generated, "```\n"])
