@@ -7,7 +7,7 @@ PYTEST := $(BIN)/python -m pytest
 # Where this is set, every process compiles every import anew: seconds for each of a flight's.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: fly install install-dev check unit test test-slow compatibility lock schemas metrics studies pictures clean
+.PHONY: fly install install-dev check unit test test-slow compatibility docs lock schemas metrics studies pictures clean
 
 fly: install
 	$(BIN)/dronecats fly --sitl
@@ -38,6 +38,10 @@ test-slow: install-dev
 # Scripts of other projects. docs/compatibility.md defines EXAMPLES and MAVSDK3 and is written by this target.
 compatibility: install-dev
 	$(PYTEST) tests/system/compatibility/test_examples.py -v --examples "$(EXAMPLES)" --mavsdk3 "$(MAVSDK3)"
+
+# The documentation as a site, build/site/index.html. A broken link, or a page that docs/README.md omits, is an error.
+docs: install-dev
+	$(BIN)/python -m docs.website
 
 $(VENV)/%.installed: requirements/%.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "DroneCATS needs Python 3.11 or newer; name one with: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 2; }

@@ -43,6 +43,7 @@ EXTRAS = (
     Extra("gymnasium", "episodes as a Gymnasium environment", ("gymnasium",)),
     Extra("inspect", "episodes as Inspect and Inspect Robots tasks", ("inspect_ai", "inspect_robots")),
     Extra("train", "examples/action_head, which trains a pilot", ("torch", "pyarrow")),
+    Extra("docs", "make docs", ("sphinx", "myst_parser", "furo")),
     Extra(
         "dev",
         "make test, benchmarks.page",

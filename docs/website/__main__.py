@@ -16,10 +16,9 @@ def main() -> int:
         shutil.rmtree(folder, ignore_errors=True)
     generated = [commands.write(PAGES), api.write(PAGES)]
     pages.write(PAGES, generated)
-    status = build_main(
-        ["-q", "-b", "html", "-c", str(CONFIGURATION), "-d", str(DOCTREES), "-j", "2"]
-        + ["--fail-on-warning", "--keep-going", str(PAGES), str(SITE)]
-    )
+    options = ["--quiet", "--fail-on-warning", "--keep-going", "--jobs", "2"]
+    folders = ["--conf-dir", str(CONFIGURATION), "--doctree-dir", str(DOCTREES), str(PAGES), str(SITE)]
+    status = build_main([*options, *folders])
     if status == 0:
         print(f"site: {SITE / 'index.html'}")
     return status

@@ -57,7 +57,6 @@ MODULES = (
     "dronecats.agent.controller",
     "dronecats.agent.latency",
     "dronecats.agent.loop",
-    "dronecats.agent.model_call",
     "dronecats.agent.models.model",
     "dronecats.agent.models.spec",
     "dronecats.agent.prompt",
@@ -102,15 +101,14 @@ def _first_page() -> Iterator[str]:
     yield from ("# Python API", "", "The modules that your own programs may import.", "")
     yield "[Architecture](../docs/architecture.md) explains the packages."
     for package, modules in groupby(MODULES, lambda module: module.partition(".")[0]):
-        yield from ("", f"## {package}", "", "| module | contents |", "| --- | --- |")
-        yield from (f"| [`{module}`]({module}.md) | {_summary(module)} |" for module in modules)
+        yield from ("", f"## {package}", "")
+        yield from (f"- [`{module}`]({module}.md): {_summary(module)}" for module in modules)
     yield from ("", "```{toctree}", ":hidden:", "", *MODULES, "```", "")
 
 
 def _summary(module: str) -> str:
-    """Return the first sentence of a module's docstring."""
-    paragraph = " ".join((import_module(module).__doc__ or "").partition("\n\n")[0].split())
-    return paragraph.replace("|", "\\|")
+    """Return the first paragraph of a module's docstring."""
+    return " ".join((import_module(module).__doc__ or "").partition("\n\n")[0].split())
 
 
 def _module_page(module: str) -> Iterator[str]:

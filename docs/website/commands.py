@@ -2,11 +2,10 @@
 
 import argparse
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 
-from dronecats.cli.main import HELP_COLUMNS, VERBS, VerbParser, command_parser
-from docs.website.places import ROOT
+from dronecats.cli.main import VERBS, VerbParser, command_parser
 
 MARKUP = re.compile(r"([\\*_<>\[\]{}|~$])")  # what has a meaning in Markdown
 CODE = re.compile(r"(`[^`]+`)")
@@ -17,27 +16,27 @@ def write(folder: Path) -> str:
     """Write the pages into a folder's `commands` and return the first one."""
     (folder / "commands").mkdir(parents=True)
     for verb in VERBS:
-        (folder / "commands" / f"{verb}.md").write_text("\n".join(_verb_page(verb)), encoding="utf-8")
-    (folder / "commands" / "index.md").write_text("\n".join(_first_page()), encoding="utf-8")
+        (folder / "commands" / f"{verb}.md").write_text("\n".join(verb_page(verb)), encoding="utf-8")
+    (folder / "commands" / "index.md").write_text("\n".join(first_page()), encoding="utf-8")
     return "commands/index"
 
 
-def _first_page() -> Iterator[str]:
+def first_page() -> Iterator[str]:
     """Yield the lines of the page with all verbs."""
     yield from ("# Commands", "", "Each verb has a page with its options and examples.", "")
     yield from ("| command | what it does |", "| --- | --- |")
-    yield from (f"| [`dronecats {verb}`]({verb}.md) | {_markdown(text)} |" for verb, text in VERBS.items())
+    yield from (f"| [`dronecats {verb}`]({verb}.md) | {markdown(text)} |" for verb, text in VERBS.items())
     yield from ("", "```{toctree}", ":hidden:", "", *VERBS, "```", "")
 
 
-def _verb_page(verb: str) -> Iterator[str]:
-    parser = _subparsers(command_parser(verb))[verb]
+def verb_page(verb: str) -> Iterator[str]:
+    parser = subparsers(command_parser(verb))[verb]
     yield from _section(parser, 1)
-    for action in _subparsers(parser).values():
+    for action in subparsers(parser).values():
         yield from _section(action, 2)
 
 
-def _subparsers(parser: argparse.ArgumentParser) -> dict[str, VerbParser]:
+def subparsers(parser: argparse.ArgumentParser) -> dict[str, VerbParser]:
     """Return the parsers below a parser by their names."""
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
@@ -48,18 +47,19 @@ def _subparsers(parser: argparse.ArgumentParser) -> dict[str, VerbParser]:
 def _section(parser: VerbParser, level: int) -> Iterator[str]:
     """Yield the lines about one parser: usage, options, examples. `level`: of its heading."""
     marks = "#" * level
-    yield from (f"{marks} {parser.prog}", "", _markdown(parser.description or ""), "")
-    yield from ("```text", parser.format_usage().removeprefix("usage: ").rstrip(), "```", "")
-    if actions := _subparsers(parser):
+    yield from (f"{marks} {parser.prog}", "", markdown(parser.description or ""), "")
+    usage = re.sub(r"\n +", "\n    ", parser.format_usage().removeprefix("usage: "))
+    yield from ("```text", usage.rstrip(), "```", "")
+    if actions := subparsers(parser):
         yield from ("| action | what it does |", "| --- | --- |")
         for name, action in actions.items():
-            yield f"| [`{name}`](#{action.prog.replace(' ', '-')}) | {_markdown(action.description or '')} |"
+            yield f"| [`{name}`](#{action.prog.replace(' ', '-')}) | {markdown(action.description or '')} |"
         yield ""
     yield from ("```{program} " + parser.prog, "```", "")
     for group in parser._action_groups:
         options = [action for action in group._group_actions if _is_listed(action)]
         if options:
-            yield from (f"**{_markdown((group.title or '').capitalize())}**", "")
+            yield from (f"**{markdown((group.title or '').capitalize())}**", "")
         for option in options:
             yield from _option(parser, option)
     if examples := parser.examples():
@@ -74,11 +74,11 @@ def _is_listed(action: argparse.Action) -> bool:
 def _option(parser: VerbParser, action: argparse.Action) -> Iterator[str]:
     """Yield the entry of one option or argument."""
     formatter = parser._get_formatter()
-    invocation = formatter._format_action_invocation(action)
-    yield from ("```{option} " + invocation, _markdown(formatter._expand_help(action) if action.help else ""), "```", "")
+    text = formatter._expand_help(action) if action.help else ""
+    yield from ("```{option} " + formatter._format_action_invocation(action), markdown(text), "```", "")
 
 
-def _markdown(text: str) -> str:
+def markdown(text: str) -> str:
     """Return a text of the help as Markdown, with links to the pages that it names."""
     parts = CODE.split(" ".join(text.split()))
     return "".join(part if CODE.fullmatch(part) else _linked(MARKUP.sub(r"\\\1", part)) for part in parts)

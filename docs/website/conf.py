@@ -14,6 +14,8 @@ root_doc = "index"
 myst_heading_anchors = 4  # an anchor for each heading, as GitHub makes it
 suppress_warnings = ["myst.header"]  # pages of GitHub may start with a heading of any level
 
+smartquotes = False  # they make one dash of the two of an option
+highlight_language = "none"
 default_role = "code"  # `name` in docstrings
 autodoc_default_options = {"members": True, "member-order": "bysource"}
 autoclass_content = "both"

@@ -12,7 +12,7 @@ from docs.website.api import MODULES
 # `name: type = value  # the meaning`, without a # that may belong to the value
 COMMENTED = re.compile(r"^(\s*\w+(?::| =)[^#\n]*)  # (?!type:|noqa)", re.MULTILINE)
 INDENT = "    "
-STAR = re.compile(r"(`+[^`]*`+)|([*|])")  # in code, or in a text
+MARKUP = re.compile(r"(`+[^`]*`+)|([*|]|(?<=\w)_(?!\w))")  # code; a character that is no markup in our docstrings
 
 
 def document_comments() -> None:
@@ -39,7 +39,7 @@ def preformatted(lines: list[str]) -> list[str]:
             text += ["", "::", ""]
         elif inside and not indented:
             text.append("")
-        text.append(line if indented else STAR.sub(lambda found: found[1] or f"\\{found[2]}", line))
+        text.append(line if indented else MARKUP.sub(lambda found: found[1] or f"\\{found[2]}", line))
         inside = indented
     return text
 

@@ -13,6 +13,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path, PurePosixPath
 
 from docs.website.places import ROOT
@@ -34,18 +35,21 @@ def write(folder: Path, generated: Sequence[str]) -> None:
     children = dict(_children(_rows()))
     shown: set[PurePosixPath] = set()
     for name in names:
-        text = _outside_fences((ROOT / name).read_text(encoding="utf-8"), lambda part: _relinked(part, name, shown))
+        text = outside_fences((ROOT / name).read_text(encoding="utf-8"), partial(relinked, page=name, shown=shown))
         if name in children:
             text += _toctree(name, "", children[name])
         if str(name) == FRONT:
-            text += _navigation(generated)
+            text += navigation(generated)
         _write(folder / _page(name), text)
     for name in committed:
         if name.suffix in PICTURES and name.parts[0] == "docs":
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, folder / name)
-    for name in sorted(shown):
-        _write(folder / _file_page(name), _shown(name, committed))
+    below = {folder: [file for file in committed if file.parent == folder] for folder in shown - set(committed)}
+    for name, files in below.items():
+        _write(folder / _file_page(name), _folder_text(name, files))
+    for name in shown.union(*below.values()) - set(below):
+        _write(folder / _file_page(name), _file_text(name))
 
 
 def _committed() -> list[PurePosixPath]:
@@ -68,7 +72,7 @@ def _write(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def _outside_fences(text: str, change: Callable[[str], str]) -> str:
+def outside_fences(text: str, change: Callable[[str], str]) -> str:
     """Return a page with all text changed that is not in a block of code."""
     parts, end = [], 0
     for fence in FENCE.finditer(text):
@@ -86,7 +90,7 @@ def _relative(page: PurePosixPath, target: PurePosixPath) -> str:
     return PurePosixPath(os.path.relpath(target, page.parent)).as_posix()
 
 
-def _relinked(text: str, page: PurePosixPath, shown: set[PurePosixPath]) -> str:
+def relinked(text: str, page: PurePosixPath, shown: set[PurePosixPath]) -> str:
     """Return text with the links of the site. Adds files that need a page of their own to `shown`."""
 
     def relink(found: re.Match[str]) -> str:
@@ -101,13 +105,21 @@ def _relinked(text: str, page: PurePosixPath, shown: set[PurePosixPath]) -> str:
     return LINK.sub(relink, text)
 
 
-def _shown(name: PurePosixPath, committed: Sequence[PurePosixPath]) -> str:
-    """Return a page with the text of a file, or with the names of a folder's files."""
-    title = f"---\norphan: true\n---\n# {name}\n\n"
-    if (ROOT / name).is_dir():
-        return title + "\n".join(f"- `{file.relative_to(name)}`" for file in committed if file.is_relative_to(name))
+def _folder_text(name: PurePosixPath, files: Sequence[PurePosixPath]) -> str:
+    """Return a page with the names of a folder's files, which lead to their texts."""
+    page = _file_page(name)
+    return _titled(name, "\n".join(f"- [`{file.name}`]({_relative(page, _file_page(file))})" for file in files))
+
+
+def _file_text(name: PurePosixPath) -> str:
+    """Return a page with the text of a file."""
     text = (ROOT / name).read_text(encoding="utf-8")
-    return f"{title}`````{LANGUAGES.get(name.suffix, 'text')}\n{text}\n`````\n"
+    return _titled(name, f"`````{LANGUAGES.get(name.suffix, 'text')}\n{text}\n`````")
+
+
+def _titled(name: PurePosixPath, text: str) -> str:
+    """Return a page that is not in the navigation."""
+    return f"---\norphan: true\n---\n# {name}\n\n{text}\n"
 
 
 Link = tuple[str, PurePosixPath]  # text and page
@@ -138,7 +150,7 @@ def _toctree(page: PurePosixPath, caption: str, links: Sequence[Link]) -> str:
     return "\n".join(["\n```{toctree}", ":hidden:", *([f":caption: {caption}"] if caption else []), *entries, "```\n"])
 
 
-def _navigation(generated: Sequence[str]) -> str:
+def navigation(generated: Sequence[str]) -> str:
     """Return the navigation of the front page: a part for each section of docs/README.md, then the generated parts."""
     sections: dict[str, list[Link]] = {}
     for heading, links in _rows():

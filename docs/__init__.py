@@ -1,0 +1,1 @@
+"""Pages of the documentation, and `website`, which builds a site from them."""

@@ -1,0 +1,52 @@
+"""The files that pages and code name are in the repository. `make docs` checks the links of the pages."""
+
+import re
+
+import pytest
+
+from tests.docs.pages import PAGES, ROOT
+
+ROOMS = ("autopilot", "benchmarks", "docs", "dronecats", "episodes", "foundation", "hil", "tests", "vehicles")
+NAMED = re.compile(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})(?:/[\w.-]*\w)+)")  # a path of ours, from the root
+NO_PATHS = ("dronecats/dronecats",)  # the task, as Inspect names it
+SOURCE = re.compile(r"`([\w/-]+\.py)`")  # a source file, by its path or by its name alone
+
+
+def missing(text: str) -> list[str]:
+    """Return the files of ours that a text names and that are not there."""
+    wrong = [name for name in NAMED.findall(text) if name not in NO_PATHS and not (ROOT / name).exists()]
+    return wrong + [name for name in SOURCE.findall(text) if name not in wrong and not _is_there(name)]
+
+
+def _is_there(name: str) -> bool:
+    return (ROOT / name).exists() if "/" in name else any(path for room in ROOMS for path in (ROOT / room).rglob(name))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_what_a_page_names_is_there(page):
+    assert missing(page.read_text(encoding="utf-8")) == []
+
+
+def test_every_page_that_the_code_names_is_there():
+    """In help, in errors and in docstrings; PX4's own docs/en are another project's."""
+    named = {
+        (page, path.name)
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.py")
+        for page in re.findall(r"(?<![\w/])docs/(?!en/)[\w/-]+\.md", path.read_text(encoding="utf-8"))
+    }
+    assert len(named) > 10
+    assert [(page, by) for page, by in named if not (ROOT / page).exists()] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        ("see `vehicles/nothing.py`", ["vehicles/nothing.py"]),
+        ("see `rotor.py` and `nothing.py`", ["nothing.py"]),
+        ("see `sitl/pace.py`", ["sitl/pace.py"]),  # from the root, or by its name alone
+        ("see tests/none/test_nothing.py.", ["tests/none/test_nothing.py"]),
+    ],
+)
+def test_what_is_not_there_is_found(text, wrong):
+    assert missing(text) == wrong
