@@ -71,7 +71,6 @@ MODULES = (
     "dronecats.judge.diagnostics",
     "dronecats.judge.judged_flight",
     "dronecats.judge.metrics.metric",
-    "dronecats.judge.metrics.registry",
     "dronecats.judge.verdict",
     "dronecats.pilots.actions",
     "dronecats.pilots.server",

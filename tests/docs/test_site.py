@@ -1,12 +1,14 @@
 """The pages that `make docs` makes from the repository, before Sphinx reads them."""
 
 import re
+from importlib.util import find_spec
 from pathlib import PurePosixPath
 
 import pytest
 
-from docs.website import commands, pages
+from docs.website import api, commands, pages
 from docs.website.docstrings import preformatted
+from docs.website.places import ROOT
 from dronecats.cli.main import VERBS, command_parser
 
 PAGE = PurePosixPath("docs/sitl.md")
@@ -39,7 +41,7 @@ def test_blocks_of_code_keep_their_text():
 
 def test_the_index_of_the_docs_is_the_navigation():
     navigation = pages.navigation(["commands/index"])
-    index = (pages.ROOT / pages.INDEX).read_text(encoding="utf-8")
+    index = (ROOT / pages.INDEX).read_text(encoding="utf-8")
     assert [
         heading for heading in re.findall("^## (.+)$", index, re.M) if f":caption: {heading}\n" not in navigation
     ] == []
@@ -62,6 +64,10 @@ def test_the_page_of_a_verb_has_all_words_of_its_help(verb):
 def test_the_first_page_of_the_commands_leads_to_every_verb():
     text = "\n".join(commands.first_page())
     assert [verb for verb in VERBS if f"({verb}.md)" not in text or f"\n{verb}\n" not in text] == []
+
+
+def test_the_public_modules_are_there():
+    assert [module for module in api.MODULES if find_spec(module) is None] == []
 
 
 @pytest.mark.parametrize(
