@@ -58,7 +58,7 @@ REPLAY_PICTURE = MadePicture("replay.jpg", (1200, 675), (*(palette.shade(color) 
 
 LIVE_PICTURE = MadePicture("watching.jpg", (1400, 757), (CHOSEN,))
 REPORT_PICTURE = MadePicture("report-step.jpg", (1100, 701), (CHOSEN,))
-MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE)
+MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE, REPORT_PICTURE)
 
 
 class Standing:
