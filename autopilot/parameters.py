@@ -153,14 +153,14 @@ class ParameterTable:
         try:
             changes = typed(json_of(file_bytes(file, where), where), dict[str, float], where)
         except UsageError as error:
-            raise UsageError(f"{error}; correct the file or delete it.") from error
+            raise UsageError(f"{error}. Correct the file or delete it.") from error
         for name, value in changes.items():
             if name not in self._values:  # a name that an older version knew is no reason to refuse to fly
                 continue
             try:
                 self.set(name, value)
             except ValueError as error:
-                raise UsageError(f"{name} in the parameter file {file}: {error}; correct it or delete it.") from error
+                raise UsageError(f"{name} in the parameter file {file}: {error}. Correct it or delete it.") from error
 
     def _save(self, file: Path) -> None:
         changed = {name: value for name, value in self._values.items() if value != self._defaults[name]}

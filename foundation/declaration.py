@@ -50,7 +50,7 @@ class DeclaredNumber:
             number = None
         if number is None or not self.low <= number <= self.high or (self.whole and number != int(number)):
             got = f"{value:g}" if isinstance(value, float) else f"{value!r:.60}"
-            raise UsageError(f"{self.name} wants {self.wanted}, got {got}")
+            raise UsageError(f"{self.name} must be {self.wanted}, got {got}")
         return int(number) if self.whole else number
 
 

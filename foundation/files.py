@@ -76,7 +76,7 @@ class SqliteFile:
             self._db.execute("PRAGMA synchronous=NORMAL")  # a kill loses nothing; a power cut may lose the last moment
         except sqlite3.DatabaseError as error:
             self._db.close()
-            raise UsageError(f"{path} is no {kind.name}: {error}; move it away, or name another file") from None
+            raise UsageError(f"{path} is not a {kind.name}: {error}. Move it away, or name another file") from None
         except UsageError:
             self._db.close()
             raise
@@ -86,12 +86,14 @@ class SqliteFile:
         (application,) = self._db.execute("PRAGMA application_id").fetchone()
         (version,) = self._db.execute("PRAGMA user_version").fetchone()
         if application != kind.application_id:
-            raise UsageError(f"{path} is no {kind.name} but another database; name another file")
+            raise UsageError(f"{path} is another database, not a {kind.name}. Name another file")
         if version != kind.version:
-            raise UsageError(f"the {kind.name} {path} is of version {version}, not {kind.version}; name another file")
+            raise UsageError(
+                f"the {kind.name} {path} has version {version} instead of {kind.version}. Name another file"
+            )
         (fault,) = self._db.execute("PRAGMA quick_check(1)").fetchone()
         if fault != "ok":
-            raise UsageError(f"the {kind.name} {path} is damaged: {fault}; move it away, or name another file")
+            raise UsageError(f"the {kind.name} {path} is damaged: {fault}. Move it away, or name another file")
 
     @contextmanager
     def transaction(self) -> Iterator[sqlite3.Connection]:

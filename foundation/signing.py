@@ -27,7 +27,7 @@ def load_key(path: Path) -> bytes:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UsageError(f"--sign {path} cannot be read: {error.strerror}; give a file with a key") from None
+        raise UsageError(f"--sign {path} cannot be read: {error.strerror}. Give a file with a key") from None
     digits = data.strip()
     if len(digits) == 2 * KEY_BYTES:
         try:
@@ -36,8 +36,8 @@ def load_key(path: Path) -> bytes:
             data = b""
     if len(data) != KEY_BYTES or not any(data):
         raise UsageError(
-            f"--sign {path} is no key: it has to hold 64 hexadecimal digits or 32 bytes, not all of them zero;"
-            f" make one with `openssl rand -hex 32 > {path}`"
+            f"--sign {path} is not a key: it must have 64 hexadecimal digits or 32 bytes, not all zero. Make one"
+            f" with `openssl rand -hex 32 > {path}`"
         )
     return data
 

@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, NoReturn, TypeVar, Union, get_args, 
 import msgspec
 
 from foundation.errors import UsageError
-from foundation.wording import did_you_mean, nearest
+from foundation.wording import suggestion
 
 BYTES_MAX = 1_000_000  # of a file that people write by hand
 DEPTH_MAX = 12  # levels of brackets in a JSON file
@@ -89,12 +89,12 @@ def json_of(data: bytes, where: str, bytes_max: int = BYTES_MAX, depth_max: int 
     except UnicodeDecodeError as error:
         raise UsageError(f"{where} is not UTF-8 text (byte {error.start})") from None
     except (ValueError, RecursionError) as error:  # a number of thousands of digits
-        raise UsageError(f"{where} is not JSON that can be read: {_reason(error)}") from None
+        raise UsageError(f"{where} is not readable JSON: {_reason(error)}") from None
 
 
 def _check_size(data: bytes, where: str, bytes_max: int) -> None:
     if len(data) > bytes_max:
-        raise UsageError(f"{where} is larger than {bytes_max} bytes, which no such file is")
+        raise UsageError(f"{where} has more than {bytes_max} bytes, too many for such a file")
 
 
 def _reason(error: Exception) -> str:
@@ -113,7 +113,7 @@ def typed(value: Any, kind: type[T], where: str, at: str = "") -> T:
         except msgspec.ValidationError as error:
             fault = _rejected(str(error), value, kind, at)
         except UnicodeError:  # half a surrogate pair
-            fault = at, "holds a character that is no text"
+            fault = at, "has a character that is not text"
     place, reason = fault
     raise UsageError(f"{where}: {shown(place)} {reason}" if place else f"{where} {reason}")
 
@@ -143,16 +143,12 @@ def shown(value: Any) -> str:
 
 def unknown(key: str, names: Iterable[str]) -> str:
     """Return the message about an unknown key."""
-    names = list(names)
-    near = nearest(key, names, count=1)
-    return f"is unknown: {did_you_mean(near) if near else 'known are ' + ', '.join(names)}"
+    return f"is not known: {suggestion(key, names, count=1, cutoff=0.6)}"
 
 
 def no_choice(value: Any, choices: Iterable[str]) -> str:
     """Return the message about a value that is not one of the choices."""
-    names = list(choices)
-    near = nearest(value, names, cutoff=0.4) if isinstance(value, str) else []
-    return f"is {shown(value)}: use one of {', '.join(near or names)}"
+    return f"is {shown(value)}: {suggestion(value if isinstance(value, str) else '', choices)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +174,7 @@ class FieldRule:
             return "is not a list" if low is None else f"is not a list of {low} or more items"
         if is_dataclass(self.kind):
             return "is not a table of keys and values"
-        return WRONG.get(get_origin(self.kind) or self.kind, "is not what it should be")
+        return WRONG.get(get_origin(self.kind) or self.kind, "is not valid")
 
     @property
     def own_words(self) -> str | None:

@@ -38,6 +38,13 @@ def did_you_mean(names: Iterable[str]) -> str:
     return f"did you mean {' or '.join(repr(name) for name in names)}?"
 
 
+def suggestion(word: str, names: Iterable[str], *, count: int = 3, cutoff: float = 0.4) -> str:
+    """Return a question with the names that are similar to a word, or the list of all names if none is."""
+    choices = list(names)
+    near = nearest(word, choices, count, cutoff)
+    return did_you_mean(near) if near else f"choose one of {', '.join(choices)}"
+
+
 LINE = "\n"  # the only allowed control character
 _SPACE = "Zs"  # category of Unicode: spaces of all widths, which Python calls unprintable
 

@@ -77,7 +77,7 @@ class Impairment:
         check_bounds(self)
         for start, end in self.cuts:
             if not 0.0 <= start < end < math.inf:
-                raise UsageError(f"a cut lasts from 0 s or later to a later moment, got {start:g} to {end:g}")
+                raise UsageError(f"a cut must go from 0 s or later to a later time, got {start:g} to {end:g}")
 
 
 @dataclass(slots=True)

@@ -232,8 +232,8 @@ def sensor_period_us(url: str) -> int:
     carried_hz = SHARE * int(baud) / BITS_PER_BYTE / SENSOR_BYTES
     if carried_hz < RATE_LEAST_HZ:
         raise UsageError(
-            f"--hitl {url}: {baud} baud carry {carried_hz:.0f} sensor messages a second beside the other traffic, and "
-            f"flying needs {RATE_LEAST_HZ}; use USB, or 460800 baud or more on both ends"
+            f"--hitl {url}: {baud} baud carry {carried_hz:.0f} sensor messages a second beside the other traffic,"
+            f" but flying needs {RATE_LEAST_HZ}. Use USB, or 460800 baud or more on both ends"
         )
     return -(-1_000 // min(RATE_MAX_HZ, int(carried_hz))) * 1_000
 

@@ -1,6 +1,5 @@
 """Airframes by name or by TOML file, checked, and with a payload under the body."""
 
-import difflib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ from foundation.airframe import Airframe
 from foundation.errors import UsageError
 from foundation.frames import GRAVITY
 from foundation.typed_file import fields_of, toml_table, typed, unknown
+from foundation.wording import suggestion
 
 _FOLDER = Path(__file__).parent / "airframes"
 PX4_ROTORS = 4  # of PX4's airframe none_iris
@@ -28,14 +28,13 @@ def load(name_or_path: str) -> Airframe:
         path = Path(name_or_path)
         if not path.is_file():
             raise UsageError(
-                f"airframe file {name_or_path} does not exist: give an existing file or one of {', '.join(names())}"
+                f"airframe file {name_or_path} does not exist. Give an existing file or one of {', '.join(names())}"
             )
     else:
         path = _FOLDER / f"{name_or_path}.toml"
         if name_or_path not in names():
-            near = difflib.get_close_matches(name_or_path, names(), n=2, cutoff=0.4)
-            hint = f"did you mean {' or '.join(near)}" if near else f"choose one of {', '.join(names())}"
-            raise UsageError(f"airframe '{name_or_path}' is unknown: {hint}, or give the path of a .toml file")
+            hint = suggestion(name_or_path, names(), count=2)
+            raise UsageError(f"airframe '{name_or_path}' is not known: {hint} You can also give a .toml file")
     return parse(toml_table(path, f"airframe file {path.name}"), path.stem)
 
 
@@ -43,7 +42,8 @@ def quadrotor(airframe: Airframe) -> Airframe:
     """Return an airframe of four rotors: PX4's simulated one (`none_iris`) mixes for four. Raises UsageError."""
     if len(airframe.rotors) != PX4_ROTORS:
         raise UsageError(
-            f"PX4 flies quadrotors here, and {airframe.name} has {len(airframe.rotors)} rotors; choose another"
+            f"PX4 flies only quadrotors here, but {airframe.name} has {len(airframe.rotors)} rotors. Choose"
+            " another airframe"
         )
     return airframe
 

@@ -62,7 +62,7 @@ def parse(table: dict[str, Any], name: str, rotors: int, suite: Suite | None = N
     where = f"fault script {name}"
     entries = typed(table, FaultScript, where).fault
     if len(entries) > MAX_FAULTS:
-        raise UsageError(f"{where}: it lists {len(entries)} faults, and at most {MAX_FAULTS} are possible")
+        raise UsageError(f"{where}: it has {len(entries)} faults, but at most {MAX_FAULTS} are possible")
     faults = []
     for number, entry_table in enumerate(entries, 1):
         entry = typed(entry_table, FaultEntry, f"{where}, entry {number}")

@@ -18,6 +18,7 @@ from foundation.compiled import Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 from foundation.sensors import MAX_ROTORS
+from foundation.wording import suggestion
 from vehicles.records import FAULTS, GPS_QUEUE, MAX_FAULTS
 
 NONE, BIAS, DELAY, FREEZE, FAIL, WEAKEN = range(6)
@@ -51,16 +52,16 @@ def script(faults: Iterable[Fault], rotors: int, gps_period_us: int, gps_latency
     for i, fault in enumerate(faults):
         where = f"fault {fault.kind} of {fault.part}"
         if i >= MAX_FAULTS:
-            raise UsageError(f"fault script: more than {MAX_FAULTS} faults; leave some out")
+            raise UsageError(f"fault script: more than {MAX_FAULTS} faults. Leave some out")
         if fault.part not in PARTS or PARTS[fault.part] >= ROTOR_1 + rotors:
             names = [name for name, number in PARTS.items() if number < ROTOR_1 + rotors]
-            raise UsageError(f"{where}: this vehicle has no such part; choose one of {', '.join(names)}")
+            raise UsageError(f"{where}: this vehicle has no such part: {suggestion(fault.part, names)}")
         is_rotor = PARTS[fault.part] >= ROTOR_1
         kinds = ["fail", "weaken"] if is_rotor else ["fail", "freeze", "bias"] + ["delay"] * (fault.part == "gps")
         if fault.kind not in kinds:
-            raise UsageError(f"{where}: this part can only {', '.join(kinds)}")
+            raise UsageError(f"{where}: this part can only have the kinds {', '.join(kinds)}")
         if fault.until_us <= fault.from_us:
-            raise UsageError(f"{where}: it must end after it begins, not at {fault.until_us} µs")
+            raise UsageError(f"{where}: it must end after it begins, but it ends at {fault.until_us} µs")
         if fault.kind == "delay":
             longest = (gps_period_us * (GPS_QUEUE - 1) - gps_latency_us) * 1e-6
             if not 0.0 <= fault.value[0] <= longest:

@@ -380,7 +380,7 @@ class Plans:
                     raise UsageError(f"{where}: the {name} could not be flown")
                 self.items[kind] = items
         except (UsageError, ValueError) as error:  # a text that is no number
-            raise UsageError(f"{error}; correct the file or delete it.") from error
+            raise UsageError(f"{error}. Correct the file or delete it.") from error
         self.current = stored.current if 0 <= stored.current < len(self.mission) else 0
 
     def _save(self) -> None:

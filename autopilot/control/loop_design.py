@@ -172,7 +172,7 @@ def shape_rate(airframe: Airframe, cutoff_hz: float, derivative_hz: float, yaw: 
         result = margin(rate_loop(airframe, p, i, d, cutoff_hz, derivative_hz, yaw), FREQUENCIES[::6])
         if result.phase_deg >= RATE_PHASE_MARGIN and result.gain_db >= RATE_GAIN_MARGIN:
             return float(p), float(i), float(d)
-    raise UsageError(f"no stable rate loop for airframe {airframe.name!r}: check its rotor time constants")
+    raise UsageError(f"airframe {airframe.name!r} has no stable rate loop. Check its rotor time constants")
 
 
 def loops(airframe: Airframe, gains: Gains) -> dict[str, Response]:
@@ -208,7 +208,8 @@ def design(airframe: Airframe) -> Gains:
     hover = hover_thrust(airframe)
     if not 0.05 < hover < 0.8:
         raise UsageError(
-            f"airframe {airframe.name!r} hovers at {hover:.0%} of its full thrust: it needs between 5 % and 80 %"
+            f"airframe {airframe.name!r} hovers at {hover:.0%} of its full thrust. It needs between 5 % and 80 %;"
+            " check its mass and rotors"
         )
     # filters a decade above the fastest crossover that the rotors allow, within what PX4 uses
     cutoff_hz = min(max(1.6 / rotor_lag(airframe), 60.0), 120.0)
@@ -247,7 +248,7 @@ def design(airframe: Airframe) -> Gains:
         if not (result.phase_deg >= PHASE_MARGIN_MIN and result.gain_db >= GAIN_MARGIN_MIN):
             raise UsageError(
                 f"the {name} loop of airframe {airframe.name!r} keeps only {result.phase_deg:.0f}° and "
-                f"{result.gain_db:.1f} dB: check its inertia, rotors and time constants"
+                f"{result.gain_db:.1f} dB margin. Check its inertia, rotors and time constants"
             )
     return gains
 

@@ -107,8 +107,8 @@ def allocation(airframe: Airframe) -> Allocation:
     )
     if np.linalg.matrix_rank(effectiveness, tol=1e-9) < 4:
         raise UsageError(
-            f"airframe {airframe.name!r} cannot be controlled: its rotors do not make roll, pitch, yaw and lift "
-            "independently, check their positions and spins"
+            f"airframe {airframe.name!r} cannot be controlled: its rotors do not give independent roll, pitch, yaw"
+            " and lift. Check their positions and spins"
         )
     rotor_max = airframe.thrust_max / count
     inverse = np.linalg.pinv(effectiveness) / rotor_max  # fraction per N·m, N
@@ -117,7 +117,7 @@ def allocation(airframe: Airframe) -> Allocation:
     mix[:count, :3] = inverse[:, :3] * torque_max
     mix[:count, 3] = inverse[:, 3] * airframe.thrust_max
     if mix[:count, 3].min() <= 0.0:
-        raise UsageError(f"airframe {airframe.name!r} cannot hover level: move its centre of mass between its rotors")
+        raise UsageError(f"airframe {airframe.name!r} cannot hover level. Move its centre of mass between its rotors")
     roll, pitch, yaw = (float(value) for value in torque_max)
     return Allocation(effectiveness, mix, (roll, pitch, yaw), airframe.thrust_max)
 

@@ -36,7 +36,7 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(
-            f"The folder {folder} cannot be made ({error.strerror}); give one that can be written to."
+            f"The folder {folder} cannot be created ({error.strerror}). Give one that can be written to."
         ) from error
 
 

@@ -123,7 +123,9 @@ class Cockpit:
             while not coming.done():
                 yield
                 if patience_s is not None and now_s() > start_s + patience_s:
-                    raise CameraError(f"the camera has not answered for {patience_s:g} s: no picture, no flight")
+                    raise CameraError(
+                        f"the camera has sent no image for {patience_s:g} s. Check it with: dronecats camera check URL"
+                    )
             return coming.result()
 
         if self.pictures is None:

@@ -18,6 +18,7 @@ import numpy as np
 from dronecats.agent.models.model import Reply
 from foundation.declaration import ABOVE_0, DeclaredNumber
 from foundation.errors import UsageError
+from foundation.wording import did_you_mean, nearest
 
 LONGEST_S = 300.0  # an episode
 FASTEST_HZ = 20.0  # rate of the ticks on which a reply is noticed
@@ -26,7 +27,7 @@ TRACE_MAX = 10_000  # latencies of a trace, all of which are in run.json
 CHARACTERS_A_TOKEN = 4  # of a reply without a token count, such as a built-in pilot's
 COMMANDER = 255  # drone number of a commander's questions; no vehicle has it
 STEADY_CV = 1e-3  # below it a gamma equals its mean
-NOTHING_ADDED = "--latency real is what really passes, to which nothing is added"
+NOTHING_ADDED = "--latency real is the measured time of a reply and cannot be combined with another policy"
 REAL, TRACE, FIXED, RATE, JITTER, STALL, CAP = "real", "trace", "fixed", "rate", "jitter", "stall", "cap"
 
 Seed = tuple[int, ...]  # of the episode and of this flight
@@ -82,9 +83,12 @@ class LatencyPolicy:
         parts = tuple(_part(word, trace) for word in words)
         kinds = [part.kind for part in parts]
         if twice := next((kind for kind in kinds if kinds.count(kind) > 1), None):
-            raise UsageError(f"--latency has {twice} twice: '{text}'; leave one of them out")
+            raise UsageError(f"--latency names {twice} twice: '{text}'. Leave one of them out")
         if trace is not None and TRACE not in kinds:
-            raise UsageError(f"--latency {text} charges nothing recorded, and the flight has a recorded latency_trace")
+            raise UsageError(
+                f"--latency {text} uses no recorded latencies, but the flight has a latency_trace. Leave"
+                " one of them out"
+            )
         return cls(parts)
 
     def __str__(self) -> str:
@@ -150,7 +154,9 @@ def _part(text: str, trace: Sequence[float] | None) -> LatencyPart:
     name, colon, value = text.partition(":")
     if name not in KINDS:
         policies = ", ".join(kind.form(name) for name, kind in KINDS.items())
-        raise UsageError(f"--latency wants real, {policies}, or several of them joined by +, got '{text}'")
+        if near := nearest(name, KINDS, count=1):
+            raise UsageError(f"--latency {text} is not known: {did_you_mean([KINDS[near[0]].form(near[0])])}")
+        raise UsageError(f"--latency must be real, {policies}, or several of them joined by +, got '{text}'")
     if name == TRACE:
         return LatencyPart(text, name, _recorded(text, value, trace))
     return LatencyPart(text, name, KINDS[name].read(text, value.split(",") if colon else []))
@@ -158,11 +164,11 @@ def _part(text: str, trace: Sequence[float] | None) -> LatencyPart:
 
 def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[float, ...]:
     if trace is None:
-        raise UsageError(f"--latency {text} is of recorded latencies that are not in the flight; name their file")
+        raise UsageError(f"--latency {text} needs the recorded latencies. Name their file: --latency trace:FILE")
     if not 0 < len(trace) <= TRACE_MAX or not all(0.0 <= seconds <= LONGEST_S for seconds in trace):
-        raise UsageError(f"--latency {text} wants 1 to {TRACE_MAX:,} latencies of 0 to {LONGEST_S:g} s")
+        raise UsageError(f"--latency {text} must have 1 to {TRACE_MAX:,} latencies of 0 to {LONGEST_S:g} s each")
     if name != trace_name(trace):
-        raise UsageError(f"--latency {text} is of other latencies than the flight has, which are {trace_name(trace)}")
+        raise UsageError(f"--latency {text} names other latencies than the flight, which has {trace_name(trace)}")
     return tuple(trace)
 
 
@@ -271,7 +277,7 @@ class LatencyKind:
             return tuple(quantity.read(float(value)) for quantity, value in zip(self.quantities, values, strict=False))
         except (ValueError, UsageError):
             wanted = ", ".join(f"{quantity.name} {quantity.wanted}" for quantity in self.quantities) or "no number"
-            raise UsageError(f"--latency {self.form(text.partition(':')[0])} wants {wanted}, got '{text}'") from None
+            raise UsageError(f"--latency {self.form(text.partition(':')[0])} needs {wanted}, got '{text}'") from None
 
 
 def _number(name: str, low: float, high: float, unit: str = "") -> DeclaredNumber:

@@ -137,14 +137,16 @@ def await_reply(
         if now_s() >= cap_s:
             break
         if patience_s is not None and now_s() > start_s + patience_s:
-            raise ModelError(f"the model has not answered for {patience_s:g} s: no decision, no flight")
+            raise ModelError(f"the model has not answered for {patience_s:g} s. Check its server")
     if asking.due(now_s()):
         return True
     if last_reply:
         while not asking.answered:
             yield
             if patience_s is not None and now_s() > start_s + patience_s:
-                raise ModelError(f"the model has not answered for {patience_s:g} s, nor when the episode was over")
+                raise ModelError(
+                    f"the model has not answered for {patience_s:g} s, and not until the end of the episode"
+                )
         asking.reply()
     return False
 
@@ -199,7 +201,7 @@ class Decider:
         )
         if frames is None:
             if not self._tally.taken:
-                raise CameraError("no picture came before the episode was over")
+                raise CameraError("no image arrived before the end of the episode")
             return None
         if self._host:
             on_purpose_s = self._cockpit.pictures.held_s if self._cockpit.pictures else 0.0
@@ -221,7 +223,7 @@ class Decider:
             yield from await_reply(asking, self._now_s, start_s, cap_s, questions.patience_s, questions.last_reply)
         ):
             if not self._tally.taken:
-                raise ModelError("the model did not answer once before the episode was over")
+                raise ModelError("the model sent no reply before the end of the episode")
             return []  # the episode was over before the reply: too late to be an action
         decisions = self._decide(frames, asking, thinking)
         yield from self._act(cap_s)

@@ -1,6 +1,5 @@
 """The prompt of a pilot: one template file, which alone declares the action space, and the history in it."""
 
-import difflib
 import hashlib
 import re
 from collections import deque
@@ -67,12 +66,11 @@ class Prompt:
         """Return the prompt of a user's template; `where` names it in errors. Raises UsageError for an unusable one."""
         for name in _LIKE_A_FIELD.findall(template):
             if name not in FIELDS:
-                near = difflib.get_close_matches(name, FIELDS, n=1)
-                hint = f"did you mean {{{near[0]}}}?" if near else f"fields are {', '.join(FIELDS)}"
-                raise UsageError(f"{where} has {{{name}}}, which is no field; {hint}")
+                hint = suggestion(name, [f"{{{field}}}" for field in FIELDS], cutoff=0.6)
+                raise UsageError(f"{where} has {{{name}}}, which is not a field: {hint}")
         missing = [name for name in NEEDED if f"{{{name}}}" not in template]
         if missing:
-            raise UsageError(f"{where} lacks the field {{{missing[0]}}}")
+            raise UsageError(f"{where} does not have the field {{{missing[0]}}}. Add it")
         return cls(template)
 
     @property
@@ -138,7 +136,7 @@ def prompt_listing(source: str, where: str) -> str:
     fields = [f"{{{name}}}" for name in NEEDED]
     prompts = [text for text in texts if all(field in text for field in fields)]
     if not texts:
-        raise UsageError(f"{where} has no listing (lstlisting or verbatim); give the LaTeX file that holds the prompt")
+        raise UsageError(f"{where} has no listing (lstlisting or verbatim). Give the LaTeX file that has the prompt")
     if not prompts:
         raise UsageError(
             f"{where} has {counted(len(texts), 'listing')}, none with {' and '.join(fields)};"
@@ -146,7 +144,7 @@ def prompt_listing(source: str, where: str) -> str:
         )
     if len(prompts) > 1:
         raise UsageError(
-            f"{where} has {len(prompts)} listings that are prompts; keep the one to fly in a file of its own"
+            f"{where} has {len(prompts)} listings that are prompts. Put one of them into a file of its own"
         )
     return Prompt.of(prompts[0], f"the listing in {where}").template
 

@@ -113,11 +113,13 @@ class Bench:
             before = json_object(self.out / layout.BENCH)
             paths = self.out.iterdir() if self.out.exists() else ()
             if before is None and any(not path.name.startswith(layout.STUDY) for path in paths):
-                raise UsageError(f"{self.out} is not empty and has no {layout.BENCH}; choose another --out")
+                raise UsageError(
+                    f"{self.out} is not empty and has no {layout.BENCH}, so it is not a benchmark. Choose another --out"
+                )
         except OSError as error:
             raise _unwritable(self.out, error) from None
         if before is not None and before.get("suite") != now["suite"]:
-            raise UsageError(f"{self.out} is a benchmark of other episodes; choose another --out")
+            raise UsageError(f"{self.out} is a benchmark with other episodes. Choose another --out")
         names = {run["name"] for run in now["runs"]}
         kept = [run for run in (before or {}).get("runs", ()) if run.get("name") not in names]
         return {**now, "runs": [*now["runs"], *kept]}
@@ -132,7 +134,7 @@ class Bench:
 
 
 def _unwritable(folder: Path, error: OSError) -> UsageError:
-    return UsageError(f"the folder {folder} cannot be written: {error.strerror}; choose another --out")
+    return UsageError(f"the folder {folder} cannot be written: {error.strerror}. Choose another --out")
 
 
 def setting_of(entry: BenchEntry) -> str:

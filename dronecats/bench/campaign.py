@@ -48,9 +48,12 @@ class Batch:
             if before is not None:
                 changed = differences(before, configuration)
                 if changed:
-                    raise UsageError(f"{run} is a run with another {', '.join(changed)}; choose another --out")
+                    raise UsageError(
+                        f"{run} is a run with another {', '.join(changed)}. Choose another --out, or use"
+                        " the same options"
+                    )
             elif any(path.name != LOCK for path in run.iterdir()):
-                raise UsageError(f"{run} is not empty and has no run.json; choose another --out")
+                raise UsageError(f"{run} is not empty and has no run.json, so it is not a run. Choose another --out")
             write_run(run, dict(configuration))
         except OSError as error:
             raise UsageError(f"the run folder {run} cannot be written: {error.strerror}") from None

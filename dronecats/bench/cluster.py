@@ -115,7 +115,7 @@ class ClusterEngine:
         if worker is None or (worker.load and len(self._workers) < self._most):
             worker = self._hire() or worker
         if worker is None:
-            raise InfrastructureError("no worker of the cluster can be started: it has no core left for one")
+            raise InfrastructureError("no worker can be started: the cluster has no free core. Wait, or add nodes")
         flight = sortie.flight
         if self._ledger is not None:
             flight = replace(flight, accounts=replace(flight.accounts, ledger=ON_CLUSTER + self._ledger, cache=None))
@@ -140,7 +140,7 @@ class ClusterEngine:
             if flying.worker in self._workers:
                 self._workers.remove(flying.worker)
                 ray.kill(flying.worker.handle)
-            return lost(sortie, f"its worker is gone: {type(death).__name__}")
+            return lost(sortie, f"its worker ended: {type(death).__name__}")
         except ray.exceptions.RayError as fault:
             return lost(sortie, f"its worker failed: {type(fault).__name__}")
         _write_files(files, sortie.folder)
@@ -196,7 +196,9 @@ class ClusterEngine:
                     ) from None
         if digest != code_digest():
             ray.kill(handle)
-            raise UsageError("a node of the cluster has another dronecats; install the same on all of them")
+            raise UsageError(
+                "a node of the cluster has another version of dronecats. Install the same version on all nodes"
+            )
         self._workers.append(_Actor(handle))
         return self._workers[-1]
 
@@ -210,7 +212,7 @@ class ClusterEngine:
             if _cores_of(ray.nodes()) <= len(self._workers):
                 return False
             if time.monotonic() > ends_s:
-                raise ray.exceptions.GetTimeoutError(f"a worker has not started in {STARTED_S:g} s")
+                raise ray.exceptions.GetTimeoutError(f"a worker of the cluster has not started within {STARTED_S:g} s")
         return True
 
 
@@ -222,7 +224,7 @@ def _check_reachable(address: str) -> None:
     """Raise UsageError when nothing listens at HOST:PORT; Ray itself would wait for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not port.isdigit():
-        raise UsageError(f"--address must be HOST:PORT of the cluster's head, got '{address}'")
+        raise UsageError(f"--address must be HOST:PORT of the cluster's head node, got '{address}'")
     try:
         socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
     except OSError as error:
@@ -237,7 +239,7 @@ def _keeper(ledger: Path) -> tuple[Any, str]:
     try:
         ray.get(keeper.ready.remote(), timeout=STARTED_S)
     except ray.exceptions.RayError as fault:
-        raise InfrastructureError(f"the ledger {ledger} cannot be kept: {_first_line(fault)}") from None
+        raise InfrastructureError(f"the ledger {ledger} cannot be written: {_first_line(fault)}") from None
     return keeper, name
 
 

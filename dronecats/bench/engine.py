@@ -204,10 +204,10 @@ class LocalEngine:
             if not self._stopped:  # else `close` ended the worker
                 self._landed.put(fault)
         except OSError as full:
-            self._landed.put(InfrastructureError(f"the run cannot be written: {full.strerror}"))
+            self._landed.put(InfrastructureError(f"the run folder cannot be written: {full.strerror}"))
         except Exception as bug:  # only this thread can report that its flights will never land
             self._landed.put(
-                InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program: {bug}")
+                InfrastructureError(f"an unexpected {type(bug).__name__}, which is a bug in dronecats: {bug}")
             )
         finally:
             self._end(worker)
@@ -227,7 +227,7 @@ class LocalEngine:
             self._landed.put(landed_with(outcome, sortie))
         if (hanging := _hanging(list(flying.values()), self._hang_s)) is not None:
             raise InfrastructureError(
-                f"the flight in {hanging.sortie.folder} hangs: no log grew for {self._hang_s:g} s"
+                f"the flight in {hanging.sortie.folder} hangs: its logs have not grown for {self._hang_s:g} s"
             )
 
     def _lose(self, flying: dict[str, _InFlight], fault: str) -> None:

@@ -42,19 +42,19 @@ class ChosenSuite:
 def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
     """Return the episodes of some suites, or these. Raises UsageError for no episode, and for an unreadable one."""
     if episodes and names:
-        raise UsageError("choose one: the episodes by name, or --suite")
+        raise UsageError("choose episodes by name or with --suite, not both")
     chosen = list(dict.fromkeys(episodes))
     for name in () if chosen else names:
         chosen += [episode for episode in catalogue.suite_ids(name) if episode not in chosen]
     if not chosen:
-        raise UsageError("no episodes: add --suite NAME, or episodes by id or file")
+        raise UsageError("no episodes were named. Add --suite NAME, or episodes by id or file")
     records = {episode: catalogue.load(episode) for episode in chosen}
     times = Counter(record.id for record in records.values())
     for episode, record in records.items():
         if times[record.id] > 1:
-            raise UsageError(f"two of the episodes have the id '{record.id}'; give each its own")
+            raise UsageError(f"two episodes have the id '{record.id}'. Give each its own id")
         if record.id in catalogue.all_ids() and not catalogue.ships(record):
-            raise UsageError(f"{episode}: '{record.id}' is the id of an episode that ships; choose another id")
+            raise UsageError(f"{episode}: '{record.id}' is the id of a shipped episode. Choose another id")
     versions = {record.version for record in records.values()}
     title = None if episodes else "+".join(names)
     digest = suite_digest((record.id, record.to_json()) for record in records.values())
@@ -111,9 +111,9 @@ def entries(
                     )
     times = Counter(entry.name for entry in runs)
     if double := next((name for name, count in times.items() if count > 1), None):
-        raise UsageError(f"two of the runs have the name {double}; give their pilots other names in the file")
+        raise UsageError(f"two runs have the name {double}. Give their pilots other names in the file")
     if not runs:
-        raise UsageError("no pilot to fly: name one with --model or --pilot")
+        raise UsageError("no pilot was named. Add --model or --pilot")
     return runs
 
 

@@ -168,9 +168,12 @@ def audit_table(rows: Iterable[ScoreRow], floors: Mapping[str, Floor | None]) ->
         words("episodes"), *map(numbers, ("solved", "at first", "in three")), numbers("precision", decimals=2),
         numbers("false", decimals=1), numbers("steps"), *([words("")] if has_notes else []),
     ]  # fmt: skip
-    notes = ["solved, at first, in three: of the flights; false: declarations a flight; steps: median of the solved"]
+    notes = [
+        "solved, at first, in three: % of the flights; false: false declarations per flight; steps: median of"
+        " the solved flights"
+    ]
     if not any(floors.values()):
-        notes.append("no blind pilot has flown all of these episodes: --pilot blind:ring does")
+        notes.append("no blind pilot has flown all of these episodes. Fly one with: --pilot blind:ring")
     return table_of(columns, (line if has_notes else line[:-1] for line in lines), *notes)
 
 
@@ -312,17 +315,22 @@ def bench_table(rows: Sequence[BenchRow]) -> ReportTable:
         notes = [_notes(row)] if has_notes else []
         return table_row(row.group, f"{row.solved}/{row.flights}", share, *rates, *unread, *notes)
 
-    notes = ["SR: with its 95 % interval; control rate: decisions per second of vehicle time, quantiles over all steps"]
+    notes = [
+        "SR: success rate, % of the flights, with its 95 % interval. Control rate: decisions per second of"
+        " vehicle time, quantiles over all steps"
+    ]
     if has_unread:
-        notes.append("unreadable: replies without an action; of these, refused (by model or provider), and cut off")
+        notes.append(
+            "unreadable: replies without an action. Some of these: refused (by the model or its provider), cut off"
+        )
     blocks = in_blocks((row.setting, line(row)) for row in rows)
     return ReportTable(columns=tuple(columns), blocks=blocks, notes=tuple(notes))
 
 
 def _notes(row: BenchRow) -> str:
     counts = (
-        (row.errors, "broken, not scored"),
-        (row.retries, "flown once more"),
+        (row.errors, "errors, not scored"),
+        (row.retries, "retried"),
         (row.stalled, f"delayed by the host{', left out' if row.dropped else ''}"),
         (row.broken_pins, "replies later than the pinned rate"),
     )

@@ -22,7 +22,7 @@ def add_bench_options(parser: argparse.ArgumentParser) -> None:
         "episodes",
         nargs="*",
         metavar="ID|FILE",
-        help="ids or records; a .toml file with all options (docs/bench.md); or export-parquet RUN…",
+        help="ids or record files; or a .toml file with all options: docs/bench.md; or export-parquet RUN…",
     )
     add(episodes, (*SELECTION, bench_spec.NO_RETRY))
     add(parser.add_argument_group("pilot"), (*PILOTS, *bench_spec.MATRIX))
@@ -66,7 +66,7 @@ def _export(args: argparse.Namespace) -> int:
 
     runs = [Path(name) for name in args.episodes[1:]]
     if not runs or args.out is None:
-        raise UsageError(f"{EXPORT} wants run folders, or folders of runs, and --out DIR for the files")
+        raise UsageError(f"{EXPORT} needs run folders, or folders of runs, and --out DIR for the files")
     rows, damage = write_tables("parquet", recorded_runs(runs), args.out)
     for episode in damage:
         print_note(f"dronecats bench: damaged, exported only as a row of the table episodes: {episode}")

@@ -79,7 +79,7 @@ def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespa
     for name, most in MOST.items():
         value = getattr(args, name)
         if value is not None and not 1 <= value <= most:
-            raise UsageError(f"--{name} wants 1 to {most}, got {value}")
+            raise UsageError(f"--{name} must be 1 to {most}, got {value}")
     return args
 
 
@@ -93,7 +93,7 @@ def checked(path: Path, table: dict[str, Any], names: Sequence[str], more_names:
         name = key.replace("-", "_")
         if name not in names:
             near = nearest(name, (*names, *more_names), count=1)
-            raise UsageError(f"{path}: '{key}' is not known{f'; {did_you_mean(near)}' if near else ''}")
+            raise UsageError(f"{path}: '{key}' is not known{f': {did_you_mean(near)}' if near else ''}")
         values[name] = _checked(path, name, value)
     return values
 
@@ -104,7 +104,7 @@ def _checked(path: Path, name: str, value: Any) -> Any:
     try:
         checked = FILE_OPTIONS[name].read(value)
     except ValueError as wanted:
-        raise UsageError(f"{path}: {name} wants {wanted}, got {value!r:.60}") from None
+        raise UsageError(f"{path}: {name} must be {wanted}, got {value!r:.60}") from None
     return [from_folder(policy, path.parent) for policy in checked] if name == "latency" else checked
 
 
@@ -140,7 +140,7 @@ def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
     from dronecats.flight.spec.flight_spec import latency_policy
 
     if args.rate and args.latency:
-        raise UsageError("--rate and --latency both set the time of a reply; leave one of them out")
+        raise UsageError("--rate and --latency both set the time of a reply. Leave one of them out")
     if args.rate:
         return [latency_policy(f"rate:{rate}") for rate in args.rate]
     return [latency_policy(text) for text in args.latency or [DEFAULT if args.speed == "max" else "real"]]
@@ -193,16 +193,16 @@ def _model(row: Any, args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
         model = model_of(row, args)
         return model.title, {"model": model}
     if stray := next((key for key in row if key not in ROW), None):
-        raise UsageError(f"a model of the file has '{stray}', which is none of {', '.join(ROW)}")
+        raise UsageError(f"a model of the file has the unknown key '{stray}'. Known keys are {', '.join(ROW)}")
     if not isinstance(row.get("name"), str):
-        raise UsageError('a model of the file that is a table wants a name = "PROVIDER/NAME"')
+        raise UsageError('a model of the file that is a table needs a name = "PROVIDER/NAME"')
     values = {option.name: getattr(args, option.name) for option in MODEL}
     own = {name: str(row[name]) for name in values if name in row}
     if "reasoning" in row:
         own["reasoning_effort"] = str(row["reasoning"])
     for option in MODEL:
         if option.choices and own.get(option.name, option.choices[0]) not in option.choices:
-            wanted = f"wants one of {', '.join(option.choices)}, got '{own[option.name]}'"
+            wanted = f"must be one of {', '.join(option.choices)}, got '{own[option.name]}'"
             raise UsageError(f"{option.name} of {row['name']} {wanted}")
     model = model_of(row["name"], argparse.Namespace(**{**values, **own}))
     return str(row.get("called", model.title)), {"model": model}

@@ -26,7 +26,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
     check.add_argument("url", metavar="URL", help=url_help)
     check.add_argument("--calibration", type=Path, metavar="FILE", help="OpenCV's calibration file of this camera")
     check.add_argument("--seconds", type=float, default=5.0, metavar="N", help="length of the measurement (default 5)")
-    check.add_argument("--save", type=Path, metavar="FILE", help="write the last frame as the pilot would see it")
+    check.add_argument("--save", type=Path, metavar="FILE", help="write the last frame as the pilot sees it")
     check.add_argument("--json", action="store_true", help="print one JSON object")
     calibrate = actions.add_parser("calibrate", help="measure the lens from pictures of a chessboard")
     calibrate.add_argument("url", metavar="URL|FOLDER", help=url_help)
@@ -43,7 +43,7 @@ def add_camera_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Check or calibrate; status 2 for unusable input, 3 for a camera that delivers no frame."""
     if not 0.1 <= args.seconds <= 3600.0:
-        raise UsageError(f"--seconds wants a number from 0.1 to 3600, got {args.seconds:g}")
+        raise UsageError(f"--seconds must be 0.1 to 3600, got {args.seconds:g}")
     return _check(args) if args.action == "check" else _calibrate(args)
 
 
@@ -55,7 +55,7 @@ def _check(args: argparse.Namespace) -> int:
     from hil.cameras.open import open_camera
 
     if args.save and not cv2.haveImageWriter(str(args.save)):
-        raise UsageError(f"--save {str(args.save)!r} should end in .jpg or .png")
+        raise UsageError(f"--save {str(args.save)!r} must end in .jpg or .png")
     began_s = time.monotonic()
     camera = open_camera(args.url, host_us, load(args.calibration) if args.calibration else None)
     try:
@@ -92,13 +92,18 @@ def _table(measured: dict[str, Any]) -> "ReportTable":
     def ms(value: float | None) -> str:
         return "unknown" if value is None else f"{value:.0f} ms"
 
-    source = "from the calibration, straightened" if measured["calibrated"] else "assumed: calibrate, or aim is off"
+    source = (
+        "from the calibration; the lens is corrected"
+        if measured["calibrated"]
+        else "assumed, so points are inexact; to measure it: dronecats camera calibrate"
+    )
     rate = "unknown" if measured["rate_hz"] is None else f"{measured['rate_hz']:.1f} Hz"
-    limit = ", as fast as it was asked" if measured["asked"] else ""
+    limit = ", limited by the requests" if measured["asked"] else ""
     age = (
-        "unknown: it stamps by the vehicle's clock"
+        "unknown: its time stamps are of the vehicle's clock"
         if measured["age_ms"] is None
-        else f"{ms(measured['age_ms'])}, at worst {ms(measured['oldest_ms'])}, from arrival here to a picture in hand"
+        else f"{ms(measured['age_ms'])}, at worst {ms(measured['oldest_ms'])}, from its arrival on this computer"
+        " until it is decoded"
     )
     return table_of(
         (words(""), words("")),
@@ -109,12 +114,12 @@ def _table(measured: dict[str, Any]) -> "ReportTable":
             ("interval", f"{ms(measured['interval_ms'])}, jitter {ms(measured['jitter_ms'])}, "
                          f"longest {ms(measured['longest_ms'])}"),
             ("age", age),
-            ("missing", f"{measured['missing']}, by gaps in the rhythm"),
-            ("repeated", f"{measured['repeated']}, the same picture as before"),
+            ("missing", f"{measured['missing']}, counted by gaps between the frames"),
+            ("repeated", f"{measured['repeated']}, equal to the frame before"),
             ("not seen", f"{measured['unseen']}, this computer was busy"),
             ("reopened", f"{measured['reopened']} times"),
         ),
-        "The camera's own delay (exposure, coding, network) is in none of these: docs/cameras.md shows it.",
+        "The camera's own delay (exposure, coding, network) is not included. To measure it: docs/cameras.md",
     )  # fmt: skip
 
 
@@ -123,7 +128,7 @@ def _calibrate(args: argparse.Namespace) -> int:
 
     board = board_of(args.board, args.square)
     if args.out.suffix not in (".yml", ".yaml", ".xml", ".json"):
-        raise UsageError(f"--out '{args.out}' should end in .yml, .yaml, .xml or .json")
+        raise UsageError(f"--out '{args.out}' must end in .yml, .yaml, .xml or .json")
     report: Callable[[str], None] = (lambda line: None) if args.json else print_line
     collect = _views_in_folder if Path(args.url).is_dir() else _views_of_camera
     views, width, height = collect(args, board, report)
@@ -135,13 +140,13 @@ def _calibrate(args: argparse.Namespace) -> int:
         print(json.dumps({**asdict(result), "hfov_deg": model.hfov_deg, "file": str(args.out)}))
         return 0
     matrix = result.calibration.matrix
-    print(f"  views       {result.views}, the worst is off by {result.worst_px:.2f} px")
+    print(f"  views       {result.views}, the worst with an error of {result.worst_px:.2f} px")
     print(f"  error       {result.calibration.error_px:.3f} px, root mean square")
     print(f"  focal       {matrix[0][0]:.1f}, {matrix[1][1]:.1f} px ± {result.focal_sigma:.2%}")
     print(f"  centre      {matrix[0][2]:.1f}, {matrix[1][2]:.1f} px of {width}×{height}")
     print(f"  distortion  {', '.join(f'{k:.4f}' for k in result.calibration.distortion)}")
     print(f"  corners     in {result.coverage:.0%} of the picture")
-    print(f"  straight    {model.hfov_deg:.1f}° wide")
+    print(f"  corrected   {model.hfov_deg:.1f}° wide")
     print(f"written: {args.out}")
     if not Path(args.url).is_dir():
         print_next("camera calibrate", camera=args.url, file=args.out)
@@ -161,7 +166,7 @@ def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str
             raise UsageError(f"{path} is not a picture")
         size = size or picture.shape
         if picture.shape != size:
-            raise UsageError(f"{path} is of another size than the pictures before it")
+            raise UsageError(f"{path} has another size than the pictures before it. Use pictures of one size")
         places = corners(picture, board)
         report(f"  {path.name}: {'no board' if places is None else 'seen'}")
         if places is not None:
@@ -187,7 +192,7 @@ def _views_of_camera(args: argparse.Namespace, board: Any, report: Callable[[str
     try:
         frame = camera.newest()
         height, width = frame.image_rgb.shape[:2]
-        report(f"hold the board still in view, then move and tilt it: {VIEWS_WANTED} views are needed")
+        report(f"Hold the board still in the picture. Then move and tilt it, until there are {VIEWS_WANTED} views")
         end_s = time.monotonic() + args.seconds
         while len(views) < VIEWS_WANTED and time.monotonic() < end_s:
             places = corners(cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR), board)

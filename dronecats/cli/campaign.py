@@ -45,9 +45,9 @@ def check_engine(args: argparse.Namespace) -> None:
     from foundation import extras
 
     if view_of(args) and args.engine == "ray":
-        raise UsageError("--view shows flights on this machine only, not on a cluster; leave it out")
+        raise UsageError("--view shows flights of this machine only, not of a cluster. Leave it out")
     if args.address and args.engine != "ray":
-        raise UsageError("--address goes with --engine ray; add it or leave --address out")
+        raise UsageError("--address goes with --engine ray. Add it, or leave --address out")
     if args.engine == "ray":
         extras.require("ray")
 
@@ -57,7 +57,10 @@ def allow_locks(runs: int) -> None:
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = runs + SPARE_FILES
     if hard != resource.RLIM_INFINITY and wanted > hard:
-        raise UsageError(f"{runs:,} runs need as many open files, and the system allows {hard:,}; fly fewer at a time")
+        raise UsageError(
+            f"{runs:,} runs need as many open files, but the system allows {hard:,}. Fly fewer runs at a time, or"
+            " raise ulimit -n"
+        )
     if soft != resource.RLIM_INFINITY and wanted > soft:
         resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
 
@@ -100,7 +103,7 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
             if flight.dropped:
                 live.say(f"{name}: {flight.dropped} more flights of this model are cancelled")
             if flight.again:
-                live.say(f"{name}: it did not move, and is retried once")
+                live.say(f"{name}: the drone did not move; the flight is retried once")
             live.now(state(), progress.done)
 
         live = Live(progress.total)
@@ -132,8 +135,10 @@ def _cost_line(estimate: "CostEstimate") -> str:
     flights = f"{counted(estimate.flights, 'flight')} of models"
     usd = estimate.left_usd()
     if usd is None:
-        return f"cost of {flights}: unknown, since {estimate.unpriced} has no prices"
-    return f"cost of {flights}: about ${usd:.2f} if each flies to its cap; updated as flights end"
+        return f"cost of {flights}: unknown, because {estimate.unpriced} has no prices"
+    return (
+        f"cost of {flights}: about ${usd:.2f} if each flies to its time limit. The estimate is updated as flights end"
+    )
 
 
 def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
@@ -144,7 +149,7 @@ def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
     if args.engine != "ray":
         return LocalEngine(out / "worker.log", jobs)
     if args.cache:
-        raise UsageError("--cache is a file of this machine, which a cluster cannot read; leave it out")
+        raise UsageError("--cache is a file of this machine, and a cluster cannot read it. Leave it out")
     from dronecats.bench.cluster import ClusterEngine
 
     return ClusterEngine(jobs, out / LEDGER if args.model else None, args.address)
@@ -173,6 +178,8 @@ def status(result: CampaignResult, verb: str) -> int:
         print_note(f"dronecats {verb}: {reason}. The same command resumes")
         return 3
     if result.broken:
-        print_note(f"dronecats {verb}: {counted(len(result.broken), 'flight')} broke off. The same command retries")
+        print_note(
+            f"dronecats {verb}: {counted(len(result.broken), 'flight')} ended in an error. The same command retries"
+        )
         return 3
     return 0

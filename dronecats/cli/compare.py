@@ -13,14 +13,16 @@ from foundation.errors import UsageError
 
 def add_compare_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("a", type=Path, help="a run folder, or the folder of one episode in it")
-    parser.add_argument("b", type=Path, help="another one")
+    parser.add_argument(
+        "a", type=Path, metavar="RUN[/EPISODE]", help="a run folder, or the folder of one episode in it"
+    )
+    parser.add_argument("b", type=Path, metavar="RUN[/EPISODE]", help="the other flight, likewise")
     parser.add_argument(
         "--within",
         type=float,
         default=1.0,
         metavar="M",
-        help="distance that still agrees (default 1)",
+        help="largest distance that counts as equal, in metres (default 1)",
     )
     parser.add_argument(
         "--seconds",
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     for name in ("within", "seconds"):
         value = getattr(args, name)
         if not (math.isfinite(value) and value > 0):
-            raise UsageError(f"--{name} wants a number above 0, got {value:g}")
+            raise UsageError(f"--{name} must be a number above 0, got {value:g}")
     a, b = logs_of(args.a), logs_of(args.b)
     same, steps = same_replies(a, b, args.seconds)
     align = args.align or ("step" if same == steps > 0 else "time")
@@ -93,11 +95,11 @@ def _print(result: dict[str, Any]) -> None:
     replies = f"{result['same_replies']} of {result['steps']} replies are the same"
     print(f"{replies}, aligned by {result['aligned_by']}; poses: {a} and {b}")
     for drone in result["drones"]:
-        print(f"{drone_label(drone['drone'])}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m of path")
+        print(f"{drone_label(drone['drone'])}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m long paths")
         spans = ([span[name] for name in heads] for span in drone["minutes"])
         show(table_of(columns, spans))
         print(
-            f"  at the end {drone['final_m']:.2f} m apart; beside the other's path by {drone['beside_m']:.2f} m at most"
+            f"  {drone['final_m']:.2f} m apart at the end; at most {drone['beside_m']:.2f} m away from the other's path"
         )
     worst_m = max(drone["first"]["max_m"] for drone in result["drones"])
     if result["agree"]:
@@ -105,4 +107,4 @@ def _print(result: dict[str, Any]) -> None:
     elif worst_m > result["within_m"]:
         print(f"DIFFER: {worst_m:.2f} m apart within {result['seconds']:g} s, more than {result['within_m']:g} m")
     else:
-        print(f"TOO SHORT: both flew {result['compared_s']:.1f} s of the {result['seconds']:g} s wanted")
+        print(f"TOO SHORT: both flights last {result['compared_s']:.1f} s, less than --seconds {result['seconds']:g}")

@@ -226,7 +226,7 @@ def _rays() -> Diagnosis:
         return Diagnosis(
             "rays", MISSING, "Embree misses a triangle in front of it", "pip install --force-reinstall embreex"
         )
-    return Diagnosis("rays", OK, "Embree hits what is in front of it")
+    return Diagnosis("rays", OK, "Embree finds the triangle in front of it")
 
 
 def port(number: int, purpose: str) -> Diagnosis:

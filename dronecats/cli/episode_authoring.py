@@ -14,7 +14,9 @@ from foundation.errors import UsageError
 
 def add_edit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("what", nargs="?", default="residential", metavar="MAP|ID", help="default: residential")
+    parser.add_argument(
+        "what", nargs="?", default="residential", metavar="MAP|ID", help="map or episode to edit (default residential)"
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("my-episodes"), metavar="DIR", help="folder for records (default my-episodes)"
     )
@@ -34,7 +36,7 @@ def _edit(args: argparse.Namespace) -> int:
     editor = Editor(args.what, args.out, port, hosts)
     return serve(
         editor,
-        f"editing at {editor.url} ({reach(hosts)}); records go to {args.out}/ · Ctrl-C ends",
+        f"editing at {editor.url} ({reach(hosts)}); records are written to {args.out}/ · Ctrl-C ends",
         browser=not args.no_browser,
     )
 
@@ -44,13 +46,16 @@ def add_new_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
     parser.add_argument("--map", metavar="NAME", help="a map's name")
     parser.add_argument("--cell", metavar="CELL", help="approaching, searching, tracking, search-and-track, commanding")
-    parser.add_argument("--count", type=int, default=1, metavar="N", help="how many (default: 1)")
+    parser.add_argument("--count", type=int, default=1, metavar="N", help="number of records (default 1)")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="equal seeds give equal records (default 0)")
     parser.add_argument(
-        "--first", type=int, metavar="N", help="number in the first record's id (default: the next after what ships)"
+        "--first",
+        type=int,
+        metavar="N",
+        help="number in the first record's id (default: the first that no shipped record has)",
     )
-    parser.add_argument("--map-seed", type=int, default=1, metavar="N", help="the map's own seed (default: 1)")
-    parser.add_argument("--official", action="store_true", help="make the shipped catalogue again instead")
+    parser.add_argument("--map-seed", type=int, default=1, metavar="N", help="seed of the map (default 1)")
+    parser.add_argument("--official", action="store_true", help="make all shipped records again instead")
     parser.add_argument(
         "--jobs", type=int, default=0, metavar="N", help="processes for --official (default: one per core)"
     )
@@ -63,11 +68,11 @@ def _new(args: argparse.Namespace) -> int:
 
     if args.official:
         if args.map or args.cell:
-            raise UsageError("--official makes every map and cell: leave --map and --cell out.")
+            raise UsageError("--official makes records for every map and cell. Leave --map and --cell out")
         batches = proposals.make(args.jobs or None)
     else:
         if not (args.map and args.cell):
-            raise UsageError("choose a map and a cell: --map residential --cell approaching, for example.")
+            raise UsageError("choose a map and a cell, for example --map residential --cell approaching")
         first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
         task = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
         proposals.validate(task)
@@ -75,7 +80,7 @@ def _new(args: argparse.Namespace) -> int:
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"--out '{args.out}' cannot be made a folder: {error.strerror}.") from None
+        raise UsageError(f"--out '{args.out}' cannot be created: {error.strerror}. Choose another --out") from None
     files = []
     for batch in batches:
         for record in batch:
@@ -92,10 +97,10 @@ def _write(file: Path, text: str, replace: bool) -> None:
     """Write a record. Raises UsageError for a file that holds another one, unless `replace`, or cannot be written."""
     try:
         if not replace and file.exists() and file.read_bytes() != text.encode():
-            raise UsageError(f"'{file}' holds another record: choose another --out or --first.")
+            raise UsageError(f"'{file}' has another record. Choose another --out or --first")
         file.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise UsageError(f"'{file}' cannot be written: {error.strerror}.") from None
+        raise UsageError(f"'{file}' cannot be written: {error.strerror}") from None
 
 
 def add_sheet_options(parser: argparse.ArgumentParser) -> None:
@@ -110,7 +115,7 @@ def _sheet(args: argparse.Namespace) -> int:
     from episodes.authoring.asset_pictures import write_contact_sheet
 
     if args.out.suffix.lower() not in (".jpg", ".jpeg"):
-        raise UsageError(f"--out {args.out}: a sheet is a JPEG; call it {args.out.with_suffix('.jpg')}")
+        raise UsageError(f"--out {args.out}: a sheet is a JPEG. Name it {args.out.with_suffix('.jpg')}")
 
     write_contact_sheet(args.assets, args.out)
     print(args.out)
@@ -134,8 +139,8 @@ def _optics(args: argparse.Namespace) -> int:
 
 def add_probe_options(parser: argparse.ArgumentParser) -> None:
     """Declare the action's options."""
-    parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="where the pictures go")
-    parser.add_argument("--seed", type=int, default=0, help="of the inscriptions (default 0)")
+    parser.add_argument("--out", type=Path, metavar="DIR", required=True, help="folder for the pictures")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the inscriptions (default 0)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_probe)
 
@@ -143,7 +148,7 @@ def add_probe_options(parser: argparse.ArgumentParser) -> None:
 def _probe(args: argparse.Namespace) -> int:
     """Write the pictures, their index and a contact sheet."""
     if args.seed < 0:
-        raise UsageError(f"--seed wants 0 or more, got {args.seed}")
+        raise UsageError(f"--seed must be 0 or more, got {args.seed}")
     from dronecats.report.table import numbers, table_of, words
     from episodes.authoring.asset_pictures import write_probe
 
@@ -155,5 +160,5 @@ def _probe(args: argparse.Namespace) -> int:
         return 0
     columns = (words("picture"), words("letters"), numbers("distance", unit="m"), numbers("height of a letter (px)"))
     show(table_of(columns, ((p.file, p.text, f"{p.distance_m:g}", f"{p.letter_px:.2f}") for p in probes)))
-    print(f"written to {args.out}, with index.json and contact-sheet.png")
+    print(f"written: {args.out}, with index.json and contact-sheet.png")
     return 0

@@ -46,13 +46,15 @@ def add_episodes_options(parser: argparse.ArgumentParser) -> None:
     checking.add_argument(
         "--json", action="store_true", help='print {"checked": n, "rejected": {ID: reason}, "suite": [reason]}'
     )
-    checking.add_argument("--rules", action="store_true", help="print the measurement of every rule, too")
+    checking.add_argument("--rules", action="store_true", help="also print the measurement of every rule")
     checking.add_argument("--jobs", type=int, default=0, metavar="N", help="processes (default: one per core)")
     checking.set_defaults(run=_check)
     add_new_options(actions.add_parser("new", help="propose records that pass the checks, from a seed"))
     add_sheet_options(actions.add_parser("sheet", help="draw assets at 6, 12, 24 and 48 m on one sheet"))
     add_optics_options(actions.add_parser("optics", help="draw one place with every lens, sensor and weather option"))
-    add_audit_options(actions.add_parser("audit", help="fly episodes with a built-in pilot, and report per suite"))
+    add_audit_options(
+        actions.add_parser("audit", help="fly episodes with a built-in pilot, to check that they can be solved")
+    )
     add_probe_options(actions.add_parser("probe", help="draw a sign and a plate at 4 to 16 m, as a model gets them"))
 
 
@@ -122,7 +124,7 @@ def _lines(record: "EpisodeRecord", member: "Sequence[str]", par: int | None) ->
         ("par", f"{par} steps" if par else "not flown yet"),
         ("instruction", record.instruction),
         ("target", goal),
-        ("start", f"{record.start_distance_m:g} m off, bearing {record.bearing_deg:g}°, {seen}"),
+        ("start", f"{record.start_distance_m:g} m away, bearing {record.bearing_deg:g}°, {seen}"),
     ]
 
 
@@ -132,9 +134,9 @@ def _check(args: argparse.Namespace) -> int:
     from episodes.records import catalogue
 
     if args.jobs < 0:
-        raise UsageError("--jobs wants a number of processes, 1 or more")
+        raise UsageError("--jobs must be 1 or more processes")
     if args.episodes and args.suite:
-        raise UsageError("choose one: the episodes by name, or --suite")
+        raise UsageError("choose episodes by name or with --suite, not both")
     names = args.episodes or catalogue.suite_ids(args.suite or "all")
     for name in names:
         catalogue.must_exist(name)

@@ -32,12 +32,14 @@ def add_audit_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--latency", default="fixed:0.1", metavar="POLICY", help="fixed:SECONDS of vehicle time (default fixed:0.1)"
     )
-    parser.add_argument("--rendered", action="store_true", help="render frames also for pilots that do not look")
+    parser.add_argument("--rendered", action="store_true", help="also render frames for pilots that do not use them")
     parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default: one per core)")
     parser.add_argument("--out", type=Path, metavar="DIR", help="run folder; an unfinished one is resumed")
-    parser.add_argument("--write-par", action="store_true", help="keep the oracle's steps in episodes/records/par.json")
     parser.add_argument(
-        "--write-blind", action="store_true", help="keep a blind pilot's flights in episodes/records/blind.json"
+        "--write-par", action="store_true", help="write the oracle's steps to episodes/records/par.json"
+    )
+    parser.add_argument(
+        "--write-blind", action="store_true", help="write a blind pilot's results to episodes/records/blind.json"
     )
     parser.add_argument("--json", action="store_true", help="end with one JSON object on standard output")
     parser.set_defaults(run=run)
@@ -57,11 +59,11 @@ def run(args: argparse.Namespace) -> int:
 
     interrupt_on_signals()
     if args.jobs is not None and not 1 <= args.jobs <= 64:
-        raise UsageError(f"--jobs wants 1 to 64, got {args.jobs}")
+        raise UsageError(f"--jobs must be 1 to 64, got {args.jobs}")
     if args.write_par and args.pilot != "oracle":
-        raise UsageError("--write-par keeps the oracle's steps; leave out --pilot")
+        raise UsageError("--write-par works with the pilot oracle only. Leave --pilot out")
     if args.write_blind and not args.pilot.startswith("blind:"):
-        raise UsageError("--write-blind keeps a blind pilot's flights; add --pilot blind:NAME")
+        raise UsageError("--write-blind works with blind pilots only. Add --pilot blind:NAME")
     chosen = tuple(suite_of(args.episodes, [args.suite] if args.suite else [] if args.episodes else ["all"]).records)
     spec = _flight(args)
     flight = look_up(spec)
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         results += fly_run(batch, spec, chosen, args.jobs or cores(), ended)
     except KeyboardInterrupt:
-        print_note(f"\ninterrupted: --out {batch.run} resumes")
+        print_note(f"\ninterrupted. To resume, add --out {batch.run}")
         raise
     finally:
         bar.close()

@@ -21,16 +21,27 @@ def add_flightlog_options(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     listing = actions.add_parser("list", help="list the logs on board")
     fetching = actions.add_parser("fetch", help="download one log")
-    tracing = actions.add_parser("trace", help="derive the pose trace of a flight without truth, and judge it by that")
+    tracing = actions.add_parser(
+        "trace", help="estimate the path of a real flight from its log, and judge the flight by it"
+    )
     for action in (listing, fetching):
         action.add_argument("--connect", required=True, metavar="URL", help="udpin://0.0.0.0:14550, serial://…")
         action.add_argument("--json", action="store_true", help="print one JSON object")
     fetching.add_argument("--out", type=Path, default=Path(), metavar="DIR", help="folder for the log (default: here)")
     fetching.add_argument("--log", type=int, metavar="N", help="number of the log on board (default: the newest)")
-    tracing.add_argument("run_dir", type=Path, help="a run folder of one episode, or the folder of the episode")
+    tracing.add_argument(
+        "run_dir", type=Path, metavar="RUN[/EPISODE]", help="a run folder of one episode, or the folder of the episode"
+    )
     tracing.add_argument("--ulog", type=Path, metavar="FILE", help="the autopilot's own log (default: flight.tlog)")
-    tracing.add_argument("--target", metavar="LAT,LON[,ALT]", help="surveyed centre; ALT above mean sea level")
-    tracing.add_argument("--target-std", type=float, metavar="M", help="its deviation per axis (default 3, handheld)")
+    tracing.add_argument(
+        "--target", metavar="LAT,LON[,ALT]", help="surveyed position of the target's centre; ALT above mean sea level"
+    )
+    tracing.add_argument(
+        "--target-std",
+        type=float,
+        metavar="M",
+        help="its standard deviation per axis in metres (default 3, a handheld GPS)",
+    )
     tracing.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
@@ -52,13 +63,13 @@ def _on_board(args: argparse.Namespace) -> int:
             elif logs:
                 show(_table(logs))
             else:
-                print("no logs on board")
+                print("The autopilot has no logs on board.")
             return 0
         chosen = [log for log in logs if log.size_bytes and args.log in (None, log.number)]
         if not chosen:
             there = ", ".join(str(log.number) for log in logs) or "none"
             name = "a log" if args.log is None else f"log {args.log}"
-            raise UsageError(f"{name} is not on board; the logs there: {there}")
+            raise UsageError(f"{name} is not on board. Logs on board: {there}")
         file = store.fetch(chosen[-1], args.out, _progress if sys.stderr.isatty() else lambda share: None)
         if args.json:
             print(json.dumps({"file": str(file), **asdict(chosen[-1])}))
@@ -79,7 +90,7 @@ def _trace(args: argparse.Namespace) -> int:
     from foundation.run_folder.writing import as_json
 
     if args.target_std is not None and not args.target:
-        raise UsageError("--target-std goes with --target; add it or leave it out")
+        raise UsageError("--target-std goes with --target. Add it, or leave --target-std out")
     folder = episode_folder(args.run_dir)
     file = derive(folder, target_from(args.target, args.target_std) if args.target else None, args.ulog)
     result: dict[str, Any] = {"file": str(file)}
@@ -88,14 +99,18 @@ def _trace(args: argparse.Namespace) -> int:
 
         result |= against_truth(folder, origin(load_world(str(folder / EPISODE))))
         summary = (
-            f"against the truth: {result['rms_m']:.2f} m rms, {result['max_m']:.2f} m at most,"
-            f" {100 * result['within_2_std']:.0f} % of the axes within two standard deviations"
+            f"error against the truth: {result['rms_m']:.2f} m rms, {result['max_m']:.2f} m at most;"
+            f" {100 * result['within_2_std']:.0f} % of the values within two standard deviations"
         )
     else:
         verdict = write_verdict(folder)
         distances = verdict.distances or None
         result |= {"outcome": verdict.outcome, "distances": as_json(distances)}
-        summary = distances_sentence(distances, verdict.delta_m) if distances else "no target was surveyed"
+        summary = (
+            distances_sentence(distances, verdict.delta_m)
+            if distances
+            else "The distance is unknown, because no target was surveyed. To add it: --target LAT,LON,ALT"
+        )
     if args.json:
         print(json.dumps(result))
     else:

@@ -90,20 +90,20 @@ def _fly(args: argparse.Namespace, spec: "FlightSpec", out: Path | None) -> int:
 def _confirm(url: str) -> None:
     """Ask the user to confirm that the propellers may turn. Raises UsageError for any answer but ARM."""
     print(f"--arm: the vehicle on {url} will arm and take off. Keep clear of it. Have a pilot at the sticks.")
-    print(f"Type {ARM} to go on: ", end="", flush=True)
+    print(f"Type {ARM} to continue: ", end="", flush=True)
     if sys.stdin.readline().strip() != ARM:
-        raise UsageError(f"not armed: {ARM} was not typed; without --arm you arm and take off yourself")
+        raise UsageError(f"not armed, because {ARM} was not typed. Without --arm, you arm and take off yourself")
 
 
 def _verdict(result: dict[str, Any]) -> str:
     if result["outcome"] == "error":
-        return "ERROR: not scored"
+        return "ERROR: the flight is not scored"
     if result["success"] is None:
-        return "NOT JUDGED: the true pose was not measured"
+        return "NOT JUDGED: there is no truth of this flight"
     if result["success"]:
         return f"SUCCESS: {result['ne_m']:.2f} m from the target at the deciding declaration"
     if result["ne_m"] is None:
-        return "FAILURE: its distance at the last action was not measured"
+        return "FAILURE: the distance at the last action was not measured"
     return f"FAILURE: {result['ne_m']:.2f} m from the target at the last action"
 
 
@@ -132,10 +132,10 @@ def _report(result: dict[str, Any], as_json: bool) -> int:
     if result.get("error"):
         print(f"dronecats fly: {result['error']}", file=sys.stderr)
     if reason == "interrupted":
-        print("dronecats fly: interrupted; the run folder holds what was flown", file=sys.stderr)
+        print("dronecats fly: interrupted; the run folder has the flight until then", file=sys.stderr)
     if reason in ("cap", "decided"):
         print(
-            f"\n{_verdict(result)}; {counted(result['steps'], 'step')},"
+            f"\n{_verdict(result)}\n{counted(result['steps'], 'step')},"
             f" {counted(result['declarations'], 'declaration')},"
             f" {result['sim_seconds']:.1f} s of flight at {result['real_time_factor']:.1f} × real time"
         )

@@ -45,14 +45,14 @@ VEHICLE = (
     ),
     Option(
         name="world", metavar="EPISODE", vehicle="--connect",
-        help="this episode or map is drawn for a vehicle that simulates itself",
+        help="draw this episode or map for a vehicle that simulates itself",
     ),
     Option(
         name="truth", metavar="URL", vehicle="--connect",
-        help="with --world: its true poses; a PX4's are udpin://127.0.0.1:19410",
+        help="with --world: source of the true poses; of a PX4 udpin://127.0.0.1:19410",
     ),
     Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after you confirm"),
-    Option(name="dry_run", kind=bool, vehicle="--connect", help="decide and draw, but move nothing"),
+    Option(name="dry_run", kind=bool, vehicle="--connect", help="ask the pilot and draw its actions, but move nothing"),
     Option(name="then", choices=("land", "return", "hold"), vehicle="--connect", help="how the flight ends"),
     Option(
         name="envelope", kind=Path, metavar="FILE", replay="may change",
@@ -62,7 +62,7 @@ VEHICLE = (
     Option(name="instruction", metavar="TEXT", vehicle="--connect", help="the task of the pilot"),
     Option(
         name="target", metavar="LAT,LON[,ALT]", vehicle="--connect", beside_spec=True,
-        help="surveyed target, for the distances: docs/after-flight.md",
+        help="surveyed position of the target: docs/after-flight.md",
     ),
     Option(
         name="target_std", kind=float, metavar="M", vehicle="--connect", beside_spec=True,
@@ -78,7 +78,7 @@ VEHICLE = (
     ),
     Option(
         name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",
-        help="with --autopilot px4: starts your PX4; without it, waits",
+        help="with --autopilot px4: command that starts your PX4 (default: wait for one)",
     ),
     Option(
         name="keep_ulog", kind=bool, replay="as recorded", help="with --connect or --px4: keep PX4's log from on board"
@@ -96,7 +96,7 @@ PILOT = (
     *MODEL,
     *ACCOUNTS,
     Option(
-        name="ledger", kind=Path, metavar="FILE", help="with --model: add the costs of this run to a file",
+        name="ledger", kind=Path, metavar="FILE", help="with --model: add the cost of this run to this file",
         beside_spec=True,
     ),
     *REPLIES,
@@ -130,7 +130,7 @@ RUN = (
     ),
     Option(
         name="full", kind=bool, vehicle="--sitl", replay="may change",
-        help="fly to the cap even when the verdict is decided",
+        help="fly to the time limit even when the verdict is decided",
     ),
     Option(name="out", kind=Path, metavar="DIR", help="run folder (default runs/TIME-PILOT)", beside_spec=True),
     Option(name="json", kind=bool, help="end with one JSON object on standard output", beside_spec=True),
@@ -155,9 +155,11 @@ def spec_of(args: argparse.Namespace) -> "FlightSpec":
     vehicle = "--connect" if args.connect else "--sitl"
     stray = first_set(args, (option for option in OPTIONS if option.vehicle not in (None, vehicle)))
     if stray and stray.name == "no_envelope":
-        raise UsageError("--no-envelope goes with --sitl; a real vehicle's limits can be moved: --envelope FILE")
+        raise UsageError(
+            "--no-envelope goes with --sitl only. For a real vehicle, change the limits with --envelope FILE"
+        )
     if stray:
-        raise UsageError(f"{stray.flag} goes with {stray.vehicle}; leave it out")
+        raise UsageError(f"{stray.flag} goes with {stray.vehicle}. Leave it out")
     if (args.model or "").startswith(REPLAY):
         return _replayed(args)
     return _connected(args) if args.connect else _simulated(args)
@@ -202,7 +204,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
     if args.connect:
         raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
     if stray := first_set(args, (option for option in OPTIONS if option.replay == "as recorded")):
-        raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN): leave it out")
+        raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN). Leave it out")
     spec = recorded(Path(path))
     vehicle = spec.simulated or Simulated()
     for name in ("airframe", "autopilot", "px4"):
@@ -234,8 +236,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 def replay_line(args: argparse.Namespace, flight: str) -> str:
     """Return a sentence about what a replay takes from the recorded flight, and which options change it."""
     changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
-    exceptions = f", but for {', '.join(changed)}" if changed else ""
-    return f"replay of {flight}: replies, episode, vehicle, clock, latency and seed as they were{exceptions}"
+    exceptions = f", but with another {', '.join(changed)}" if changed else ""
+    return f"Replay of {flight}, with its replies, episode, vehicle, clock, latency and seed{exceptions}"
 
 
 def template_of(file: Path) -> str:
@@ -248,7 +250,7 @@ def _envelope(args: argparse.Namespace) -> "Limits | None":
     from hil.link.envelope import SIMULATED
 
     if args.no_envelope and args.envelope:
-        raise UsageError("--no-envelope and --envelope FILE contradict each other; choose one")
+        raise UsageError("--no-envelope and --envelope FILE contradict each other. Choose one")
     return None if args.no_envelope else _limits(args.envelope, SIMULATED)
 
 
@@ -290,7 +292,7 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
 
     stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
     if stray:
-        raise UsageError(f"--spec defines the flight: leave --{stray.replace('_', '-')} out")
+        raise UsageError(f"--spec defines the flight. Leave --{stray.replace('_', '-')} out")
     spec = read(args.spec)
     if args.episode:
         spec = replace(spec, **{"episode": None, "record": None, "map": None, **_of_episode(args.episode)})
@@ -303,9 +305,9 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
     if not spec.replay and (missing := hidden(spec)):
-        raise UsageError(f"--spec {args.spec} hides part of an address, which may be a key: add {missing[0]}")
+        raise UsageError(f"--spec {args.spec} has a hidden part in an address, perhaps a key. Add {missing[0]}")
     if spec.simulated and not (spec.episode or spec.record or spec.map):
-        raise UsageError(f"--spec {args.spec} has several episodes: name one with --episode")
+        raise UsageError(f"--spec {args.spec} has several episodes. Name one with --episode")
     return spec
 
 
@@ -358,10 +360,10 @@ def _of_world(name: str, instruction: str | None) -> dict[str, Any]:
 
     if name in maps.names():
         if not instruction:
-            raise UsageError(f"'{name}' is a map: add --instruction, or name an episode")
+            raise UsageError(f"'{name}' is a map, which has no instruction. Add --instruction, or name an episode")
         return {"map": name, "instruction": instruction}
     if instruction:
-        raise UsageError("an episode has its instruction: leave --instruction out, or name a map with --world")
+        raise UsageError("an episode has its own instruction. Leave --instruction out, or name a map with --world")
     return _of_episode(name)
 
 

@@ -17,7 +17,7 @@ def add_impair_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("--listen", required=True, metavar="URL", help="where the agent connects: udpin://…, tcpin://…")
     parser.add_argument("--to", required=True, metavar="URL", help="the autopilot: udpout://…, tcp://…, serial://…")
-    wire = parser.add_argument_group("link", f"Each takes {DIRECTIONS}.")
+    wire = parser.add_argument_group("link", f"Each option takes {DIRECTIONS}.")
     for name, declaration in QUANTITIES.items():
         default = f"{getattr(Impairment(), name) or 0:g}"
         text = f"{declaration.help}; {declaration.wanted}, default {default}"
@@ -40,7 +40,7 @@ def run(args: argparse.Namespace) -> int:
     from hil.link.transport import connect
 
     if args.report is not None and not 0.1 <= args.report <= 3600.0:
-        raise UsageError(f"--report wants 0.1 to 3600 seconds, got {args.report:g}")
+        raise UsageError(f"--report must be 0.1 to 3600 seconds, got {args.report:g}")
     up, down = impairments(args)
     interrupt_on_signals()
     agent = connect(args.listen)
@@ -84,7 +84,7 @@ def _pair(name: str, text: str) -> tuple[float, float]:
     except ValueError:
         values = []
     if len(values) not in (1, 2) or not all(abs(value) < 1e12 for value in values):
-        raise UsageError(f"--{name} takes {DIRECTIONS}; got '{text}'")
+        raise UsageError(f"--{name} must be {DIRECTIONS}; got '{text}'")
     return values[0], values[-1]
 
 
@@ -92,7 +92,7 @@ def _cut(text: str) -> tuple[float, float]:
     try:
         start, end = (float(part) for part in text.split(":"))
     except ValueError:
-        raise UsageError(f"--cut takes FROM:TO in seconds, for example 20:30; got '{text}'") from None
+        raise UsageError(f"--cut must be FROM:TO in seconds, for example 20:30; got '{text}'") from None
     return start, end
 
 

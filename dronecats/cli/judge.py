@@ -28,7 +28,12 @@ def add_judge_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     _add_rules(parser)
     parser.add_argument(
-        "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="measure with a file of your own"
+        "--metric",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.py",
+        help="also compute your own metrics, from this file",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object, with every metric")
     parser.set_defaults(run=_judge)
@@ -39,7 +44,9 @@ def _add_rules(parser: argparse.ArgumentParser) -> None:
         "runs", type=Path, nargs="+", metavar="RUN", help="a run folder, one episode of it, or a folder of runs"
     )
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
-    parser.add_argument("--cap", type=float, default=CAP_S, help="seconds after which nothing counts (default 300)")
+    parser.add_argument(
+        "--cap", type=float, default=CAP_S, help="time limit in seconds; later declarations do not count (default 300)"
+    )
 
 
 def _judge(args: argparse.Namespace) -> int:
@@ -62,7 +69,7 @@ def _judge(args: argparse.Namespace) -> int:
         doubtful = sum(episode.judged.doubtful for _, of_run in judged for episode in of_run)
         show(_table(judged))
         if len(folders) > 1:
-            print(f"{counted(len(folders), 'episode')}, {doubtful} in doubt")
+            print(f"{counted(len(folders), 'episode')}, {doubtful} with a difference or contradiction")
         print_next("judge", runs=args.runs)
     return DIFFERS if doubtful else 0
 
@@ -99,7 +106,7 @@ def _table(judged: "Sequence[tuple[RecordedRun, Sequence[JudgedEpisode]]]") -> "
 
 def _line(name: str, episode: "JudgedEpisode") -> "tuple[CellValue, ...]":
     verdict = episode.judged.verdict
-    mode = "cut off there" if verdict.outcome == "success" and verdict.censored else episode.mode or ""
+    mode = "ended at success" if verdict.outcome == "success" and verdict.censored else episode.mode or ""
     return name, verdict.outcome, verdict.ne_m, verdict.steps, verdict.declarations, mode, _agreement(episode.judged)
 
 
@@ -109,7 +116,7 @@ def _remarks(episode: "JudgedEpisode") -> list[str]:
 
     verdict = episode.judged.verdict
     remarks = [
-        "cut off at its first success: whether it succeeds at this radius is not known"
+        "the flight ended at its first success, so its outcome at this radius is not known"
         if verdict.outcome == "censored"
         else None,
         distances_sentence(verdict.distances, verdict.delta_m) if verdict.distances else None,
@@ -132,7 +139,7 @@ def _agreement(judged: "Judged") -> str:
     """Return how verdict.json agrees with the verdict."""
     stored = judged.stored
     if stored is None:
-        return "nothing stored to compare"
+        return "no stored verdict"
     version = ", stored by an older version" if stored.older else ""
     if stored.agrees:
         return f"agrees{version}"
@@ -171,24 +178,26 @@ def _print(audit: "Audit") -> None:
     print(f"{counted(audit.episodes, 'episode')}, {audit.scored} scored, {successes}")
     print(
         f"{counted(audit.declarations, 'declaration')}, {audit.false_declarations} of which do not qualify;"
-        f" {audit.late_declarations} after the cap, in {counted(audit.late_episodes, 'episode')}"
+        f" {audit.late_declarations} after the time limit, in {counted(audit.late_episodes, 'episode')}"
     )
     print(
-        f"{counted(audit.silent_failures, 'failure')} without a declaration, {audit.silent_entered} within the radius"
+        f"{counted(audit.silent_failures, 'failure')} without a declaration; in {audit.silent_entered} of them a"
+        " drone came within the radius"
     )
     rules = [(text, audit.flips[name]) for name, (text, _) in RULES.items()]
-    rules.append(("strict parsing of what was mended", audit.strict))
+    rules.append(("strict parsing of repaired replies", audit.strict))
     columns = (words("rule"), numbers("episodes"), numbers("success"), numbers("lost"), numbers("gained"))
     print()
     show(table_of(columns, ((text, r.told, r.successes, r.lost, r.gained) for text, r in rules)))
     gain = "" if audit.think.gain_m_per_step is None else f", {audit.think.gain_m_per_step:+.2f} m/step after them"
-    print(f"\nthink: {audit.think.thinks} steps, {audit.think.matched} matched by their closing rate{gain}")
-    print(f"  a stall broken within three steps: {_share(audit.think.stalls)}")
-    print(f"  the target seen again within three steps: {_share(audit.think.losses)}")
+    print(f"\nthink: {audit.think.thinks} steps, {audit.think.matched} matched by closing rate{gain}")
+    print(f"  a stall ended within three steps: {_share(audit.think.stalls)}")
+    print(f"  the lost target was seen again within three steps: {_share(audit.think.losses)}")
     print(
-        f"mended: {audit.mended} of {audit.steps} decisions, {audit.changed} of them another one under strict parsing"
+        f"repaired replies: {audit.mended} of {audit.steps} decisions; strict parsing changes {audit.changed} of"
+        " these decisions"
     )
 
 
 def _share(count: "Followed") -> str:
-    return f"{count.think}/{count.of_thinks} after a think, {count.other}/{count.of_others} after another step"
+    return f"{count.think}/{count.of_thinks} after a think, {count.other}/{count.of_others} after other steps"

@@ -6,7 +6,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from dronecats import __version__
 from dronecats.cli.exit_status import exit_status
@@ -22,19 +22,19 @@ VERBS = {
     "bench": "fly a suite with models and pilots, or resume one that stopped",
     "study": "measure what a slow model, a bad link or the wind costs",
     "judge": "derive the verdicts of runs again from their logs",
-    "audit": "count what other rules would change, and what think and mending gained",
+    "audit": "count what other rules would change, and what think and repaired replies gained",
     "query": "query runs with SQL",
     "replay": "show recorded flights in the browser",
     "film": "make a video of a recorded flight",
     "export": "convert flights to MCAP, Rerun, LeRobot, ULog, KML, GeoJSON, CSV or Parquet",
     "report": "make the paper's tables and figures from runs, and a page to browse them",
     "submit": "pack runs into one archive that others can verify",
-    "verify": "judge the runs of an archive again, and list what that cannot prove",
+    "verify": "judge the runs of an archive again, and list what this cannot prove",
     "leaderboard": "make a page of verified entries",
     "compare": "measure how far apart the paths of two flights are",
     "flightlog": "list and fetch an autopilot's logs, and derive a flight's path from them",
     "tune": "print an airframe's gains and stability margins, and draw its loops",
-    "episodes": "list, show, check, make and fly episodes",
+    "episodes": "list, show, check and make episodes",
     "edit": "make or change an episode in the browser",
     "models": "list the known models, show the requests that one gets, check its answers",
     "prompt": "copy the prompt of a paper's LaTeX source to a file for --prompt",
@@ -57,7 +57,8 @@ MEMORY_GB = {
 }  # fmt: skip
 DEFAULT_GB = 1.2  # the report, with its figures
 READER_LOST = {  # printed where the work goes on for minutes after the reader of the output has gone
-    "fly": "dronecats fly: the reader of the output has gone; the flight continues, its results are in the run folder",
+    "fly": "dronecats fly: nobody reads the output any more; the flight continues, and its results are"
+    " in the run folder",
 }
 
 
@@ -66,6 +67,14 @@ class VerbHelp(argparse.HelpFormatter):
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=28, width=min(HELP_COLUMNS, shutil.get_terminal_size().columns - 2))
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Add an argument; the column of names is wide enough for the names of verbs and actions too."""
+        super().add_argument(action)
+        if isinstance(action, Actions):
+            longest = max(len(choice.dest) for choice in action._get_subactions())
+            indent = self._current_indent + self._indent_increment
+            self._action_max_length = max(self._action_max_length, indent + longest)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if "\n" in text else super()._fill_text(text, width, indent)
@@ -102,13 +111,18 @@ class VerbParser(argparse.ArgumentParser):
         parsed, unknown = super().parse_known_args(args, namespace)
         if option := next((word for word in unknown if word.startswith("--")), None):
             near = nearest(option.partition("=")[0], self._option_string_actions)
-            self.error(f"unknown option {option}{f'; {did_you_mean(near)}' if near else f': see {self.prog} --help'}")
+            self.error(f"unknown option {option}{f': {did_you_mean(near)}' if near else '.'}")
         return parsed, unknown
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with one sentence, without the usage, which is longer than a screen."""
+        end = "" if message.endswith(("?", ".")) else "."
+        self.exit(2, f"{self.prog}: {message}{end} See: {self.prog} --help\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         near = nearest(str(value), map(str, action.choices or ()))
         if near and action.choices is not None and value not in action.choices:
-            raise argparse.ArgumentError(action, f"{value!r} is not known; {did_you_mean(near)}")
+            raise argparse.ArgumentError(action, f"{value!r} is not known: {did_you_mean(near)}")
         super()._check_value(action, value)
 
 

@@ -21,23 +21,23 @@ def add_maps_options(parser: argparse.ArgumentParser) -> None:
     listing = actions.add_parser("list", help="print one line per map")
     listing.add_argument("--json", action="store_true", help="print one JSON object")
     showing = actions.add_parser("show", help="print extent, triangles, objects and origin of a map")
-    showing.add_argument("name", metavar="NAME")
+    showing.add_argument("name", metavar="NAME", help="map, as in `dronecats maps list`")
     showing.add_argument("--seed", type=int, default=1, help="seed of a shipped map (default 1)")
     showing.add_argument("--json", action="store_true", help="print one JSON object")
     export = actions.add_parser("export", help="write a map as a binary glTF file")
-    export.add_argument("name", metavar="NAME")
+    export.add_argument("name", metavar="NAME", help="map, as in `dronecats maps list`")
     export.add_argument("--seed", type=int, default=1, help="seed of a shipped map (default 1)")
-    export.add_argument("--out", type=Path, required=True, metavar="FILE.glb")
+    export.add_argument("--out", type=Path, required=True, metavar="FILE.glb", help="file to write")
     bring = actions.add_parser("import", help="check a binary glTF file and keep it as your own map")
-    bring.add_argument("file", type=Path, metavar="FILE.glb")
-    bring.add_argument("--name", required=True, help="small letters, digits and hyphens")
+    bring.add_argument("file", type=Path, metavar="FILE.glb", help="file to import")
+    bring.add_argument("--name", required=True, help="name of your map: small letters, digits and hyphens")
     bring.add_argument(
         "--spawn",
         type=spawn,
         metavar="NORTH,EAST[,DOWN]",
-        help="a free place on the ground, metres; write --spawn=-3,4 when it begins with a minus",
+        help="a free place on the ground in metres; write --spawn=-3,4 if it begins with a minus",
     )
-    bring.add_argument("--replace", action="store_true", help="replace your own map of that name")
+    bring.add_argument("--replace", action="store_true", help="replace your map of this name")
     parser.set_defaults(run=run)
 
 
@@ -48,7 +48,9 @@ def spawn(text: str) -> tuple[float, ...]:
     except ValueError:
         values = ()
     if len(values) not in (2, 3) or not all(math.isfinite(v) for v in values):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NORTH,EAST or NORTH,EAST,DOWN in metres")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} must be NORTH,EAST or NORTH,EAST,DOWN in metres, for example --spawn=0,-3"
+        )
     return values
 
 
@@ -81,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         gltf.save(scene, args.out)
     except OSError as error:
-        raise UsageError(f"'{args.out}' cannot be written: {error.strerror}.") from None
+        raise UsageError(f"'{args.out}' cannot be written: {error.strerror}") from None
     print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")
     return 0
 
@@ -99,7 +101,7 @@ def _facts(scene: Any) -> dict[str, Any]:
         "name": scene.name,
         "north_m": [round(low[0], 2), round(high[0], 2)],
         "east_m": [round(low[1], 2), round(high[1], 2)],
-        "height_m": [round(-high[2], 2), round(-low[2], 2)],
+        "height_m": [round(0.0 - high[2], 2), round(0.0 - low[2], 2)],
         "triangles": sum(len(instance.mesh.triangles) for instance in scene.instances),
         "instances": len(scene.instances),
         "kinds": dict(sorted(kinds.items())),
@@ -122,8 +124,8 @@ def _table(facts: dict[str, Any]) -> "ReportTable":
     lines = [
         ("extent", f"north {n0:g} … {n1:g} m, east {e0:g} … {e1:g} m, height {h0:g} … {h1:g} m"),
         ("triangles", f"{facts['triangles']}, textures of {facts['texels'] / 1e6:.1f} million texels"),
-        ("things", f"{facts['instances']}: {kinds[:600]}"),
-        ("ground", f"every {facts['ground_cell_m']:g} m"),
+        ("objects", f"{facts['instances']}: {kinds[:600]}"),
+        ("ground", f"heights in a grid of {facts['ground_cell_m']:g} m"),
         ("spawn", f"{', '.join(f'{v:g}' for v in facts['spawn_ned'])} m north, east, down"),
         ("origin", f"{facts['latitude_deg']:.6f}°, {facts['longitude_deg']:.6f}°, {facts['altitude_m']:g} m"),
         *(("note", note) for note in facts["notes"]),

@@ -23,32 +23,32 @@ if TYPE_CHECKING:
 INSTRUCTION = "go to the cyan SUV"  # of the request that `show` prints
 REPLY_SHOWN = 120  # characters
 SCHEMA_FINDINGS = {
-    None: "none is sent",
-    True: "enforced, the reply kept to it although it was asked for something else",
-    False: "NOT enforced, the reply was none that it allows",
+    None: "no schema is sent",
+    True: "enforced; the reply follows it although the question wanted something else",
+    False: "NOT enforced; the reply does not follow it",
 }
 POINTING_FINDINGS = {
-    "as declared": "it points in the declared order, either way",
-    "always [x, y]": "it always points as [x, y], whatever is declared",
-    "always [y, x]": "it always points as [y, x], whatever is declared",
-    "as not declared": "it points in the other order than the declared one, either way",
-    "not at all": "it did not point at the mark",
+    "as declared": "the model points in the declared order, xy and yx",
+    "always [x, y]": "the model always points as [x, y], whatever order is declared",
+    "always [y, x]": "the model always points as [y, x], whatever order is declared",
+    "as not declared": "the model points in the order that is not declared, xy and yx",
+    "not at all": "the model did not point at the mark",
 }
 
 
 def add_models_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    listing = actions.add_parser("list", help="print one line per model that is known by name")
-    listing.add_argument("--endpoint", metavar="URL", help="list the models of this PROVIDER or address instead")
+    listing = actions.add_parser("list", help="print one line per model of models.toml")
+    listing.add_argument("--endpoint", metavar="URL", help="list the models that this PROVIDER or address serves")
     listing.set_defaults(run=_list)
-    showing = actions.add_parser("show", help="print a model's row, its settings, and a request as it would be sent")
+    showing = actions.add_parser("show", help="print a model's row, its settings, and an example of a request")
     showing.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
     add(showing, MODEL)
-    showing.add_argument("--lifted", action="store_true", help="show the request of the step after a think")
+    showing.add_argument("--lifted", action="store_true", help="show the request after a think")
     showing.set_defaults(run=_show)
     checking = actions.add_parser(
-        "check", help="send one small picture and check the replies; costs some cents at most"
+        "check", help="send questions with one small picture and check the replies; costs a few cents at most"
     )
     checking.add_argument("model", metavar="NAME", help="a row's name, or PROVIDER/NAME")
     add(checking, MODEL)
@@ -72,7 +72,13 @@ def _list(args: argparse.Namespace) -> int:
         print(json.dumps({"models": models}))
         return 0
     files = list(dict.fromkeys(row["file"] for row in models))
-    columns = [*map(words, ("name", "model", "points", "schema")), numbers("$ in"), numbers("$ out"), words("key")]
+    columns = [
+        *map(words, ("name", "model", "points", "schema")),
+        numbers("$ in"),
+        numbers("$ out"),
+        words("key"),
+        words("set"),
+    ]
     if len(files) > 1:
         show(table_of([*columns, words("from")], ((*_line(row), row["file"]) for row in models)))
     else:
@@ -126,8 +132,9 @@ def _row_as_json(row: "ModelRow") -> dict[str, Any]:
 def _line(row: dict[str, Any]) -> tuple[str, ...]:
     prices = ("-" if row[price] is None else f"{row[price]:g}" for price in ("input_usd", "output_usd"))
     point = "[x, y]" if row["axis"] == "xy" else "[y, x]"
-    key = f"{row['key_variable'] or '-'}{'' if row['key_set'] or not row['key_needed'] else ' (not set)'}"
-    return (row["name"], f"{row['provider']}/{row['identifier']}", point, row["schema"], *prices, key)
+    is_set = "yes" if row["key_set"] else "no" if row["key_needed"] else "-"
+    title = f"{row['provider']}/{row['identifier']}"
+    return (row["name"], title, point, row["schema"], *prices, row["key_variable"] or "-", is_set)
 
 
 def _show(args: argparse.Namespace) -> int:
@@ -159,7 +166,9 @@ def _rowless(spec: "ModelSpec") -> str:
 
     provider = provider_of(spec.provider)
     has_switch = bool(provider.thinking or provider.quick)
-    note = "" if has_switch else "; it reasons as it likes until a row sets reasoning_off and reasoning_lifted"
+    note = (
+        "" if has_switch else "; its reasoning cannot be switched until a row sets reasoning_off and reasoning_lifted"
+    )
     return f"No row of models.toml: the settings of every model of {provider.name}{note}"
 
 
@@ -240,12 +249,15 @@ def _findings(result: "ProbeResult") -> list[str]:
     reasons = (ending_reason(answer.reply.finish, answer.reply.tokens_out) for answer in result.answers)
     lines += [f"Unfinished: {reason}." for reason in dict.fromkeys(reasons) if reason]
     tokens_in, tokens_out = result.tokens
-    usd = f"${cost:.6f}" if cost is not None else "unknown: its row has no prices, or the endpoint reported no tokens"
+    usd = f"${cost:.6f}" if cost is not None else "unknown (its row has no prices, or the endpoint reported no tokens)"
     tokens = f"{_count(tokens_in)} tokens in, {_count(tokens_out)} out"
     lines.append(f"Cost of these {len(result.answers)}: {usd} ({tokens}).")
     if result.too_long:
-        lines.append(f"Too long: such a question and a reply of {spec.max_tokens} exceed {spec.context_tokens} tokens.")
-    lines.append("It can fly." if result.order_is_right else "It cannot fly like this.")
+        lines.append(
+            f"Too long: the question and a reply of {spec.max_tokens} tokens exceed {spec.context_tokens} tokens."
+            " Lower --max-tokens."
+        )
+    lines.append("The model can fly." if result.order_is_right else "The model cannot fly with these settings.")
     return lines
 
 
@@ -281,7 +293,8 @@ def _pointing(result: "ProbeResult") -> str:
     if result.order_is_right or not result.pointing.startswith("always"):
         return f"{finding}."
     return (
-        f"{finding}: fly it with --axis {'xy' if result.pointing == 'always [x, y]' else 'yx'}, or set it in its row."
+        f"{finding}. Fly with --axis {'xy' if result.pointing == 'always [x, y]' else 'yx'}, or set axis in its"
+        " row of models.toml."
     )
 
 
@@ -292,9 +305,9 @@ def _count(tokens: int | None) -> str:
 def add_prompt_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's action."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    extract = actions.add_parser("extract", help="write the prompt listing of a LaTeX source to a file for --prompt")
-    extract.add_argument("source", type=Path, metavar="PAPER.tex", help="a LaTeX file with one listing of a prompt")
-    extract.add_argument("--out", type=Path, required=True, metavar="FILE", help="the prompt template")
+    extract = actions.add_parser("extract", help="copy the prompt of a LaTeX source to a file for --prompt")
+    extract.add_argument("source", type=Path, metavar="PAPER.tex", help="LaTeX file with the prompt in a listing")
+    extract.add_argument("--out", type=Path, required=True, metavar="FILE", help="prompt template to write")
     extract.set_defaults(run=run_prompt)
 
 
@@ -310,7 +323,7 @@ def run_prompt(args: argparse.Namespace) -> int:
     template = prompt_listing(source, str(args.source))
     try:
         if args.out.exists() and args.out.read_text(encoding="utf-8") != template:
-            raise UsageError(f"{args.out} exists and holds something else. Choose another --out")
+            raise UsageError(f"{args.out} exists and has other content. Choose another --out")
         args.out.write_text(template, encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise UsageError(f"--out {args.out} cannot be written: {error}") from None

@@ -108,40 +108,42 @@ MODEL = (
         replay="as recorded",
     ),
     Option(
-        name="axis", choices=("xy", "yx"), help="order of the model's point (default: its row's, or xy)",
+        name="axis", choices=("xy", "yx"), help="order of the model's points (default: as in its row, or xy)",
         replay="as recorded",
     ),
     Option(
-        name="schema", choices=("object", "array", "none"), help="root of the schema of replies (default: its row's)",
+        name="schema", choices=("object", "array", "none"), help="root of the JSON schema of replies"
+            " (default: as in its row)",
         replay="as recorded",
     ),
     Option(
-        name="temperature", metavar="X", help="sampling temperature (default: its row's, or 0.4); none sends none",
+        name="temperature", metavar="X", help="sampling temperature, or none (default: as in its row, or 0.4)",
         replay="as recorded",
     ),
     Option(
-        name="top_p", metavar="X", help="sampling top-p (default: its row's, or the provider's)", replay="as recorded"
+        name="top_p", metavar="X", help="sampling top-p (default: as in its row, or"
+            " the provider's)", replay="as recorded"
     ),
     Option(
-        name="max_tokens", metavar="N", help="tokens of a reply, with reasoning (default: its row's, or 8192)",
+        name="max_tokens", metavar="N", help="limit of a reply, reasoning included (default: as in its row, or 8192)",
         replay="as recorded",
     ),
     Option(
         name="reasoning_effort", metavar="WORD", replay="as recorded",
-        help="the vendor's word, such as low, for every step but the one after a think",
+        help="a word of the vendor, such as low; for every step except the one after a think",
     ),
 )  # fmt: skip
 ACCOUNTS = (
     Option(
-        name="cost_limit", metavar="USD", file="a number", help="with --model: land when this much is spent",
+        name="cost_limit", metavar="USD", file="a number", help="with --model: end when this much is spent",
         beside_spec=True,
     ),
     Option(
-        name="token_limit", metavar="N", file="a whole number", help="with --model: land when this many are used",
+        name="token_limit", metavar="N", file="a whole number", help="with --model: end when this many tokens are used",
         beside_spec=True,
     ),
     Option(
-        name="cache", kind=Path, metavar="FILE", help="with --model: keep replies, and reuse them",
+        name="cache", kind=Path, metavar="FILE", help="with --model: store replies in this file, and reuse them",
         beside_spec=True,
     ),
 )  # fmt: skip
@@ -156,7 +158,7 @@ REPLIES = (
         help="end the flight as an error after N unreadable replies in a row (default: never)",
     ),
     Option(
-        name="commander", metavar="NAME", help="model of a hierarchy; or scripted:divide", replay="as recorded"
+        name="commander", metavar="NAME", help="model that commands a fleet, or scripted:divide", replay="as recorded"
     ),
     Option(name="commander_url", metavar="URL", help="where the commander is served", beside_spec=True),
 )  # fmt: skip
@@ -182,25 +184,25 @@ DISTURBANCES = tuple(
 )  # fmt: skip
 SELECTION = (
     Option(name="suite", repeated=True, metavar="NAME", help="quick, one-drone, commanding, all or v1"),
-    Option(name="flights", kind=int, metavar="N", help="flights of each episode, each on its own seed (default 1)"),
+    Option(name="flights", kind=int, metavar="N", help="flights of each episode, each with its own seed (default 1)"),
     Option(name="seed", kind=int, metavar="S", help="seed of the first flight; the next flights count up (default 0)"),
     Option(name="limit", kind=int, metavar="N", help="fly only the first N episodes"),
     Option(name="shard", metavar="i/n", help="fly the i-th of n parts of the episodes, for one machine of n"),
-    Option(name="full", kind=bool, help="fly to the cap even when the verdict is decided"),
+    Option(name="full", kind=bool, help="fly to the time limit even when the verdict is decided"),
 )
 PILOTS = (
     Option(
         name="model", many=True, file="a word or a table", metavar="NAME",
         help=f"rows of `dronecats models list`, or PROVIDER/NAME; providers: {', '.join(PROVIDERS)}",
     ),
-    Option(name="pilot", many=True, metavar="NAME", help="built-in pilots; they are no models"),
+    Option(name="pilot", many=True, metavar="NAME", help="built-in pilots (not models)"),
     *MODEL,
     *ACCOUNTS,
     *REPLIES,
 )  # fmt: skip
 PLACE = (
     Option(name="speed", metavar="N|max", help="factor on real time; max (default) is lockstep"),
-    Option(name="rendered", kind=bool, help="render frames also for pilots that do not look"),
+    Option(name="rendered", kind=bool, help="also render frames for pilots that do not use them"),
     Option(name="jobs", kind=int, metavar="J", help="flights at a time (default: one per core)"),
     Option(name="engine", choices=("local", "ray"), help="this machine (default), or a Ray cluster"),
     Option(name="address", metavar="HOST:PORT", help="with --engine ray: the cluster (default: a new one here)"),
@@ -273,7 +275,7 @@ def with_options(spec: "ModelSpec", args: argparse.Namespace) -> "ModelSpec":
     if args.reasoning_effort is None:
         return spec
     if not re.fullmatch(r"[a-z]{1,20}", args.reasoning_effort):
-        wanted = "--reasoning-effort wants the vendor's word for it, such as none, low or high"
+        wanted = "--reasoning-effort must be a word of the vendor, such as none, low or high"
         raise UsageError(f"{wanted}, got '{args.reasoning_effort:.40}'")
     return with_effort(spec, args.reasoning_effort)
 
@@ -334,7 +336,7 @@ def page_of(args: argparse.Namespace, prefix: str = "") -> tuple[int, tuple[str,
     port, hosts = (getattr(args, f"{prefix}{name}".replace("-", "_")) for name in ("port", "host"))
     port, hosts = PAGE_PORT if port is None else port, tuple(hosts or ())
     if not 1 <= port <= 65535:
-        raise UsageError(f"--{prefix}port {port} is no port: choose one from 1 to 65535")
+        raise UsageError(f"--{prefix}port {port} is not a port. Choose one from 1 to 65535")
     check(hosts, f"--{prefix}host")
     extras.require("viser")
     return port, hosts
@@ -369,7 +371,7 @@ def view_of(args: argparse.Namespace) -> "WantedPage | None":
     if not args.view:
         present = {"view-port": args.view_port is not None, "view-host": args.view_host, "view-stay": args.view_stay}
         if stray := next((name for name, is_present in present.items() if is_present), None):
-            raise UsageError(f"--{stray} goes with --view; add it or leave --{stray} out")
+            raise UsageError(f"--{stray} goes with --view. Add it, or leave --{stray} out")
         return None
     from dronecats.view.live.opening import WantedPage
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 YES = "yes"
 MARKS = {True: "pass", False: "FAIL", None: "?"}
 GIVES_KEY = (
-    "--give-key sends the key in clear: do it over USB, then restart the vehicle. A PX4 obeys others too until"
+    "--give-key sends the key unencrypted. Do it over USB, then restart the vehicle. A PX4 also obeys"
+    " unsigned messages until"
     " MAV_SIGN_CFG is 1 or 2.\n"
 )
 
@@ -38,7 +39,7 @@ def add_preflight_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--give-key", action="store_true", help="send the key of --sign to the vehicle first, after you confirm"
     )
-    parser.add_argument("--camera", metavar="URL", help="check the camera, too")
+    parser.add_argument("--camera", metavar="URL", help="also check this camera")
     parser.add_argument("--seconds", type=float, default=5.0, metavar="N", help="time to listen (default 5)")
     parser.add_argument(
         "--out",
@@ -59,16 +60,16 @@ def run(args: argparse.Namespace) -> int:
     from hil.preflight.check import check, mend
 
     if not 1.0 <= args.seconds <= 600.0:
-        raise UsageError(f"--seconds wants 1 to 600, got {args.seconds:g}")
+        raise UsageError(f"--seconds must be 1 to 600, got {args.seconds:g}")
     if args.give_key and not args.sign:
-        raise UsageError("--give-key goes with --sign KEYFILE; add it or leave --give-key out")
+        raise UsageError("--give-key goes with --sign KEYFILE. Add it, or leave --give-key out")
     key = key_of(args.sign)
     link = Link(transport.connect(args.connect), key=b"" if args.give_key else key)
     link.on_notice = lambda line: print(line, file=sys.stderr)
     try:
         link.connect()
         if args.give_key:
-            if not _typed_yes(GIVES_KEY, "give it the key"):
+            if not _typed_yes(GIVES_KEY, "send the key"):
                 return 1
             link.give_key(key)
         result = check(link, seconds=args.seconds, folder=args.out, camera_url=args.camera)
@@ -77,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         if args.fix and result.changes and _agreed(result, quiet=args.json):
             result = mend(link, result, result.changes)
             if not args.json:
-                print("\nset, and read back:\n")
+                print("\nThe parameters are set. The new check:\n")
                 _show(result)
     finally:
         link.close()
@@ -122,10 +123,10 @@ def proposal(changes: "Sequence[Change]") -> "ReportTable":
 
 def _agreed(result: "Check", *, quiet: bool) -> bool:
     """Print the changes and return whether the user typed `yes`."""
-    print("\n--fix would set, on the vehicle itself:\n", file=sys.stderr)
+    print("\n--fix would set these parameters of the vehicle:\n", file=sys.stderr)
     show(proposal(result.changes), file=sys.stderr)
     print(file=sys.stderr)
-    return _typed_yes("", "set them", quiet=quiet)
+    return _typed_yes("", "set these parameters", quiet=quiet)
 
 
 def _typed_yes(warning: str, action: str, *, quiet: bool = True) -> bool:
@@ -133,5 +134,5 @@ def _typed_yes(warning: str, action: str, *, quiet: bool = True) -> bool:
     answer = sys.stdin.readline().strip()
     if answer == YES:
         return True
-    print("nothing was changed" if quiet else "\nnothing was changed", file=sys.stderr)
+    print("Nothing was changed." if quiet else "\nNothing was changed.", file=sys.stderr)
     return False

@@ -39,12 +39,12 @@ def _query(args: argparse.Namespace) -> int:
         show(*_run_tables())
         return 0
     if args.sql is None:
-        raise UsageError('give a query such as "SELECT * FROM runs"; --tables prints the tables')
+        raise UsageError('no query was given. Give one, such as "SELECT * FROM runs"; --tables prints the tables')
     if args.json and args.csv == "-":
-        raise UsageError("--json and --csv - both go to the standard output; choose one")
+        raise UsageError("--json and --csv - both write to standard output. Choose one")
     for file in (args.parquet, None if args.csv in (None, "-") else Path(args.csv)):
         if file is not None and not file.absolute().parent.is_dir():
-            raise UsageError(f"the folder {file.parent} of {file.name} does not exist; make it")
+            raise UsageError(f"folder {file.parent} of {file.name} does not exist. Create it first")
     answer = _answer(args)
     if args.csv is not None:
         _csv(answer, args.csv)
@@ -76,7 +76,7 @@ def _answer(args: argparse.Namespace) -> "Selected":
     except OSError as error:
         raise UsageError(f"{args.parquet} cannot be written: {error.strerror}") from None
     for episode in answer.damage:
-        print_note(f"dronecats query: damaged, only in the table episodes: {episode}")
+        print_note(f"dronecats query: damaged, so only the table episodes has it: {episode}")
     return answer
 
 
@@ -142,8 +142,10 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "runs", type=Path, nargs="+", metavar="RUN", help="run folders, episodes of them, or folders that hold runs"
     )
-    parser.add_argument("--to", required=True, choices=FORMATS, help="the format: docs/export.md has programs for each")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the files (default: RUN-FORMAT, here)")
+    parser.add_argument("--to", required=True, choices=FORMATS, help="format; docs/export.md names programs for each")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for the files (default RUN-FORMAT in this folder)"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace existing files")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_export)

@@ -24,7 +24,7 @@ def add_replay_options(parser: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="RUN[/EPISODE]",
-        help="an episode's folder, or a run with only one; several flights of one episode share the scene",
+        help="a run with one episode, or an episode's folder; several flights of one episode share the scene",
     )
     parser.add_argument(
         "--at", type=float, default=0.0, metavar="S", help="second of the flight to begin at (default 0)"
@@ -40,7 +40,7 @@ def _replay(args: argparse.Namespace) -> int:
     interrupt_on_signals()
     port, hosts = page_of(args)
     if not (math.isfinite(args.at) and args.at >= 0.0):
-        raise UsageError(f"--at wants seconds since the episode began, 0 or more, got {args.at:g}")
+        raise UsageError(f"--at must be seconds since the episode began, 0 or more, got {args.at:g}")
     from dronecats.view.replay.moments import flight_moments
     from dronecats.view.replay.page import ReplayPage
     from dronecats.view.replay.player import check_speed
@@ -58,7 +58,9 @@ def _replay(args: argparse.Namespace) -> int:
 
 def add_film_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("episode", type=Path, metavar="RUN/EPISODE", help="an episode's folder, or a run with only one")
+    parser.add_argument(
+        "episode", type=Path, metavar="RUN[/EPISODE]", help="a run with one episode, or an episode's folder"
+    )
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the film: FILE.mp4, or FILE.gif")
     parser.add_argument(
         "--gif", action="store_true", help="write a small animated picture for a web page; FILE.gif implies it"
@@ -73,10 +75,12 @@ def add_film_options(parser: argparse.ArgumentParser) -> None:
         help="second of the flight to begin at (default 0)",
     )
     parser.add_argument("--to", dest="to_s", type=float, metavar="S", help="last second (default: the end)")
-    parser.add_argument("--size", type=_size, metavar="WxH", help="pixels (default 1280x720, of a GIF 480x270)")
-    parser.add_argument("--fps", type=int, metavar="N", help="pictures a second (default 30, of a GIF 6)")
+    parser.add_argument(
+        "--size", type=_size, metavar="WxH", help="size in pixels (default 1280x720, for a GIF 480x270)"
+    )
+    parser.add_argument("--fps", type=int, metavar="N", help="pictures a second (default 30, for a GIF 6)")
     parser.add_argument("--drone", type=int, metavar="N", help="follow only this drone of a fleet; 1 is the first")
-    parser.add_argument("--jobs", type=int, metavar="N", help="processes that draw (default: one per core)")
+    parser.add_argument("--jobs", type=int, metavar="N", help="processes for the drawing (default: one per core)")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_film)
 
@@ -89,10 +93,10 @@ def _film(args: argparse.Namespace) -> int:
     suffix = args.out.suffix.lower()
     if suffix not in SUFFIXES or (args.gif and suffix != ".gif"):
         raise UsageError(
-            f"--out wants a file that ends in {'.gif' if args.gif else ' or '.join(SUFFIXES)}, got {args.out}"
+            f"--out must be a file that ends in {'.gif' if args.gif else ' or '.join(SUFFIXES)}, got {args.out}"
         )
     if args.jobs is not None and args.jobs < 1:
-        raise UsageError(f"--jobs wants 1 or more, got {args.jobs}")
+        raise UsageError(f"--jobs must be 1 or more, got {args.jobs}")
     gif = suffix == ".gif"
     film = plan(
         filmable(args.episode),
@@ -134,4 +138,4 @@ def _size(text: str) -> tuple[int, int]:
     try:
         return int(width), int(height)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"wants WxH such as 1280x720, got '{text[:40]}'") from None
+        raise argparse.ArgumentTypeError(f"must be WxH such as 1280x720, got '{text[:40]}'") from None

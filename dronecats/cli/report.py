@@ -16,10 +16,14 @@ def add_report_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="run folders, or folders that hold runs")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the report")
     parser.add_argument("--delta", type=float, default=RADIUS_M, help="success radius in metres (default 5)")
-    parser.add_argument("--pool-anyway", action="store_true", help="pool runs of different kinds")
+    parser.add_argument("--pool-anyway", action="store_true", help="count runs with different settings together")
     parser.add_argument("--drop-stalled", action="store_true", help="leave out episodes that the host delayed")
     parser.add_argument(
-        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out episodes with more than N"
+        "--exclude-above",
+        action="append",
+        default=[],
+        metavar="METRIC=N",
+        help="leave out episodes whose metric is above N",
     )
     parser.add_argument(
         "--metric", type=Path, action="append", default=[], metavar="FILE.py", help="add a file of your own metrics"
@@ -41,11 +45,11 @@ def run(args: argparse.Namespace) -> int:
     from dronecats.report.writers import as_json
 
     if not math.isfinite(args.delta) or args.delta <= 0:
-        raise UsageError(f"--delta wants a radius in metres above 0, got {args.delta:g}")
+        raise UsageError(f"--delta must be a radius in metres above 0, got {args.delta:g}")
     if args.embed and args.no_page:
-        raise UsageError("--embed goes with the page; leave --no-page out")
+        raise UsageError("--embed goes with the page. Leave --no-page out")
     if args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out} is a file; name a folder")
+        raise UsageError(f"--out {args.out} is a file. Name a folder")
     exclusions = [parse_exclusion(text) for text in args.exclude_above]
     own = tuple(metric for file in args.metric for metric in own_metrics(file))
     collection = collect(args.runs, args.delta, (*METRICS.values(), *own))

@@ -20,7 +20,7 @@ PX4_INSTANCES = 10  # further ones all send to port 14549
 def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("--instance", type=int, default=0, metavar="I", help="add this to every port (default 0)")
-    parser.add_argument("--count", type=int, metavar="N", help="vehicles, each on its own ports (default 1)")
+    parser.add_argument("--count", type=int, metavar="N", help="number of vehicles, each on its own ports (default 1)")
     parser.add_argument("--speed", default="1", metavar="S", help="factor on real time (default 1)")
     parser.add_argument("--airframe", default="x500", metavar="NAME", help="name or TOML file (default x500)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the sensors' noise (default 0)")
@@ -44,7 +44,7 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
     parser.add_argument("--faults", type=Path, metavar="FILE", help="fault script: docs/disturbances.md")
     parser.add_argument(
-        "--autopilot", choices=("ours", "px4"), default="ours", help="px4 flies a real PX4 (default ours)"
+        "--autopilot", choices=("ours", "px4"), default="ours", help="px4: a real PX4 flies (default ours)"
     )
     parser.add_argument(
         "--px4", metavar="COMMAND", help="with --autopilot px4: command that starts your PX4 (default: wait for one)"
@@ -63,38 +63,46 @@ def run(args: argparse.Namespace) -> int:
 
     factor = speed(args.speed)
     if factor is None:
-        raise UsageError("--speed max is lockstep and needs an agent to wait for; sitl wants a factor such as 1 or 10")
+        raise UsageError(
+            "--speed max is lockstep, which waits for an agent of `dronecats fly`. For sitl use a factor"
+            " such as 1 or 10"
+        )
     if not 0 <= args.instance <= 99:
-        raise UsageError(f"--instance wants a number from 0 to 99, got {args.instance}")
+        raise UsageError(f"--instance must be 0 to 99, got {args.instance}")
     if args.count is not None and not 1 <= args.count <= 10:
-        raise UsageError(f"--count wants 1 to 10 vehicles, got {args.count}")
+        raise UsageError(f"--count must be 1 to 10 vehicles, got {args.count}")
     episode = args.episode or catalogue.OPEN_GROUND
     catalogue.load(episode)
     if args.seed < 0:
-        raise UsageError(f"--seed wants 0 or more, got {args.seed}")
+        raise UsageError(f"--seed must be 0 or more, got {args.seed}")
     air = UNDISTURBED.with_options({name: getattr(args, name) for name in AIR})
     if args.faults is not None and not args.faults.is_file():
-        raise UsageError(f"--faults {args.faults} does not exist; give the path of a TOML file")
+        raise UsageError(f"--faults {args.faults} does not exist. Give the path of a TOML file")
     if args.optics is not None and args.camera is None:
-        raise UsageError("--optics goes with --camera; add it or leave --optics out")
+        raise UsageError("--optics goes with --camera. Add it, or leave --optics out")
     default_camera = args.camera is True  # --camera without a port
     if args.camera is not None and not 0 <= args.camera <= 65535:
-        raise UsageError(f"--camera {args.camera} is no port: choose one from 1 to 65535, or 0 for any free one")
+        raise UsageError(f"--camera {args.camera} is not a port. Choose one from 1 to 65535, or 0 for any free one")
     optics = load(args.optics).as_dict() if args.optics else None
     if args.px4 and args.autopilot != "px4":
-        raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+        raise UsageError("--px4 goes with --autopilot px4. Add it, or leave --px4 out")
     if args.hitl:
         _check_hitl(args, factor)
     elif args.autopilot == "px4" and args.instance + (args.count or 1) > PX4_INSTANCES:
-        raise UsageError(f"PX4 has offboard ports of their own for instances 0 to {PX4_INSTANCES - 1} only")
+        raise UsageError(
+            f"PX4 has separate offboard ports for the instances 0 to {PX4_INSTANCES - 1} only. Lower"
+            " --instance or --count"
+        )
     view = view_of(args)
     key_of(args.sign)
     if args.sign and (args.autopilot == "px4" or args.hitl):
-        raise UsageError("--sign is for our autopilot, and a PX4 in simulation takes no key over UDP; leave --sign out")
+        raise UsageError(
+            "--sign works with our autopilot only, because a simulated PX4 accepts no key over UDP. Leave --sign out"
+        )
     if args.sign and view:
-        raise UsageError("the page of --view asks for telemetry unsigned: leave --view or --sign out")
+        raise UsageError("the page of --view reads unsigned telemetry only. Leave --view or --sign out")
     if view and view.stays:
-        raise UsageError("the simulator flies until Ctrl-C, and its page with it: leave --view-stay out")
+        raise UsageError("the page always stays until Ctrl-C, as the simulator does. Leave --view-stay out")
     interrupt_on_signals()
     from dronecats.flight.sitl import compile_ahead
 
@@ -181,11 +189,11 @@ def _check_hitl(args: argparse.Namespace, factor: float) -> None:
     from hil.simulator import sensor_period_us
 
     if factor != 1.0:
-        raise UsageError("a board runs in real time: leave --speed out, or leave --hitl out")
+        raise UsageError("a board runs in real time. Leave --speed or --hitl out")
     if (args.count or 1) != 1:
-        raise UsageError("one board flies one vehicle: leave --count out, or leave --hitl out")
+        raise UsageError("one board flies one vehicle. Leave --count or --hitl out")
     if args.px4 or args.faults:
-        raise UsageError(f"--{'px4' if args.px4 else 'faults'} does not go with --hitl; leave one of them out")
+        raise UsageError(f"--{'px4' if args.px4 else 'faults'} does not go with --hitl. Leave one of them out")
     sensor_period_us(args.hitl)
 
 
@@ -199,7 +207,10 @@ def _announce(args: argparse.Namespace, camera: str | None) -> None:
         print(
             f"vehicle {index + 1}: offboard clients udpin://0.0.0.0:{port}   ground station on port {GCS_PORT}{behind}"
         )
-    print(f"truth: sent to port {TRUTH_PORT + args.instance}, and to clients of port {TRUTH_LOCAL + args.instance}")
+    print(
+        f"truth: sent to port {TRUTH_PORT + args.instance}; programs can also connect to port"
+        f" {TRUTH_LOCAL + args.instance}"
+    )
     if camera:
         print(f"camera: {camera}")
     print("example scripts: examples/mavsdk4.py, examples/mavsdk3.py (MAVSDK 3), examples/pymavlink_velocity.py")

@@ -40,43 +40,49 @@ HOLD = Option(name="hold", repeated=True, metavar="FACTOR=LEVEL", help="set this
 def add_study_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's actions."""
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    latency = actions.add_parser("latency", help="fly the same flights with one reply time after another")
+    latency = actions.add_parser("latency", help="repeat flights with several reply times")
     latency.add_argument(
         "--values", metavar="S,S,…", default=LATENCIES, help=f"seconds that a reply takes (default {LATENCIES})"
     )
     _add_flying_options(latency, "runs/study-latency")
     latency.set_defaults(run=_fly_latency)
-    jitter = actions.add_parser("jitter", help="fly the same flights with reply times that vary more and more")
+    jitter = actions.add_parser("jitter", help="repeat flights with reply times that vary more and more")
     jitter.add_argument("--rate", metavar="HZ", default=RATE, help=f"mean replies a second (default {RATE})")
-    jitter.add_argument("--cv", metavar="X,X,…", default=CVS, help=f"deviation over mean (default {CVS})")
-    jitter.add_argument("--rho", metavar="X", help="correlation of a reply time with the next one (default none)")
+    jitter.add_argument(
+        "--cv", metavar="X,X,…", default=CVS, help=f"standard deviation over mean of the reply times (default {CVS})"
+    )
+    jitter.add_argument("--rho", metavar="X", help="correlation of a reply time with the next one (default 0)")
     _add_flying_options(jitter, "runs/study-jitter")
     jitter.set_defaults(run=_fly_jitter)
-    of_file = actions.add_parser("run", help="fly the study of a file: any factors, in any design")
+    of_file = actions.add_parser("run", help="fly the study that a file describes, with any factors and design")
     of_file.add_argument("file", type=Path, metavar="FILE", help="the study, .toml: docs/studies.md")
     _add_flying_options(of_file, "runs/NAME-OF-THE-FILE")
     of_file.set_defaults(run=_fly_file)
     add_rate_options(
-        actions.add_parser("rate", help="time camera, encoding, model and setpoint of your own rig; moves nothing")
+        actions.add_parser("rate", help="measure the delays of your own camera, model and link; moves nothing")
     )
-    report = actions.add_parser("report", help="write a study's page, figures, tables and data")
+    report = actions.add_parser("report", help="write the report of a study: page, figures, tables and data")
     report.add_argument("study", type=Path, metavar="DIR", help="folder of a study")
     report.add_argument("--out", type=Path, metavar="DIR", help="folder of the report (default DIR/report)")
     report.add_argument(
-        "--exclude-above", action="append", default=[], metavar="METRIC=N", help="leave out flights with more than N"
+        "--exclude-above",
+        action="append",
+        default=[],
+        metavar="METRIC=N",
+        help="leave out flights whose metric is above N",
     )
     report.add_argument("--json", action="store_true", help="print the tables as one JSON object")
     report.set_defaults(run=_report)
     add_loop_options(
-        actions.add_parser("loop", help="find the delay margins of the control loops, and what setpoint loss they bear")
+        actions.add_parser("loop", help="find how much delay and setpoint loss the control loops tolerate")
     )
-    add_load_options(actions.add_parser("load", help="fly the same flights in lockstep and real time on a busy host"))
+    add_load_options(actions.add_parser("load", help="repeat flights on a busy computer, in lockstep and in real time"))
 
 
 def _add_flying_options(parser: argparse.ArgumentParser, folder: str) -> None:
     """Declare episodes, pilots, disturbances and place of a study; `folder` is the default of --out."""
     episodes = parser.add_argument_group("episodes")
-    episodes.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these, by id or file")
+    episodes.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these episodes, by id or file")
     episodes.add_argument("--cells", type=level_list, metavar="CELL,…", help="these cells of the suite (default all)")
     episodes.add_argument("--maps", type=level_list, metavar="MAP,…", help="these maps of the suite (default all)")
     add(episodes, (*SELECTION, SECONDS, HOLD))
@@ -123,7 +129,7 @@ def _fly(request: study_spec.StudyRequest) -> int:
         result = campaign.fly(bench, args, retry=False, pages=pages)
         repeats = {run.entry.name: _repeat_command(run) for run in bench.runs if run.part}
         if not args.json:
-            print("commands that repeat one flight of each run, to the byte:")
+            print("To repeat one flight of each run, to the same bytes:")
             for command in repeats.values():
                 print(f"  {command}")
         more = {"study": study.name, "again": repeats, "report": next_commands("study", out=out)[0]}
@@ -151,7 +157,7 @@ def _report(args: argparse.Namespace) -> int:
 
     out = args.out or args.study / "report"
     if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out} is a file; name a folder")
+        raise UsageError(f"--out {out} is a file. Name a folder")
     command = ["dronecats", "study", "report", str(args.study), *(["--out", str(args.out)] if args.out else [])]
     command += [word for text in args.exclude_above for word in ("--exclude-above", text)]
     exclusions = [parse_exclusion(text) for text in args.exclude_above]

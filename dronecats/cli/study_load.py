@@ -19,12 +19,12 @@ def add_load_options(parser: argparse.ArgumentParser) -> None:
         type=level_list,
         metavar="N,N,…",
         default=level_list(BUSY),
-        help=f"processes that compute beside it ({BUSY})",
+        help=f"numbers of busy processes beside the flights (default {BUSY})",
     )
-    parser.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these, by id or file")
+    parser.add_argument("--episodes", type=level_list, metavar="ID,ID,…", help="these episodes, by id or file")
     parser.add_argument("--suite", action="append", metavar="NAME", help="quick (default), one-drone, commanding, all")
-    parser.add_argument("--cells", type=level_list, metavar="CELL,…", help="these cells of the suite")
-    parser.add_argument("--maps", type=level_list, metavar="MAP,…", help="these maps of the suite")
+    parser.add_argument("--cells", type=level_list, metavar="CELL,…", help="these cells of the suite (default all)")
+    parser.add_argument("--maps", type=level_list, metavar="MAP,…", help="these maps of the suite (default all)")
     parser.add_argument("--pilot", default="oracle", metavar="NAME", help="built in (default oracle)")
     parser.add_argument("--flights", type=int, default=1, metavar="N", help="flights of each episode (default 1)")
     parser.add_argument(
@@ -32,7 +32,7 @@ def add_load_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--latency", default="fixed:0.1", metavar="POLICY", help="time of a reply (default fixed:0.1)")
     parser.add_argument("--speed", type=float, default=1.0, metavar="N", help="factor on real time (default 1)")
-    parser.add_argument("--rendered", action="store_true", help="render frames also for pilots that do not look")
+    parser.add_argument("--rendered", action="store_true", help="also render frames for pilots that do not use them")
     parser.add_argument("--jobs", type=int, default=1, metavar="J", help="flights at a time (default 1)")
     parser.add_argument(
         "--out", type=Path, default=Path("runs/study-load"), metavar="DIR",
@@ -51,9 +51,9 @@ def run(args: argparse.Namespace) -> int:
 
     interrupt_on_signals()
     if not 1 <= args.jobs <= 64 or not 1 <= args.flights <= 1000:
-        raise UsageError("--jobs wants 1 to 64, and --flights 1 to 1000")
+        raise UsageError("--jobs must be 1 to 64, and --flights 1 to 1000")
     if args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out} is a file; name a folder")
+        raise UsageError(f"--out {args.out} is a file. Name a folder")
     args.suite = args.suite or ([] if args.episodes else ["quick"])
     chosen = suite_of_options(args)
     plan = host_load.LoadPlan(
@@ -80,10 +80,10 @@ def run(args: argparse.Namespace) -> int:
 
 def _levels(words: list[str]) -> tuple[int, ...]:
     if not words or not all(word.isascii() and word.isdigit() and int(word) <= MOST for word in words):
-        raise UsageError(f"--busy wants whole numbers up to {MOST}, as in {BUSY}, got '{','.join(words):.60}'")
+        raise UsageError(f"--busy must be whole numbers up to {MOST}, as in {BUSY}, got '{','.join(words):.60}'")
     levels = tuple(int(word) for word in words)
     if len(set(levels)) < len(levels):
-        raise UsageError("--busy has one of its levels twice")
+        raise UsageError("--busy has a level twice. Remove one")
     return levels
 
 

@@ -15,17 +15,21 @@ EXPERIMENTS = ("margins", "stream", "trace")
 def add_loop_options(parser: argparse.ArgumentParser) -> None:
     """Declare the action's options."""
     parser.add_argument(
-        "--airframe", action="append", metavar="NAME", help="name or TOML file; repeatable (default: all)"
+        "--airframe", action="append", metavar="NAME", help="airframe, by name or TOML file; repeatable (default: all)"
     )
     parser.add_argument(
         "--loops",
         action="append",
         metavar="LOOP",
-        help="rate, attitude, velocity, or one as `tune` names it; repeatable",
+        help="loops: rate, attitude, velocity, or a name as in `dronecats tune`; repeatable",
     )
-    parser.add_argument("--part", action="append", choices=EXPERIMENTS, help="only this; repeatable (default: all)")
     parser.add_argument(
-        "--px4", metavar="COMMAND", help="command of a PX4 that flies the trace, too (default: DRONECATS_PX4)"
+        "--part", action="append", choices=EXPERIMENTS, help="only this experiment; repeatable (default: all)"
+    )
+    parser.add_argument(
+        "--px4",
+        metavar="COMMAND",
+        help="command that starts a PX4, to fly the trace with it too (default: DRONECATS_PX4)",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for page, figures, JSON and CSV")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
@@ -40,11 +44,11 @@ def run(args: argparse.Namespace) -> int:
 
     loops, experiments = select_loops(args.loops), args.part or EXPERIMENTS
     if args.px4 is not None and not args.px4.strip():
-        raise UsageError("--px4 wants the command that starts a PX4, and it is empty")
+        raise UsageError("--px4 is empty. Give the command that starts a PX4")
     if args.px4 and "trace" not in experiments:
-        raise UsageError("--px4 goes with --part trace, which it flies; add that, or leave --px4 out")
+        raise UsageError("--px4 goes with --part trace. Add it, or leave --px4 out")
     if args.out and args.out.exists() and not args.out.is_dir():
-        raise UsageError(f"--out {args.out} is a file; name a folder")
+        raise UsageError(f"--out {args.out} is a file. Name a folder")
     frames = [airframe.load(name) for name in args.airframe or airframe.names()]
     studies: list[margins.LoopStudy] = []
     tolerances: list[stream.Tolerance] = []

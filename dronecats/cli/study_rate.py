@@ -34,7 +34,7 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
     )
     rig.add_argument("--calibration", type=Path, metavar="FILE", help="lens of the camera: docs/cameras.md")
     rig.add_argument("--envelope", type=Path, metavar="FILE", help="limits of the safety envelope: docs/envelope.md")
-    rig.add_argument("--dry-run", action="store_true", help="required, to make clear that nothing moves")
+    rig.add_argument("--dry-run", action="store_true", help="required, to confirm that nothing moves")
     add(parser.add_argument_group("pilot"), PILOT)
     run_group = parser.add_argument_group("run")
     run_group.add_argument("--instruction", metavar="TEXT", default=INSTRUCTION, help="the task of the pilot")
@@ -42,7 +42,7 @@ def add_rate_options(parser: argparse.ArgumentParser) -> None:
         "--questions",
         type=int,
         metavar="N",
-        help=f"default {QUESTIONS}, or as many as --seconds allow",
+        help=f"number of questions (default {QUESTIONS}, or as many as --seconds allow)",
     )
     run_group.add_argument("--seconds", type=float, metavar="S", help="longest vehicle time (default 300)")
     run_group.add_argument(
@@ -83,12 +83,12 @@ def run(args: argparse.Namespace) -> int:
 def _wanted(args: argparse.Namespace) -> int | None:
     """Return the number of questions, None for as many as the time allows. Raises UsageError."""
     if not args.dry_run:
-        raise UsageError("`study rate` never moves a vehicle: add --dry-run to confirm that you know this")
+        raise UsageError("`study rate` never moves a vehicle. Add --dry-run to confirm that you know this")
     if args.cache is not None:
-        raise UsageError("a cached reply takes no time: leave --cache out")
+        raise UsageError("a cached reply takes no time. Leave --cache out")
     wanted: int | None = QUESTIONS if args.questions is None and args.seconds is None else args.questions
     if wanted is not None and not LEAST <= wanted <= MOST:
-        raise UsageError(f"--questions wants a whole number from {LEAST} to {MOST:,}, got {wanted}")
+        raise UsageError(f"--questions must be a whole number from {LEAST} to {MOST:,}, got {wanted}")
     return wanted
 
 
@@ -101,7 +101,7 @@ def rehearsal(args: argparse.Namespace) -> "FlightSpec":
 
 def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: float | None) -> tuple[int, str | None]:
     """Return the exit status, and the reason if it is not 0."""
-    kept = f"; what was measured is in {Path(result['run_dir']).parent}"
+    kept = f"; the measurements until then are in {Path(result['run_dir']).parent}"
     if result["error"]:
         return int(result["status"]), f"{result['error']}{kept if questions else ''}"
     if wanted is not None and questions >= wanted:
@@ -113,7 +113,7 @@ def _ended(result: dict[str, Any], questions: int, wanted: int | None, seconds: 
         within = f" in {seconds:g} s" if seconds is not None else ""
         return (
             2,
-            f"only {questions}{of} questions were answered{within}, too few to go by: give it more --seconds{kept}",
+            f"only {questions}{of} questions were answered{within}, too few for quantiles. Raise --seconds{kept}",
         )
     return 0, None
 

@@ -136,14 +136,16 @@ def suite_of_options(args: argparse.Namespace) -> "ChosenSuite":
     if not (args.cells or args.maps):
         return bench_spec.suite(args)
     if args.episodes:
-        raise UsageError("--cells and --maps choose from a suite; leave them out, or the episodes by name")
+        raise UsageError("--cells and --maps choose from a suite. Leave them out, or leave the named episodes out")
     names = args.suite or ["all"]
     records = [catalogue.load(id) for id in dict.fromkeys(id for name in names for id in catalogue.suite_ids(name))]
     cells = _valid("--cells", args.cells or CELLS, CELLS)
     maps = _valid("--maps", args.maps or (), sorted({record.map for record in records}))
     kept = [record.id for record in records if record.cell in cells and (not maps or record.map in maps)]
     if not kept:
-        raise UsageError(f"no episode of {'+'.join(names)} is {', '.join(cells)} on {', '.join(maps) or 'any map'}")
+        raise UsageError(
+            f"no episode of the suite {'+'.join(names)} is {', '.join(cells)} on {', '.join(maps) or 'any map'}"
+        )
     return suite_of(kept, ())
 
 
@@ -152,15 +154,15 @@ def _valid(option: str, names: Iterable[str], choices: Iterable[str]) -> list[st
     choices = list(choices)
     if unknown := next((name for name in names if name not in choices), None):
         near = nearest(unknown, choices)
-        hint = f"; {did_you_mean(near)}" if near else ""
-        raise UsageError(f"{option} wants some of {', '.join(choices)}, got '{unknown:.60}'{hint}")
+        hint = f": {did_you_mean(near)}" if near else ""
+        raise UsageError(f"{option} must be some of {', '.join(choices)}; got '{unknown:.60}'{hint}")
     return list(dict.fromkeys(names))
 
 
 def _pair(word: str) -> tuple[str, str]:
     name, equals, level = word.partition("=")
     if not equals:
-        raise UsageError(f"--hold wants FACTOR=LEVEL, for example wind=6, got '{word:.60}'")
+        raise UsageError(f"--hold must be FACTOR=LEVEL, for example wind=6; got '{word:.60}'")
     return name.strip(), level.strip()
 
 
@@ -178,7 +180,7 @@ def _check_once(where: str, names: Iterable[str]) -> None:
 
     factors = [factor_of(name).name for name in names]
     if twice := next((name for name in factors if factors.count(name) > 1), None):
-        raise UsageError(f"{where} sets {twice} twice; leave one of them out")
+        raise UsageError(f"{where} sets {twice} twice. Leave one of them out")
 
 
 def _axis(name: str, value: Any) -> "Axis":
@@ -190,15 +192,17 @@ def _axis(name: str, value: Any) -> "Axis":
     if isinstance(value, list) and value:
         levels = tuple(factor.level(level) for level in value)
         if len(set(levels)) < len(levels):
-            raise UsageError(f"{factor.name} has one of its levels twice")
+            raise UsageError(f"{factor.name} has a level twice. Remove one")
         return Axis(name=factor.name, levels=levels)
     if isinstance(value, dict) and set(value) == {"low", "high"} and factor.quantity:
         low, high = (float(factor.level(value[end])) for end in ("low", "high"))
         if low >= high:
-            raise UsageError(f"{factor.name} wants a low that is below its high, got {low:g} and {high:g}")
+            raise UsageError(f"{factor.name} needs low < high, got {low:g} and {high:g}")
         return Axis(name=factor.name, low=low, high=high, integer=factor.quantity.whole)
     ranges = ", or { low = …, high = … }" if factor.quantity else ""
-    raise UsageError(f"{factor.name} wants a list of levels{ranges}, got {value!r:.60}; one level goes under held")
+    raise UsageError(
+        f"{factor.name} must be a list of levels{ranges}; got {value!r:.60}. Put a single level under [held]"
+    )
 
 
 def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
@@ -210,14 +214,14 @@ def _design(axes: "list[Axis]", study: Mapping[str, Any]) -> "Design":
         raise UsageError(f"'design' {no_choice(kind, design.KINDS)}")
     for key, of in (("generators", "fractional"), ("points", "latin"), ("design_seed", "latin")):
         if key in study and kind != of:
-            raise UsageError(f'{key} goes with design = "{of}"; leave it out')
+            raise UsageError(f'{key} goes with design = "{of}". Leave it out')
     if not axes:
-        raise UsageError("a study wants factors: list what varies under [factors], as in docs/studies.md")
+        raise UsageError("the study has no factors. List what varies under [factors], as in docs/studies.md")
     if kind == "fractional":
         return design.fractional(axes, study.get("generators", ()))
     if kind == "latin":
         if "points" not in study:
-            raise UsageError('design = "latin" wants points = N')
+            raise UsageError('design = "latin" needs points = N')
         return design.latin(axes, study["points"], study.get("design_seed", 0))
     return design.one_at_a_time(axes, ENTRANT_FACTORS) if kind == "one-at-a-time" else design.full(axes)
 
@@ -231,13 +235,13 @@ def _pilots(
     from foundation.protocol import CAP_S
 
     if option := first_set(args, (option for option in DISTURBANCES if option.name in levels)):
-        raise UsageError(f"{option.flag} is one of the factors, or held; leave one of them out")
+        raise UsageError(f"{option.flag} is also a factor, or held. Leave one of them out")
     factor = next((name for name in PILOT_FACTORS if name in levels), None)
     if factor and (args.pilot or args.model):
-        raise UsageError(f"{factor} is one of the factors; leave --{'pilot' if args.pilot else 'model'} out")
+        raise UsageError(f"{factor} is a factor. Leave --{'pilot' if args.pilot else 'model'} out")
     if factor and (option := first_set(args, MODEL)):
         raise UsageError(
-            f"{option.flag} goes with one --model, and {factor} is one of the factors, or held; leave it out:"
+            f"{option.flag} goes with one --model, and {factor} is a factor, or held. Leave it out:"
             " a row of models.toml has its own"
         )
     if factor == "pilot" and args.rendered:

@@ -20,11 +20,13 @@ def add_submit_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
     parser.add_argument("runs", nargs="+", type=Path, metavar="RUN", help="run folders, or folders of runs")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="the archive, FILE.tar.xz")
-    parser.add_argument("--name", help="name of the entry (default: the pilot's)")
+    parser.add_argument("--name", help="name of the entry (default: the pilot's name)")
     parser.add_argument("--note", default="", help="a sentence about the entry")
     parser.add_argument("--with-frames", action="store_true", help="include the frames, not only their digests")
     parser.add_argument(
-        "--partial", action="store_true", help="also submit an incomplete suite or unscored episodes, marked as such"
+        "--partial",
+        action="store_true",
+        help="also accept an incomplete suite or unscored episodes; marks the entry as partial",
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=_submit)
@@ -38,7 +40,7 @@ def _submit(args: argparse.Namespace) -> int:
     from dronecats.report.recorded.run import recorded_runs
 
     if not args.out.name.endswith(".tar.xz"):
-        raise UsageError(f"--out wants the name of a file that ends with .tar.xz, got {args.out.name}")
+        raise UsageError(f"--out must be a file name that ends with .tar.xz, got {args.out.name}")
     with whole_file(args.out) as draft:
         submit(
             recorded_runs(args.runs), draft, name=args.name, note=args.note, partial=args.partial,
@@ -88,7 +90,7 @@ def _print(entry: "Verification") -> None:
     """Print the derived scores, the differences, and what was and could not be checked."""
     from dronecats.report.table import numbers, table_of, words
 
-    kind = "a model" if entry.is_model else "a built-in pilot, no model"
+    kind = "a model" if entry.is_model else "a built-in pilot, not a model"
     print(
         f"{entry.name}: {entry.pilot}, {kind}; {entry.flights} × suite {entry.suite or '(none)'}, {entry.steps} steps"
     )

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 def add_tune_options(parser: argparse.ArgumentParser) -> None:
     """Declare the verb's options."""
-    parser.add_argument("airframe", help="the name of an airframe, or a TOML file that describes one")
+    parser.add_argument("airframe", metavar="NAME|FILE", help="name of an airframe, or a TOML file that describes one")
     parser.add_argument("--out", type=Path, metavar="DIR", help="draw Bode and step plots into this folder")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
@@ -49,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(result))
     else:
-        print(f"{result['airframe']}: hovers at {result['hover_thrust']:.1%} of its full thrust\n")
+        print(f"{result['airframe']}: hovers at {result['hover_thrust']:.1%} of full thrust\n")
         show(*_tables(result))
         print("\n".join(["", *result.get("plots", ())]), end="\n" * ("plots" in result))
         if not args.out:

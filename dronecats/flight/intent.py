@@ -61,6 +61,6 @@ def _meant(segment: Segment) -> str:
         case Turn(yaw_rate):
             return f"would turn {math.degrees(yaw_rate):+.0f} deg/s for {segment.duration_s:.2f} s"
         case Velocity(forward, up):
-            climb = "height held" if up is None else f"{up:+.2f} m/s up"
+            climb = "constant height" if up is None else f"{up:+.2f} m/s up"
             return f"would fly {forward:.2f} m/s ahead, {climb}, for {segment.duration_s:.2f} s"
     return f"would hold for {segment.duration_s:.2f} s"

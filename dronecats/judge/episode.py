@@ -157,10 +157,10 @@ def judge_run(run: Path, delta_m: float = RADIUS_M, reread: Rereading | None = N
     """
     check_radius(delta_m)
     if not run.is_dir():
-        raise UsageError(f"there is no folder {run}")
+        raise UsageError(f"folder {run} does not exist")
     folders = episodes(run)
     if not folders:
-        raise UsageError(f"{run} holds no episode: a folder with {layout.DECISIONS} and {layout.TRUTH} is wanted")
+        raise UsageError(f"{run} has no episode. Name a folder that has {layout.DECISIONS} and {layout.TRUTH}")
     check_version(folders[0].resolve().parent)
     return {folder.resolve().name: _judged(folder, delta_m, reread) for folder in folders}
 
@@ -185,7 +185,7 @@ def _damaged(damage: UsageError, delta_m: float, cap_s: float = CAP_S) -> Verdic
 def check_radius(delta_m: float) -> None:
     """Raise UsageError for an invalid success radius."""
     if not math.isfinite(delta_m) or delta_m <= 0:
-        raise UsageError(f"--delta wants a radius in metres above 0, got {delta_m:g}")
+        raise UsageError(f"--delta must be a radius in metres above 0, got {delta_m:g}")
 
 
 def write_verdict(folder: Path, delta_m: float = RADIUS_M) -> Verdict:

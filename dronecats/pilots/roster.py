@@ -8,7 +8,7 @@ from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.pilots.scripted import PATTERNS
 from dronecats.pilots.vision.command import read_inscription
 from foundation.errors import UsageError
-from foundation.wording import did_you_mean, nearest
+from foundation.wording import suggestion
 
 SERVED = {"vision": "dronecats (classical vision, not a model)", "blind": "dronecats (sees nothing, not a model)"}
 RECORDED, BLIND, FAILING = "recorded:", "blind:", "failing:"
@@ -24,18 +24,18 @@ def check(name: str) -> str:
     if name.startswith(FAILING):
         if name.removeprefix(FAILING) in FAILURES:
             return name
-        names = "; ".join(f"{key} {failing.description}" for key, failing in FAILURES.items())
-        raise UsageError(f"there is no failing pilot '{name.removeprefix(FAILING)}'; there are: {names}")
+        raise UsageError(f"pilot '{name}' is not known: {_similar(name, FAILING, FAILURES)}")
     if name.startswith(RECORDED):
         answer(name)
         return name
     if name.startswith(BLIND):
-        names = "; ".join(f"{key} {pattern.description}" for key, pattern in PATTERNS.items())
-        raise UsageError(f"there is no blind pilot '{name.removeprefix(BLIND)}'; there are: {names}")
-    near = nearest(name, NAMES, count=2, cutoff=0.4)
-    all_names = ", ".join((*NAMES, f"{BLIND}NAME", f"{FAILING}NAME", f"{RECORDED}FILE"))
-    hint = did_you_mean(near) if near else f"there are {all_names}"
-    raise UsageError(f"there is no pilot '{name}'; {hint}")
+        raise UsageError(f"pilot '{name}' is not known: {_similar(name, BLIND, PATTERNS)}")
+    all_names = (*NAMES, f"{BLIND}NAME", f"{FAILING}NAME", f"{RECORDED}FILE")
+    raise UsageError(f"pilot '{name}' is not known: {suggestion(name, all_names, count=2)}")
+
+
+def _similar(name: str, prefix: str, kinds: Iterable[str]) -> str:
+    return suggestion(name, [f"{prefix}{kind}" for kind in kinds], count=2, cutoff=0.8)  # all begin alike
 
 
 def check_installed(name: str, instructions: Iterable[str]) -> None:
@@ -50,7 +50,7 @@ def check_commander(name: str) -> str:
     """Return `name` if there is such a built-in commander. Raises UsageError."""
     if name in COMMANDERS:
         return name
-    raise UsageError(f"there is no commander '{name}'; there are PROVIDER/NAME and {', '.join(COMMANDERS)}")
+    raise UsageError(f"commander '{name}' is not known: choose PROVIDER/NAME or {', '.join(COMMANDERS)}")
 
 
 def forgets(name: str) -> bool:

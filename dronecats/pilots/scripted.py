@@ -276,7 +276,7 @@ def replies(path: Path) -> list[str]:
     for row in rows(path, ScriptedReply):
         by_step.setdefault(row.step, row.reply)
     if not by_step:
-        raise UsageError(f"{path} holds no decision; give the {DECISIONS} of a flight that took steps")
+        raise UsageError(f"{path} has no decision. Give the {DECISIONS} of a flight with decisions")
     return [by_step[step] for step in sorted(by_step)]
 
 

@@ -84,7 +84,7 @@ def target_from(text: str, std_m: float | None = None) -> SurveyedTarget:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3) or not all(math.isfinite(n) for n in numbers):
-        raise UsageError(f"a target is LAT,LON or LAT,LON,ALT, for example 47.397742,8.545594,488.2; got '{text}'")
+        raise UsageError(f"a target must be LAT,LON or LAT,LON,ALT, for example 47.397742,8.545594,488.2, got '{text}'")
     latitude, longitude, *altitude = numbers
     std_m = HANDHELD_STD_M if std_m is None else std_m
     return SurveyedTarget(latitude, longitude, altitude[0] if altitude else None, std_m)
@@ -248,22 +248,20 @@ def derive(folder: Path, target: SurveyedTarget | None = None, ulog: Path | None
     flight = RecordedFlight.read(folder)
     begin = flight.logs.begin
     if begin is None:
-        raise UsageError(f"{folder} holds no episode that began")
+        raise UsageError(f"{folder} has no episode that began")
     record = from_ulog(ulog) if ulog else _estimator_log(flight)
     target = target or _surveyed_target(flight)
     target_ned = None
     if target is not None:
         if record.origin is None:
-            raise UsageError(
-                f"{record.source} never tells where on Earth its local frame is: GPS_GLOBAL_ORIGIN is missing"
-            )
+            raise UsageError(f"{record.source} has no place on Earth of its local frame: GPS_GLOBAL_ORIGIN is missing")
         target_ned = target.ned(record.origin)
     frames = {(d.drone, d.frame_id): d.t_frame for d in flight.logs.decisions}
     poses_s = np.arange(0.0, flight.end_s + 1e-6, POSE_PERIOD_S)
     t0_us = float(begin.t0_us)
     estimates = record.estimates.between(t0_us - MARGIN_US, t0_us + poses_s[-1] * 1e6 + MARGIN_US)
     if len(estimates.time_us) < 2:
-        raise UsageError(f"{record.source} tells no positions of the time of the episode; is it of this flight?")
+        raise UsageError(f"{record.source} has no positions during the episode. Is it a log of this flight?")
     path = smooth(estimates, t0_us + np.array([*poses_s, *frames.values()], float) * 1e6)
     head = EstimateHead(
         source=record.source,
@@ -322,7 +320,7 @@ def from_telemetry(telemetry: DroneTelemetry, path: Path) -> EstimatorLog:
     """Return the estimates that an autopilot sent, logged in `path`. Raises UsageError when it sent no positions."""
     places, angles = telemetry.places, telemetry.angles
     if len(places) < 2:
-        raise UsageError(f"{path} tells no positions: it holds no LOCAL_POSITION_NED of an autopilot")
+        raise UsageError(f"{path} has no positions: there is no LOCAL_POSITION_NED of an autopilot in it")
     velocity_std = np.full((len(places), 3), VELOCITY_STD)
     estimates = Estimates(places[:, 0], places[:, 1:4], places[:, 4:7], places[:, 7:10], velocity_std)
     return EstimatorLog(estimates, angles[:, 0], np.unwrap(angles[:, 3]), telemetry.origin, path.name)
@@ -340,7 +338,7 @@ def from_ulog(path: Path) -> EstimatorLog:
         heading, has_origin = local["heading"].astype(float), local["xy_global"].astype(bool)
         origin = tuple(float(local[name][-1]) for name in ("ref_lat", "ref_lon", "ref_alt"))
     except (KeyError, IndexError) as missing:
-        raise UsageError(f"{path} is no ULog with vehicle_local_position: {missing} is missing") from None
+        raise UsageError(f"{path} is not a ULog with vehicle_local_position: {missing} is missing") from None
     receiver = log.get("vehicle_gps_position") or log.get("sensor_gps")
     if receiver is not None:
         seen_us = receiver["timestamp"].astype(float)
@@ -349,7 +347,7 @@ def from_ulog(path: Path) -> EstimatorLog:
     position, velocity = (np.column_stack(column).astype(float) for column in columns)
     usable = np.isfinite(position).all(1) & np.isfinite(velocity).all(1) & (np.diff(time_us, prepend=-1.0) > 0)
     if usable.sum() < 2:
-        raise UsageError(f"{path} tells no positions")
+        raise UsageError(f"{path} has no positions")
     estimates = Estimates(
         time_us[usable], position[usable], velocity[usable], estimated[usable], np.fmax(velocity_std[usable], 0.02)
     )
@@ -385,7 +383,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     common = [(p, p.position_std_m) for p in estimated_log.poses if p.position_std_m and true.covers(p.t)]
     origin = estimated_log.head.origin
     if not common or not origin:
-        raise UsageError(f"{folder} tells no instant, or no origin, for which the estimate could be held to the truth")
+        raise UsageError(f"{folder} has no moment, or no origin, at which the estimate can be compared with the truth")
     estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *p.position_ned)) for p, _ in common]
     apart = np.subtract(estimated, [true.at(p.t) for p, _ in common])
     std = np.array([std_m for _, std_m in common])

@@ -298,7 +298,7 @@ def _grid_keys() -> list[Any]:
     from matplotlib.patches import Patch
 
     return [
-        Patch(facecolor=BLUE, label="solved (filled by the share of flights)"),
+        Patch(facecolor=BLUE, label="solved (filled by the share of solved flights)"),
         Patch(facecolor=LIGHT, label="not solved"),
         Line2D([], [], marker="x", color=VERMILION, linestyle="", markersize=4, label="not scored"),
     ]

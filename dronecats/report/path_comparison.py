@@ -75,7 +75,7 @@ def compare(a: Logs, b: Logs, seconds: float, *, by_step: bool, keep_north: bool
     """
     drones = sorted({p.drone for p in a.poses} & {p.drone for p in b.poses})
     if not drones:
-        raise UsageError("the two flights have no drone in common whose poses were logged")
+        raise UsageError("the two flights have no drone with logged poses in common")
     comparisons = []
     for drone in drones:
         paths = trace(a, drone, keep_north), trace(b, drone, keep_north)
@@ -93,7 +93,7 @@ def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
     """Return the path of a drone. Raises UsageError without two poses, or without a first heading."""
     poses = sorted((p for p in logs.poses if p.drone == drone), key=lambda p: p.t)
     if len(poses) < 2:
-        raise UsageError(f"{drone_label(drone)} has {len(poses)} poses in one of the flights, which makes no path")
+        raise UsageError(f"{drone_label(drone)} has only {len(poses)} poses in one of the flights, too few for a path")
     position = np.array([p.position_ned for p in poses], float)
     position = position - position[0]
     if not keep_north:
@@ -103,7 +103,7 @@ def trace(logs: Logs, drone: int, keep_north: bool) -> Trace:
 
 def _heading(pose: Pose) -> float:
     if pose.yaw_deg is None:
-        raise UsageError("the first pose of one of the flights has no heading; compare with --keep-north")
+        raise UsageError("the first pose of one of the flights has no heading. Compare with --keep-north")
     return math.radians(pose.yaw_deg)
 
 
@@ -119,7 +119,7 @@ def _compare(
     a, b = paths
     at_a, at_b = _instants(a, b, *steps)
     if len(at_a) < 2:
-        raise UsageError(f"the two flights of {drone_label(drone)} share no stretch of time")
+        raise UsageError(f"the two flights of {drone_label(drone)} have no time in common")
     t = np.arange(len(at_a), dtype=np.float64) * GRID_S
     here, there = a.at(at_a), b.at(at_b)
     distance_m = np.linalg.norm(here - there, axis=1)

@@ -268,16 +268,18 @@ class ReportData:
         sentences: list[str] = []
         for entrant in self.entrants:
             if reason := refusal(entrant.runs):
-                sentences.append(f"Counted together all the same: {reason}.")
+                sentences.append(f"Counted together because of --pool-anyway: {reason}.")
             if entrant.setting.disturbed:
-                sentences.append(f"{entrant.label} was disturbed on purpose: {entrant.setting.disturbed}.")
+                sentences.append(f"{entrant.label} flew with disturbances: {entrant.setting.disturbed}.")
             names = {name for flight in entrant.scored for name in flight.served}
             if len(names) > 1:
-                sentences.append(f"{entrant.label} was served as {', '.join(sorted(names))}.")
+                sentences.append(f"{entrant.label}: the server answered as {', '.join(sorted(names))}.")
         kinds = [{k: values for k, values in identity(e.runs[0]).items() if is_common(k)} for e in self.entrants]
         differing = {str(difference) for kind in kinds[1:] for difference in differences(kinds[0], kind)}
         if differing:
-            sentences.append(f"Not all lines were flown alike: they differ in {', '.join(sorted(differing))}.")
+            sentences.append(
+                f"The rows are not fully comparable, because their runs differ in {', '.join(sorted(differing))}."
+            )
         return tuple(sentences)
 
 

@@ -39,9 +39,9 @@ def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = 
             " here."
         )
     if delta_m != RADIUS_M:
-        sentences.append(f"The success radius is {delta_m:g} m, and not the benchmark's {RADIUS_M:g} m.")
+        sentences.append(f"The success radius is {delta_m:g} m instead of the benchmark's {RADIUS_M:g} m.")
     if not any(entrant.is_model for entrant in data.entrants):
-        sentences.append("No model flew: all lines are of built-in pilots.")
+        sentences.append("No model flew: all rows are built-in pilots.")
     return [*sentences, *data.warnings()]
 
 

@@ -96,7 +96,7 @@ def latin(axes: Sequence[Axis], points: int, seed: int) -> Design:
     from scipy.stats import qmc
 
     if not 2 <= points <= POINTS_MAX:
-        raise UsageError(f"a Latin hypercube wants 2 to {POINTS_MAX:,} points, got {points}")
+        raise UsageError(f"a Latin hypercube needs 2 to {POINTS_MAX:,} points, got {points}")
     shares = qmc.LatinHypercube(len(axes), seed=np.random.default_rng(seed)).random(points)
     rows = [tuple(axis.at(float(share)) for axis, share in zip(axes, row, strict=True)) for row in shares]
     return Design(
@@ -113,9 +113,9 @@ def fractional(axes: Sequence[Axis], generators: Sequence[str]) -> Design:
     """
     for axis in axes:
         if len(axis.ends) != 2:
-            raise UsageError(f"a fraction wants two levels of each factor; {axis.name} has {len(axis.ends)}")
+            raise UsageError(f"a fraction needs two levels of each factor, but {axis.name} has {len(axis.ends)}")
     if not 3 <= len(axes) <= FACTORS_MAX:
-        raise UsageError(f"a fraction wants 3 to {FACTORS_MAX} factors, got {len(axes)}")
+        raise UsageError(f"a fraction needs 3 to {FACTORS_MAX} factors, got {len(axes)}")
     generated = _generated([axis.name for axis in axes], generators)
     basic = [place for place in range(len(axes)) if place not in generated]
     rows = []
@@ -146,7 +146,7 @@ def resolution(words: Sequence[int]) -> int:
 def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tuple[int, tuple[int, ...]]]:
     """Return for each generated factor, by its place: the sign, and the places of the factors of its product."""
     if not generators:
-        raise UsageError('a fraction wants generators, for example generators = ["D = ABC"]')
+        raise UsageError('a fraction needs generators, for example generators = ["D = ABC"]')
     generated: dict[int, tuple[int, tuple[int, ...]]] = {}
     for text in generators:
         left, equals, right = text.partition("=")
@@ -154,13 +154,15 @@ def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tup
         sign = -1 if right.startswith(("-", "−")) else 1
         target, product = _places(left, names, text), _places(right.lstrip("-−"), names, text)
         if not equals or len(target) != 1 or not product:
-            raise UsageError(f"a generator is one factor = a product of others, for example D = ABC, got '{text:.60}'")
+            raise UsageError(
+                f"a generator must be one factor = a product of others, for example D = ABC; got '{text:.60}'"
+            )
         if target[0] in generated or target[0] in product or len(set(product)) < len(product):
             raise UsageError(f"'{text:.60}': a factor is generated once, from other factors that each appear once")
         generated[target[0]] = (sign, tuple(sorted(product)))
     for place in itertools.chain.from_iterable(product for _, product in generated.values()):
         if place in generated:
-            raise UsageError(f"{names[place]} is generated itself, so no other factor can be generated from it")
+            raise UsageError(f"{names[place]} is generated itself, so it cannot generate another factor")
     return dict(sorted(generated.items()))
 
 
@@ -175,7 +177,7 @@ def _places(text: str, names: Sequence[str], generator: str) -> list[int]:
             places += [letters[letter] for letter in word]
         else:
             raise UsageError(
-                f"'{generator:.60}': '{word:.60}' is none of the factors {', '.join(names)}, nor of the letters"
+                f"'{generator:.60}': '{word:.60}' is neither a factor ({', '.join(names)}) nor one of the letters"
                 f" {''.join(letters)}"
             )
     return places

@@ -56,7 +56,7 @@ class Factor:
             return self.quantity.read(value)
         if not isinstance(value, str) or not value or (self.words is not None and value not in self.words):
             wanted = f"one of {', '.join(self.words)}" if self.words else "a word"
-            raise UsageError(f"{self.name} wants {wanted}, got {value!r:.60}")
+            raise UsageError(f"{self.name} must be {wanted}, got {value!r:.60}")
         return value
 
     def at(self, flight: FlightSpec, level: Level) -> FlightSpec:
@@ -119,7 +119,7 @@ def _put_jitter(place: int) -> Callable[[FlightSpec, Level], FlightSpec]:
         before = paced.text.partition(":")[2].split(",") if paced else []
         if len(before) < place:
             wanted = "jitter_cv" if before else "a rate"
-            raise UsageError(f"it goes with {wanted}: vary that too, or hold it at one level")
+            raise UsageError(f"it goes with {wanted}. Vary that too, or hold it at one level")
         text = f"{JITTER}:{','.join([*before[:place], level_text(level)])}"
         return replace(flight, latency=flight.latency.with_part(text, (RATE, JITTER)))
 
@@ -134,7 +134,7 @@ def _put_part(template: str) -> Callable[[FlightSpec, Level], FlightSpec]:
 def _put_stall_length(flight: FlightSpec, level: Level) -> FlightSpec:
     stall = flight.latency.part(STALL)
     if stall is None:
-        raise UsageError("it goes with reply_stall_share: vary that too, or hold it at one level")
+        raise UsageError("it goes with reply_stall_share. Vary that too, or hold it at one level")
     share = stall.text.partition(":")[2].partition(",")[0]
     return replace(flight, latency=flight.latency.with_part(f"{STALL}:{share},{level_text(level)}"))
 
@@ -182,8 +182,8 @@ def factor_of(name: str) -> Factor:
     factor = FACTORS.get(name.replace("-", "_"))
     if factor is None:
         near = nearest(name, FACTORS, count=1)
-        hint = did_you_mean(near) if near else f"choose from {', '.join(FACTORS)}"
-        raise UsageError(f"there is no factor '{name:.60}'; {hint}")
+        hint = did_you_mean(near) if near else f"choose one of {', '.join(FACTORS)}"
+        raise UsageError(f"factor '{name:.60}' is not known: {hint}")
     return factor
 
 
@@ -193,7 +193,7 @@ def check_together(names: list[str]) -> None:
     for name in names:
         first = by_property.setdefault(factor_of(name).sets, name)
         if first != name:
-            raise UsageError(f"{first} and {name} both set {factor_of(name).sets}; leave one of them out")
+            raise UsageError(f"{first} and {name} both set {factor_of(name).sets}. Leave one of them out")
 
 
 def stored_levels(levels: Mapping[str, Level]) -> dict[str, Level]:
@@ -230,11 +230,11 @@ def _check_combination(levels: Mapping[str, Level], *, lockstep: bool) -> None:
         factor = FACTORS[name]
         if factor.beside and factor.refines not in levels:
             raise UsageError(
-                f"{name} at {level_text(level)}: it goes with {factor.refines}: vary that too, or hold it at one level"
+                f"{name} at {level_text(level)}: it goes with {factor.refines}. Vary that too, or hold it at one level"
             )
         if factor.real_time and lockstep:
             raise UsageError(f"{name} goes with --speed N: {disturbances.LOCKSTEP}")
     policy = str(levels.get(POLICY, ""))
     kinds = {part.partition(":")[0] for part in split_policy(policy)}
     if added := next((name for name, kind in ADDED.items() if name in levels and kind in kinds), None):
-        raise UsageError(f"{added} and {POLICY} {policy} both set {ADDED[added]}; leave one of them out")
+        raise UsageError(f"{added} and {POLICY} {policy} both set {ADDED[added]}. Leave one of them out")

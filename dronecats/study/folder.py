@@ -27,7 +27,7 @@ def read(folder: Path) -> Study:
     path = folder / layout.STUDY
     value = json_object(path)
     if value is None:
-        raise UsageError(f"{folder} is no study: it has no readable {layout.STUDY}")
+        raise UsageError(f"{folder} is not a study: it has no readable {layout.STUDY}")
     study, problem = taken(value, Study)
     if study is None:
         raise UsageError(f"{path}: {problem}")
@@ -43,7 +43,7 @@ def write(folder: Path, study: Study) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         write_json(folder / layout.STUDY, as_json(study))
     except OSError as error:
-        raise UsageError(f"the folder {folder} cannot be written: {error.strerror}; choose another --out") from None
+        raise UsageError(f"the folder {folder} cannot be written: {error.strerror}. Choose another --out") from None
 
 
 def _checked(study: Study) -> Study:
@@ -86,14 +86,14 @@ def merge_earlier_runs(folder: Path, plan: StudyPlan) -> Study:
     study = plan.study
     if not (folder / layout.STUDY).exists():
         if (folder / layout.BENCH).exists():
-            raise UsageError(f"{folder} holds a benchmark, not a study; choose another --out")
+            raise UsageError(f"{folder} is a benchmark, not a study. Choose another --out")
         return study
     before = read(folder)
     fields_compared = [field.name for field in fields(Study) if field.name not in MERGED]
     changes = [_difference_text(name, getattr(before, name), getattr(study, name)) for name in fields_compared]
     if any(changes):
         text = "; ".join(filter(None, changes))
-        raise UsageError(f"{folder} holds another study (different: {text}); choose another --out")
+        raise UsageError(f"{folder} has another study (different: {text}). Choose another --out")
     _check_flights(folder, before, plan)
     names = {run.name for run in study.runs}
     kept = tuple(run for run in before.runs if run.name not in names)
@@ -142,12 +142,12 @@ def _check_flights(folder: Path, before: Study, plan: StudyPlan) -> None:
         if run_name is None or not isinstance(flight, dict):
             continue
         if by_name[run_name].levels != run.levels:
-            raise UsageError(f"{folder / run_name} has other levels than {run.name} has now; choose another --out")
+            raise UsageError(f"{folder / run_name} has other levels than {run.name} has now. Choose another --out")
         differences = list(_flight_differences(flight, entry.flight, same_pilot=run_name == run.name))
         if differences:
             text = "; ".join(differences[:NAMED])
             raise UsageError(
-                f"{folder / run_name} was begun with another {text}; use the same options again, or another --out"
+                f"{folder / run_name} was started with another {text}. Use the same options again, or another --out"
             )
 
 

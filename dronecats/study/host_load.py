@@ -102,7 +102,7 @@ def fly(plan: LoadPlan, out: Path, progress: Callable[[str], None]) -> list[Load
     flights: list[LoadedFlight] = []
     for level in plan.levels:
         for clock in CLOCKS:
-            progress(f"{clock}, {level} busy processes beside it …")
+            progress(f"{clock}, with {level} busy processes …")
             for number in range(1, plan.flights + 1):
                 flights += _fly_level(plan, out, clock, level, number)
     return flights
@@ -121,7 +121,7 @@ def _fly_level(plan: LoadPlan, out: Path, clock: Clock, level: int, number: int)
             result = stored_result(folder.name, folder)
             if result.outcome not in SCORED:
                 raise InfrastructureError(
-                    f"{folder} was not flown to its end: {result.error or result.outcome}; repeat the command"
+                    f"{folder} did not reach its end: {result.error or result.outcome}. Repeat the command"
                 )
             yield LoadedFlight(
                 episode=folder.name,

@@ -50,17 +50,17 @@ def plan(
     """
     factors = tuple(design.points[0]) if design.points else ()
     if overlap := next((factor for factor in factors if factor in held), None):
-        raise UsageError(f"{overlap} is varied and held at one level; leave one of them out")
+        raise UsageError(f"{overlap} is varied and also held at one level. Leave one of them out")
     check_together([*held, *factors])
     if not pilots:
-        raise UsageError("nothing is to be flown: name a pilot with --model or --pilot")
+        raise UsageError("no pilot was named. Add --model or --pilot")
     count = len(pilots) * len(design.points) * flights
     if count > RUNS_MAX:
-        raise UsageError(f"that makes {count:,} runs, more than {RUNS_MAX:,}: fewer points, pilots or flights")
+        raise UsageError(f"the study has {count:,} runs, more than {RUNS_MAX:,}. Use fewer points, pilots or flights")
     _check_fleets(suite, [held.get("command"), *(point.get("command") for point in design.points)])
     points = [stored_levels(point) for point in design.points]
     if len({tuple(point.items()) for point in points}) < len(points):
-        raise UsageError("two levels of latency_policy are the same recorded latencies; leave one of them out")
+        raise UsageError("two levels of latency_policy have the same recorded latencies. Leave one of them out")
     check_effects(pilots[0][1], design.points, held)
     names = _folder_names([pilot for pilot, _ in pilots], points)
     entries, runs = [], []
@@ -96,7 +96,7 @@ def _study_factor(name: str, points: Sequence[DesignPoint]) -> StudyFactor:
 def _check_fleets(suite: ChosenSuite, commands: Sequence[Level | None]) -> None:
     alone = next((record.id for record in suite.records.values() if len(record.starts) == 1), None)
     if alone and any(command not in (None, "flat") for command in commands):
-        raise UsageError(f"command needs a fleet, and {alone} has one drone; use --cells commanding")
+        raise UsageError(f"command needs a fleet, but {alone} has one drone. Use --cells commanding")
 
 
 def _folder_names(pilots: Sequence[str], points: Sequence[DesignPoint]) -> dict[tuple[str, int], str]:
@@ -111,7 +111,7 @@ def _folder_names(pilots: Sequence[str], points: Sequence[DesignPoint]) -> dict[
             own = ["-".join([*prefix, f"point-{number:0{digits}d}"]) for number in range(1, len(points) + 1)]
         names |= {(pilot, k): name for k, name in enumerate(own)}
     if len(set(names.values())) < len(pilots) * len(points):
-        raise UsageError("two of the pilots have the same name; give them different names in the file")
+        raise UsageError("two pilots have the same name. Give them different names in the file")
     return names
 
 
@@ -185,8 +185,8 @@ def _check_distinct_levels(flight: FlightSpec, at: Mapping[str, Level], name: st
             continue
         if content in levels_of:
             raise UsageError(
-                f"{name} at {level_text(levels_of[content])} and at {level_text(level)} is the same flight; leave one"
-                " of them out"
+                f"{name} at {level_text(levels_of[content])} and at {level_text(level)} gives the same flight."
+                " Leave one of them out"
             )
         levels_of[content] = level
 

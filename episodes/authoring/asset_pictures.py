@@ -6,7 +6,6 @@ type, the sign with letters of 0.136 m and the plate with digits of 0.10 m, benc
 pipeline, with inscriptions that no episode uses.
 """
 
-import difflib
 import json
 import math
 from collections.abc import Sequence
@@ -30,6 +29,7 @@ from foundation.camera import WIDTH_MAX, CameraPose, encode
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 from foundation.terrain import FLAT
+from foundation.wording import suggestion
 
 GROUND_M = 160.0  # half the ground's width
 
@@ -78,8 +78,7 @@ def write_contact_sheet(chosen: Sequence[str], out: Path) -> None:
     catalogued = names()
     for name in chosen:
         if name not in catalogued:
-            near = ", ".join(difflib.get_close_matches(name, catalogued, 3, 0.3) or catalogued)
-            raise UsageError(f"asset '{name}' is not in the catalogue: did you mean {near}?")
+            raise UsageError(f"asset '{name}' does not exist: {suggestion(name, catalogued)}")
     rows = [_row(name, PAINTS[k % len(PAINTS)]) for k, name in enumerate(chosen or catalogued)]
     heads = [_caption(f"{d:g} m", w + GAP_PX) for d, w in zip(DISTANCES_M, WIDTHS_PX, strict=True)]
     write_picture(jpeg(np.concatenate([np.concatenate(heads, axis=1), *rows]), QUALITY), out)
@@ -188,7 +187,7 @@ def write_probe(folder: Path, seed: int = 0) -> list[Probe]:
         (folder / "index.json").write_text(index + "\n", encoding="utf-8")
         (folder / "contact-sheet.png").write_bytes(cv2.imencode(".png", np.concatenate(rows))[1].tobytes())
     except OSError as error:
-        raise UsageError(f"the probe cannot be written to '{folder}': {error.strerror}; choose another --out") from None
+        raise UsageError(f"the probe cannot be written to '{folder}': {error.strerror}. Choose another --out") from None
     return probes
 
 

@@ -39,7 +39,9 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
                 yield done.result()
             complete = True
         except BrokenProcessPool:
-            raise InfrastructureError("one of the processes died, perhaps for want of memory.") from None
+            raise InfrastructureError(
+                "a process ended unexpectedly, perhaps for lack of memory. Use fewer --jobs."
+            ) from None
         finally:
             if not complete:  # nobody wants what is being worked on
                 for process in set(multiprocessing.active_children()) - before_us:

@@ -147,7 +147,7 @@ def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
 def write_first_frame(record: EpisodeRecord, file: Path) -> None:
     """Write the first frame, 1280 px wide, a fleet's 640 px each. Raises UsageError when it cannot be written there."""
     if file.suffix.lower() not in SUFFIXES:
-        raise UsageError(f"--picture wants a file that ends in {', '.join(SUFFIXES)}, not '{file.name[:60]}'.")
+        raise UsageError(f"--picture must be a file that ends in {', '.join(SUFFIXES)}, got '{file.name[:60]}'.")
     camera = CameraModel() if len(record.starts) == 1 else CameraModel(640, 360)
     done, data = cv2.imencode(file.suffix.lower(), first_frame(record, camera)[..., ::-1])
     if not done:

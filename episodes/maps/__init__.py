@@ -1,6 +1,5 @@
 """The maps by name: those that ship, built from a seed, and those of the user, read from glTF files."""
 
-import difflib
 import hashlib
 from collections.abc import Callable
 
@@ -8,6 +7,7 @@ from episodes.maps import blocks, campus, residential, residential_places, user
 from episodes.maps.scene import Places, Scene
 from foundation.errors import UsageError
 from foundation.threads import once
+from foundation.wording import suggestion
 
 _MAPS: dict[str, Callable[[int], Scene]] = {
     "blocks": blocks.build,
@@ -46,10 +46,9 @@ def build(name: str, seed: int = 1) -> Scene:
     if name not in _MAPS and name in user.names():
         return user.build(name)
     if name not in _MAPS:
-        near = ", ".join(difflib.get_close_matches(name, names(), 3, 0.3) or names())
-        raise UsageError(f"map '{name}' does not exist: did you mean {near}?")
+        raise UsageError(f"map '{name}' does not exist: {suggestion(name, names())}")
     if seed < 0:
-        raise UsageError(f"the seed of a map is a whole number from 0, not {seed}.")
+        raise UsageError(f"the seed of a map must be a whole number from 0, got {seed}")
     return _shipped(name, seed)
 
 

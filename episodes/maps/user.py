@@ -1,6 +1,5 @@
 """The maps of users: glTF files in a folder, flown by name like the maps that ship."""
 
-import difflib
 import os
 import re
 from collections.abc import Collection, Sequence
@@ -9,6 +8,7 @@ from pathlib import Path
 from episodes.maps.scene import Scene
 from foundation.errors import UsageError
 from foundation.files import whole_file
+from foundation.wording import did_you_mean, nearest
 
 FOLDER = "DRONECATS_MAPS"  # environment variable: where the maps are
 _NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")
@@ -25,7 +25,7 @@ def folder() -> Path:
         data = os.environ.get("XDG_DATA_HOME")
         return (Path(data) if data else Path.home() / ".local" / "share") / "dronecats" / "maps"
     except RuntimeError:  # a user id that has no home
-        raise UsageError(f"this user has no home folder for maps; set {FOLDER} to the path of a folder") from None
+        raise UsageError(f"this user has no home folder for maps. Set {FOLDER} to the path of a folder") from None
 
 
 def names() -> list[str]:
@@ -46,9 +46,9 @@ def build(name: str) -> Scene:
 def path_of(name: str) -> Path:
     """Return the file of a user's map. Raises UsageError for a name that is no map, also one that leaves the folder."""
     if name not in names():
-        near = difflib.get_close_matches(name[:100], names(), 3, 0.3)
-        hint = f"did you mean {', '.join(near)}?" if near else "bring one with `dronecats maps import`."
-        raise UsageError(f"there is no map {name[:80]!r} of yours: {hint}")
+        near = nearest(name, names(), cutoff=0.4)
+        hint = did_you_mean(near) if near else "import one with `dronecats maps import`."
+        raise UsageError(f"you have no map {name[:80]!r}: {hint}")
     return folder() / f"{name}.glb"
 
 
@@ -64,17 +64,17 @@ def add(
     from episodes.maps import gltf
 
     if not _NAME.fullmatch(name):
-        raise UsageError(f"{name[:80]!r} cannot name a map: use up to 40 small letters, digits and hyphens.")
+        raise UsageError(f"{name[:80]!r} cannot name a map. Use up to 40 small letters, digits and hyphens.")
     if name in taken:
-        raise UsageError(f"the map '{name}' ships with DroneCATS: choose another name.")
+        raise UsageError(f"'{name}' is the name of a shipped map. Choose another name.")
     kept = folder() / f"{name}.glb"
     if kept.exists() and not replace:
-        raise UsageError(f"you have a map '{name}' already: choose another name, or say --replace.")
+        raise UsageError(f"you already have a map '{name}'. Choose another name, or add --replace.")
     scene = gltf.load(path, spawn, name)
     try:
         kept.parent.mkdir(parents=True, exist_ok=True)
         with whole_file(kept) as draft:
             gltf.save(scene, draft)
     except OSError as error:
-        raise UsageError(f"the map cannot be kept in '{kept.parent}': {error.strerror}.") from None
+        raise UsageError(f"the map cannot be written to '{kept.parent}': {error.strerror}.") from None
     return scene

@@ -3,7 +3,6 @@
 A suite is a named list of episodes, for runs and reports. `dronecats episodes audit` writes the baselines.
 """
 
-import difflib
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +14,7 @@ from episodes.records import record as records
 from episodes.records.record import EpisodeRecord
 from foundation.errors import UsageError
 from foundation.typed_file import file_bytes, json_of, typed
-from foundation.wording import did_you_mean, nearest
+from foundation.wording import did_you_mean, nearest, suggestion
 
 DEFAULT = "residential-approaching-01"
 RECORDS = Path(__file__).parent
@@ -119,8 +118,7 @@ def suite_ids(suite: str) -> list[str]:
         return [name for name in ids() if name in QUICK]
     if suite in ("commanding", "one-drone"):
         return [name for name in ids() if ("-commanding-" in name) == (suite == "commanding")]
-    near = ", ".join(difflib.get_close_matches(suite, SUITES, 2, 0.4) or SUITES)
-    raise UsageError(f"suite {suite[:60]!r} does not exist: did you mean {near}?")
+    raise UsageError(f"suite {suite[:60]!r} does not exist: {suggestion(suite, SUITES, count=2)}")
 
 
 def episodes_of(suite: str | Sequence[str]) -> list[str]:

@@ -25,13 +25,16 @@ RINGS = 3  # of places around the square that are tried
 def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
     """Return the record with this number of starts. Raises UsageError without room, or without a square to continue."""
     if not 1 <= drones <= MAX_STARTS:
-        raise UsageError(f"--drones wants a whole number from 1 to {MAX_STARTS}, got {drones}")
+        raise UsageError(f"--drones must be a whole number from 1 to {MAX_STARTS}, got {drones}")
     if drones <= len(record.starts):
         return replace(record, starts=record.starts[:drones])
     if record.cell != "commanding":
-        raise UsageError(f"--drones {drones}: {record.id} is an episode for one drone; name a commanding one")
+        raise UsageError(f"--drones {drones}: {record.id} is an episode for one drone. Name a commanding episode")
     if len(record.starts) != FLEET or not formation(World(record)).passed:
-        raise UsageError(f"--drones {drones}: the starts of {record.id} are no square of 2 m sides that could go on")
+        raise UsageError(
+            f"--drones {drones}: the start places of {record.id} are not a square of 2 m, so no more"
+            " drones can be added"
+        )
     world = World(record)
     obstacles = StaticObstacles(world.scene.instances)
     for place in places(record.starts):
@@ -41,7 +44,10 @@ def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
         if has_room(world, obstacles, place) and in_sight(more):
             record = more
     if len(record.starts) < drones:
-        raise UsageError(f"--drones {drones}: around the starts of {record.id} is room for {len(record.starts)} only")
+        raise UsageError(
+            f"--drones {drones}: around the start places of {record.id} there is room for"
+            f" {len(record.starts)} drones only"
+        )
     if failure := next(failed(record), None):
         raise UsageError(f"--drones {drones}: {record.id} would not pass its checks: {failure.sentence}")
     return record

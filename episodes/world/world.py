@@ -1,6 +1,5 @@
 """The world of one episode: its map with the target in it, and the truth about both."""
 
-import difflib
 import itertools
 import math
 from collections.abc import Iterable, Mapping
@@ -22,6 +21,7 @@ from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 from foundation.measurement import TargetMeasurement
 from foundation.terrain import HeightField
 from foundation.threads import once
+from foundation.wording import did_you_mean, nearest
 
 NATIVE_OFF_M = 0.001  # between where a record says that a native target stands and where it does
 NATIVE_TURNED_RAD = math.radians(0.1)
@@ -187,8 +187,8 @@ def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
         return None
     instance = next((i for i in built.instances if i.name == name and i.kind != "ground" and i.solid), None)
     if instance is None:
-        near = difflib.get_close_matches(name, [i.name for i in built.instances if i.kind != "ground"], 3, 0.4)
-        hint = f": did you mean {', '.join(near)}?" if near else "."
+        near = nearest(name, [i.name for i in built.instances if i.kind != "ground"], cutoff=0.4)
+        hint = f": {did_you_mean(near)}" if near else "."
         raise UsageError(
             f"{record.id}: field 'target.native' is '{name}', which map '{record.map}' does not have{hint}"
         )
@@ -200,7 +200,7 @@ def _native(built: Scene, record: EpisodeRecord) -> Instance | None:
     off, turned = math.dist(place, instance.position_ned), wrap_pi(yaw - instance.yaw)
     if off > NATIVE_OFF_M or abs(turned) > NATIVE_TURNED_RAD:
         raise UsageError(
-            f"{record.id}: field 'target.position_ned' or 'target.yaw_deg' is {off:.3f} m and "
-            f"{math.degrees(turned):.2f}° off where '{name}' stands."
+            f"{record.id}: field 'target.position_ned' or 'target.yaw_deg' differs by {off:.3f} m and"
+            f" {math.degrees(turned):.2f}° from the place of '{name}'."
         )
     return instance

@@ -15,4 +15,4 @@ def make_folder(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UsageError(f"'{path}' cannot be made a folder: {error.strerror}.") from None
+        raise UsageError(f"'{path}' cannot be created: {error.strerror}.") from None

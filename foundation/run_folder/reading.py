@@ -139,8 +139,13 @@ def episode_folder(path: Path) -> Path:
         return path
     inside = sorted(p.parent for p in path.glob(f"*/{layout.TRUTH}"))
     if len(inside) != 1:
-        many = f"holds {len(inside)} episodes; name one of them" if inside else "holds no episode"
-        raise UsageError(f"{path} {many}")
+        if not path.is_dir():
+            raise UsageError(f"folder {path} does not exist")
+        if inside:
+            raise UsageError(f"{path} has {len(inside)} episodes. Name one of them, such as {inside[0]}")
+        if below := next(path.glob(f"*/*/{layout.TRUTH}"), None):
+            raise UsageError(f"{path} has several runs. Name an episode, such as {below.parent}")
+        raise UsageError(f"{path} has no episode. Name a run folder, or the folder of an episode")
     return inside[0]
 
 

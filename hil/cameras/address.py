@@ -33,7 +33,7 @@ def parse(url: str) -> Address:
         device, _, query = url.removeprefix("v4l2:").removeprefix("//").partition("?")
         if device.isdigit() or device.startswith("/dev/"):
             return Address("v4l2", f"/dev/video{device}" if device.isdigit() else device, dict(parse_qsl(query)))
-        raise UsageError(f"camera {shown(url)!r} should read v4l2:0 or v4l2:/dev/video0")
+        raise UsageError(f"camera {shown(url)!r} must be v4l2:0 or v4l2:/dev/video0")
     name, _, query = (rest if scheme == "file" else url).partition("?")
     path = Path(name)
     try:
@@ -43,7 +43,7 @@ def parse(url: str) -> Address:
             return Address("video", name, {})
     except (OSError, ValueError):  # a name too long or with a null byte is no path
         pass
-    raise UsageError(f"camera {shown(url)!r} is no camera: use {FORMS}")
+    raise UsageError(f"camera {shown(url)!r} is not a camera. Use {FORMS}")
 
 
 def shown(url: str) -> str:

@@ -1,5 +1,6 @@
 """Cameras over HTTP: one picture per request, or Motion JPEG, with a password that no sentence shows."""
 
+import re
 import threading
 import time
 from collections import deque
@@ -15,6 +16,7 @@ from hil.cameras.lens import Lens
 from hil.cameras.stream import Picture, decoded
 
 CONNECT_S = 5.0
+ERROR_NUMBER = re.compile(r"^\[Errno -?\d+\] ")
 
 
 class Caller:
@@ -29,8 +31,8 @@ class Caller:
             self._url = httpx.URL("")
         if not self._url.host:
             raise UsageError(
-                f"camera {self.name!r} is no http address: write special characters of a password as %XX, "
-                "for example %40 for @"
+                f"camera {self.name!r} is not an http address. Write special characters of a password as %XX, for"
+                " example %40 for @"
             )
         self._auth: httpx.Auth | None = None  # None: what the address says, by the basic scheme
         # a camera stands in the same network: a proxy set for the internet would only be in the way
@@ -64,7 +66,8 @@ class Caller:
         try:
             return self._http.send(request, stream=True, auth=self._auth or httpx.USE_CLIENT_DEFAULT)
         except httpx.HTTPError as error:
-            raise CameraError(shown(str(error)) or type(error).__name__) from None
+            reason = ERROR_NUMBER.sub("", shown(str(error))) or type(error).__name__
+            raise CameraError(f"{reason}. Check the address and the camera") from None
 
     def close(self) -> None:
         self._http.close()
@@ -84,9 +87,9 @@ def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
             chunks.append(chunk)
             size += len(chunk)
             if size > bytes_max:
-                raise CameraError("it sent more than a picture can have")
+                raise CameraError("it sent more data than a picture can have")
     except httpx.HTTPError as error:
-        raise CameraError(f"it broke off: {type(error).__name__}") from None
+        raise CameraError(f"the connection broke: {type(error).__name__}") from None
     finally:
         response.close()
     return began_s, b"".join(chunks)
@@ -147,13 +150,13 @@ class HttpCamera:
             response = self._caller.get(self._timeout_s, params)
             if response.headers.get("content-type", "").startswith("multipart/"):
                 response.close()
-                raise CameraError("it sends a stream where a picture was asked for")
+                raise CameraError("it sends a stream instead of a picture")
             came_s, data = body(response, PICTURE_BYTES_MAX)
         except CameraError as fault:
             raise CameraError(f"{self._none}: {fault}") from None
         picture = decoded(data)
         if picture is None:
-            raise CameraError(f"{self._none}: what it sent is not a picture")
+            raise CameraError(f"{self._none}: it sent something that is not a picture")
         arrived_us = self._now_us() - round((time.monotonic() - came_s) * 1e6)
         self.stamps = "X-Frame-Time-Us" in response.headers
         try:
@@ -189,7 +192,7 @@ class Multipart:
         # some cameras write the two leading dashes into the header, others do not
         self._boundary = b"--" + boundary.removeprefix("--").encode("latin-1", "replace")
         if len(self._boundary) < 3:
-            raise CameraError("its stream names no boundary between pictures")
+            raise CameraError("its stream has no boundary between pictures")
         self._buffer = bytearray()
         self._searched = 0  # bytes of the buffer in which no boundary begins
         self._in_body = False
@@ -212,7 +215,7 @@ class Multipart:
             if body:
                 chunks.append((now_s if self._began_s is None else self._began_s, body))
         if len(self._buffer) > PART_BYTES_MAX:
-            raise CameraError("its stream sends a part that is too large for a picture")
+            raise CameraError("its stream has a part that is too large for a picture")
         return chunks
 
     def _header(self, now_s: float) -> bool:

@@ -34,7 +34,7 @@ def load(path: Path) -> Calibration:
     """Return the calibration in a file. Raises UsageError naming the file and what is wrong with it."""
     try:
         if path.stat().st_size > BYTES_MAX:
-            raise UsageError(f"calibration file '{path}' is larger than a calibration can be")
+            raise UsageError(f"calibration file '{path}' is too large for a calibration")
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or "it is not text"
@@ -49,8 +49,8 @@ def load(path: Path) -> Calibration:
         values["error_px"] = error_px.real() if error_px.isReal() else None
     except (cv2.error, SystemError):
         raise UsageError(
-            f"calibration file '{path}' is not OpenCV's: it wants a file that cv2.FileStorage or"
-            " `dronecats camera calibrate` has written"
+            f"calibration file '{path}' is not a file of OpenCV. Use one that cv2.FileStorage or `dronecats camera"
+            " calibrate` has written"
         ) from None
     return _checked(values, path)
 
@@ -71,11 +71,11 @@ def _checked(values: dict[str, Any], path: Path) -> Calibration:
         raise fail("camera_matrix", "is not a matrix of 3 × 3 numbers")
     plausible = 0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height and min(matrix[0, 0], matrix[1, 1]) > width / 100
     if not plausible or not np.allclose(matrix[[0, 1, 2, 2, 2], [1, 0, 0, 1, 2]], [0, 0, 0, 0, 1]):
-        raise fail("camera_matrix", f"is not that of a camera with {width}×{height} px")
+        raise fail("camera_matrix", f"does not fit a camera with {width}×{height} px")
     fisheye = bool(values["fisheye_model"])
     allowed = (4,) if fisheye else COEFFICIENTS
     if not isinstance(distortion, np.ndarray) or distortion.size not in allowed or not np.all(np.isfinite(distortion)):
-        raise fail("distortion_coefficients", f"does not hold {' or '.join(map(str, allowed))} numbers")
+        raise fail("distortion_coefficients", f"does not have {' or '.join(map(str, allowed))} numbers")
     rows = tuple((float(row[0]), float(row[1]), float(row[2])) for row in matrix)
     return Calibration(width, height, rows, tuple(map(float, distortion.ravel())), fisheye, values["error_px"])
 
@@ -83,7 +83,7 @@ def _checked(values: dict[str, Any], path: Path) -> Calibration:
 def save(calibration: Calibration, path: Path) -> None:
     """Write the file; its ending (.yml, .yaml, .xml or .json) says in which form. Raises UsageError."""
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
-        raise UsageError(f"calibration file '{path}' should end in .yml, .yaml, .xml or .json")
+        raise UsageError(f"calibration file '{path}' must end in .yml, .yaml, .xml or .json")
     try:
         storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
         opened = storage.isOpened()
@@ -134,8 +134,9 @@ class Lens:
             return picture
         if (width, height) != (self.calibration.width, self.calibration.height):
             raise UsageError(
-                f"the camera gives {width}×{height} px, and its calibration is of {self.calibration.width}×"
-                f"{self.calibration.height} px: calibrate it at the size that is flown"
+                f"the camera gives {width}×{height} px, but its calibration is for"
+                f" {self.calibration.width}×{self.calibration.height} px. Calibrate it at the size that"
+                " it has in flight"
             )
         straight: NDArray[np.uint8] = cv2.remap(picture, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         return straight
@@ -162,8 +163,8 @@ def straightening(calibration: Calibration) -> tuple[tuple[Any, Any], float]:
         HFOV_MIN_DEG < hfov_deg < HFOV_MAX_DEG
     ):
         raise UsageError(
-            "the calibration's lens cannot be undone: its distortion leaves no straight picture without empty corners;"
-            " calibrate again, with the board brought to the edges of the picture"
+            "the distortion of this calibration cannot be corrected, because the picture would have empty"
+            " corners. Calibrate again, with the board at the edges of the picture too"
         )
     return cv2.convertMaps(x, y, cv2.CV_16SC2), focal_px
 
@@ -252,9 +253,9 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
     """Return the calibration that explains the views best. Raises UsageError for one that should not be used."""
     if len(views) < VIEWS_MIN:
         raise UsageError(
-            f"the chessboard with {board.columns}×{board.rows} inner corners is seen in {len(views)} different "
-            f"picture{'' if len(views) == 1 else 's'}, and {VIEWS_MIN} are wanted: show the whole board, sharp, "
-            "in all parts of the picture and tilted"
+            f"the chessboard with {board.columns}×{board.rows} inner corners is seen in {len(views)} different"
+            f" picture{'' if len(views) == 1 else 's'}, but {VIEWS_MIN} are needed. Show the whole board, sharp"
+            " and tilted, in all parts of the picture"
         )
     try:
         error_px, matrix, distortion, turns, _, sigma, _, errors = cv2.calibrateCameraExtended(
@@ -267,10 +268,10 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
     worst_px = float(errors[worst, 0]) if np.isfinite(error_px) else float("inf")
     if not error_px <= ERROR_MAX_PX:
         raise UsageError(
-            f"the reprojection error is {error_px:.2f} px, and more than {ERROR_MAX_PX:g} is no calibration: is "
-            f"--board right and the board flat? The worst picture is number {worst + 1} with {worst_px:.2f} px"
+            f"the reprojection error is {error_px:.2f} px, but at most {ERROR_MAX_PX:g} px is allowed. Check"
+            f" --board, and that the board is flat. The worst picture is number {worst + 1} with {worst_px:.2f} px"
             if np.isfinite(error_px)
-            else "no lens explains these views: is --board right and the board flat?"
+            else "no lens fits these views. Check --board, and that the board is flat"
         )
     result = Fit(
         Calibration(width, height, _rows(matrix), tuple(map(float, distortion.ravel())), error_px=float(error_px)),
@@ -283,18 +284,18 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
     )
     if result.tilt < TILT_MIN:
         raise UsageError(
-            "the board was always shown at nearly the same angle, which leaves the focal length open: tilt it by 30° "
-            "to 45°, left and right, up and down"
+            "the board was always shown at nearly the same angle, so the focal length is unknown. Tilt it by 30°"
+            " to 45°, left and right, up and down"
         )
     if result.focal_sigma > FOCAL_SIGMA_MAX:
         raise UsageError(
-            f"the focal length is known to {result.focal_sigma:.1%} only, and {FOCAL_SIGMA_MAX:.0%} is wanted: "
-            "take sharper pictures, more of them, with the board nearer and tilted more"
+            f"the focal length is known to {result.focal_sigma:.1%} only, but {FOCAL_SIGMA_MAX:.0%} is needed."
+            " Take more and sharper pictures, with the board nearer and tilted more"
         )
     if result.coverage < COVERAGE_MIN:
         raise UsageError(
-            f"the corners were seen in {result.coverage:.0%} of the picture, and {COVERAGE_MIN:.0%} is wanted: "
-            "bring the board to the edges of the picture, where the lens bends most"
+            f"the corners were seen in {result.coverage:.0%} of the picture only, but {COVERAGE_MIN:.0%} is"
+            " needed. Bring the board to the edges of the picture, where the distortion is largest"
         )
     return result
 
@@ -316,11 +317,13 @@ def board_of(size: str, square_m: float) -> Board:
     """Return the board of '9x6' with squares of `square_m`. Raises UsageError."""
     columns, _, rows = size.lower().partition("x")
     if not (columns.isdigit() and rows.isdigit() and 3 <= int(columns) <= 50 and 3 <= int(rows) <= 50):
-        raise UsageError(f"--board wants inner corners, COLUMNSxROWS from 3x3 to 50x50, for example 9x6, not {size!r}")
+        raise UsageError(
+            f"--board must be inner corners, COLUMNSxROWS from 3x3 to 50x50, for example 9x6; got {size!r}"
+        )
     if int(columns) == int(rows):
-        raise UsageError("--board wants a board that is not square: of a square one nobody can tell which way is up")
+        raise UsageError("--board must not be square, because a square board has no unique orientation")
     if not 0.001 <= square_m <= 10.0:
-        raise UsageError(f"--square wants the side of a square in metres, from 0.001 to 10, not {square_m:g}")
+        raise UsageError(f"--square must be the side of a square in metres, from 0.001 to 10; got {square_m:g}")
     return Board(int(columns), int(rows), square_m)
 
 

@@ -53,7 +53,7 @@ def _source(address: Address, lens: Lens) -> Source | None:
     """Return the source that sends pictures by itself at an address; None for one that needs a request for each."""
     allowed = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
     if stray := set(address.options) - allowed:
-        raise UsageError(f"camera option {sorted(stray)[0]!r} is unknown for a {address.kind} camera")
+        raise UsageError(f"camera option {sorted(stray)[0]!r} is not known for a {address.kind} camera")
     match address.kind:
         case "http":
             return _http_source(address.place)

@@ -130,7 +130,7 @@ class StreamCamera:
 
     def _why(self) -> str:
         age_s = self.age_s
-        last = "none has come" if age_s is None else f"the last one is {age_s:.1f} s old"
+        last = "none has arrived" if age_s is None else f"the last one is {age_s:.1f} s old"
         return f"{last}; {self._fault}" if self._fault else last
 
     def _frame(self, shot: Shot, drone: int) -> Frame:
@@ -138,7 +138,7 @@ class StreamCamera:
             raise CameraError(f"{self._none} of drone {drone}: it is one drone's camera")
         picture = decoded(shot.data)
         if picture is None:
-            raise CameraError(f"{self._none}: what it sent is not a picture")
+            raise CameraError(f"{self._none}: it sent something that is not a picture")
         straight = self._lens.straightened(picture)
         time_us = self._now_us() - round((time.monotonic() - shot.taken_s) * 1e6)
         return Frame(shot.number, drone, time_us, cv2.cvtColor(straight, cv2.COLOR_BGR2RGB))
@@ -211,7 +211,7 @@ class RtspSource:
         ]  # fmt: skip
         self._capture = cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, wanted)
         if not self._capture.isOpened():
-            raise CameraError("no video comes: nothing answers there, or the path, the user or the password is wrong")
+            raise CameraError("no video arrives: there is no server, or the path, the user or the password is wrong")
         drain(self._capture)
 
     def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
@@ -233,7 +233,9 @@ class V4l2Source:
     def open(self) -> None:
         self._capture = cv2.VideoCapture(self._device, cv2.CAP_V4L2)
         if not self._capture.isOpened():
-            raise CameraError("the device cannot be opened: it is absent, in use, or not yours to read (group video)")
+            raise CameraError(
+                "the device cannot be opened: it does not exist, is in use, or this user is not in the group video"
+            )
         if self._size:
             # over USB large pictures come at full rate as JPEG only; a camera without it stays as it is
             self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
@@ -285,7 +287,7 @@ def size_of(text: str | None) -> tuple[int, int] | None:
     width, _, height = text.lower().partition("x")
     if width.isdigit() and height.isdigit() and 0 < int(width) < 20000 and 0 < int(height) < 20000:
         return int(width), int(height)
-    raise UsageError(f"a camera's size reads WIDTHxHEIGHT, for example v4l2:0?size=1280x720, not {text!r}")
+    raise UsageError(f"a camera's size must be WIDTHxHEIGHT, for example v4l2:0?size=1280x720; got {text!r}")
 
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
@@ -302,7 +304,7 @@ class VideoSource:
     def open(self) -> None:
         self._capture = cv2.VideoCapture(self._path, cv2.CAP_FFMPEG)
         if not self._capture.isOpened():
-            raise CameraError("it is no video file that FFmpeg can read")
+            raise CameraError("FFmpeg cannot read it as a video file")
         self._rate_hz = self._capture.get(cv2.CAP_PROP_FPS) or FOLDER_HZ
         self._began_s = time.monotonic()
         self._first_s: float | None = None
@@ -310,7 +312,7 @@ class VideoSource:
     def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
         while True:
             if not self._capture.grab():
-                raise StreamEndedError("the video is over")
+                raise StreamEndedError("the video has ended")
             at_s = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1e3
             if self._first_s is None:
                 self._first_s = at_s
@@ -320,7 +322,7 @@ class VideoSource:
         stop.wait(max(0.0, wait_s))
         there, picture = self._capture.retrieve()
         if not there:
-            raise StreamEndedError("the video breaks off")
+            raise StreamEndedError("the video is damaged")
         return time.monotonic(), picture
 
     def close(self) -> None:
@@ -337,14 +339,14 @@ class FolderSource:
     def open(self) -> None:
         self._paths = pictures(Path(self._folder))
         if not self._paths:
-            raise CameraError(f"the folder holds no picture ({', '.join(ENDINGS)})")
+            raise CameraError(f"the folder has no picture ({', '.join(ENDINGS)})")
         self._began_s, self._next = time.monotonic(), 0
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes]:
         now_s = time.monotonic()
         self._next = max(self._next, int((now_s - self._began_s) * self._rate_hz))
         if self._next >= len(self._paths):
-            raise StreamEndedError("the pictures of the folder are over")
+            raise StreamEndedError("the last picture of the folder was sent")
         stop.wait(max(0.0, self._began_s + self._next / self._rate_hz - now_s))
         path = self._paths[self._next]
         self._next += 1
@@ -369,5 +371,5 @@ def rate_of(text: str | None) -> float:
     except ValueError:
         rate_hz = 0.0
     if not 0.01 <= rate_hz <= 1000.0:
-        raise UsageError(f"a folder's fps wants a number from 0.01 to 1000, not {text!r}")
+        raise UsageError(f"a folder's fps must be 0.01 to 1000, got {text!r}")
     return rate_hz

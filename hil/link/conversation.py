@@ -72,6 +72,7 @@ SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station k
 SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
 LOST_S = 1.0  # the same of a vehicle that was silent for so long and has not spoken since
 WARNING_S = 1.0  # s of the transport's clock without telemetry that are worth a warning
+CHECK = ". Check that the vehicle or simulator runs, and that the URL is right"
 PATIENCE_S = 0.5  # s of the transport's clock of one read
 GAP_US = 500_000  # µs of vehicle time without telemetry after which the last known mode is not believed
 AWAY_S = 0.5  # s of the transport's clock between two sends after which the backlog is read first
@@ -171,7 +172,9 @@ class Conversation:
             self.on_wait()
             if self._time_s() >= began_s + timeout_s and not self._has_telemetry():
                 missing = "no telemetry" if self.system else "no MAVLink heartbeat of an autopilot"
-                raise LinkError(f"{missing} on {self.transport.url} within {timeout_s:g} s{self._why_unheard()}")
+                raise LinkError(
+                    f"{missing} on {self.transport.url} within {timeout_s:g} s{self._why_unheard() or CHECK}"
+                )
         self._boots = self.clock.reboots
         # the first heartbeat comes before the clock is known
         self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
@@ -264,8 +267,8 @@ class Conversation:
             return
         if heartbeat.autopilot not in FAMILIES:
             raise LinkError(
-                f"{kind_name(heartbeat.autopilot)} answers on {self.transport.url}, but flight modes and setpoints are"
-                " PX4's here: connect a vehicle that runs PX4"
+                f"{kind_name(heartbeat.autopilot)} answers on {self.transport.url}, but dronecats flies PX4 only."
+                " Connect a vehicle that runs PX4"
             )
         self.family = FAMILIES[heartbeat.autopilot]
         self.system = heartbeat.get_srcSystem()
@@ -313,13 +316,13 @@ class Conversation:
         """Return the reason for silence that signing gives, as the end of a sentence; empty when there is none."""
         signing = self._signing
         if not signing.active:
-            wanted = "; the vehicle signs its messages and ignores others: give its key with --sign KEYFILE"
+            wanted = "; the vehicle signs its messages and ignores unsigned ones. Give its key with --sign KEYFILE"
             return wanted if self._vehicle_signs else ""
         if not signing.rejected or signing.believed:
             return ""
         if signing.unsigned == signing.rejected:
             return (
-                f"; the vehicle does not sign its messages ({signing.rejected} ignored): give it the key with"
+                f"; the vehicle does not sign its messages ({signing.rejected} ignored). Give it the key with"
                 " `dronecats preflight --give-key`, or leave --sign out"
             )
         return (
@@ -332,7 +335,7 @@ class Conversation:
         Raises LinkError for an armed vehicle, and for one that does not sign afterwards.
         """
         if self.state.armed:
-            raise LinkError("the vehicle is armed, and takes no key then; disarm it first")
+            raise LinkError("an armed vehicle accepts no key. Disarm it first")
         message = dialect.MAVLink_setup_signing_message(
             self.system, self.component, list(key), timestamp(self._unix_s())
         )
@@ -348,8 +351,8 @@ class Conversation:
                     self._request_streams()
                     return
         raise LinkError(
-            f"{self.firmware or 'the autopilot'} does not sign after it was given a key: PX4 signs from version 1.17"
-            " on, and a vehicle that has a key takes another only from its owner"
+            f"{self.firmware or 'the autopilot'} does not sign although it got a key. PX4 signs from version 1.17"
+            " on, and a vehicle with a key accepts a new key only from its owner"
         )
 
     # -- time ----------------------------------------------------------------------------------------------------
@@ -418,7 +421,7 @@ class Conversation:
                 moved_s, moved_us, reads, self._lost = self._time_s(), self.time_us, 0, False
             elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
                 self._lost = True  # whoever ends the flight now does not wait as long for every order
-                fault = "sends no telemetry any more" if received else "has been silent"
+                fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 
     def wait(self, seconds: float) -> None:

@@ -76,7 +76,7 @@ def placed(limits: Limits, state: VehicleState) -> Limits:
     if not limits.exclusions_geodetic:
         return limits
     if state.origin is None or state.home_ned is None:
-        raise LinkError("the exclusions are in latitude and longitude, but the autopilot has told no origin or home")
+        raise LinkError("the exclusions are in latitude and longitude, but the autopilot has sent no origin or home")
     home, (lat, lon, alt) = state.home_ned, state.origin
     polygons = tuple(
         tuple(_from_home(geodetic_to_ned(lat, lon, alt, *corner, alt), home) for corner in polygon)
@@ -93,7 +93,7 @@ def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | N
     """Return the reason to end a flight that has lasted `elapsed_s`, None while it may go on."""
     battery = state.battery_remaining
     if limits.battery_min is not None and battery is not None and battery < limits.battery_min:
-        return f"the battery is at {battery:.0%}, and the envelope keeps {limits.battery_min:.0%}"
+        return f"the battery is at {battery:.0%}, below the envelope's limit of {limits.battery_min:.0%}"
     if limits.flight_time_max_s is not None and elapsed_s > limits.flight_time_max_s:
         return f"the envelope's flight time of {limits.flight_time_max_s:g} s is over"
     return None
@@ -102,7 +102,7 @@ def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | N
 def unwatched(state: VehicleState, limits: Limits) -> str | None:
     """Return the limit that cannot be watched and the reason, None when all can be."""
     if limits.battery_min is not None and state.battery_remaining is None:
-        return f"battery_min = {limits.battery_min:g} cannot be watched: the autopilot tells no battery level"
+        return f"battery_min = {limits.battery_min:g} cannot be checked, because the autopilot sends no battery level"
     return None
 
 
@@ -255,7 +255,9 @@ def load(path: Path, base: Limits) -> Limits:
     where = f"--envelope {path}"
     limits = replaced(base, toml_table(path, where), where)
     if limits.floor_m + 2 * limits.height_margin_m >= limits.ceiling_m:
-        raise UsageError(f"{where}: between floor_m and ceiling_m no room is left beside two height_margin_m")
+        raise UsageError(
+            f"{where}: between floor_m and ceiling_m there is no room beside two height_margin_m. Lower height_margin_m"
+        )
     if limits.radius_m <= limits.margin_m:
-        raise UsageError(f"{where}: radius_m leaves no room beside margin_m")
+        raise UsageError(f"{where}: radius_m leaves no room beside margin_m. Lower margin_m")
     return limits

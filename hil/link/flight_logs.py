@@ -54,7 +54,7 @@ class LogStore:
         file = folder / f"log{log.number:03d}-{stamp}.ulg"
         part = file.with_name(file.name + ".part")
         if file.exists():
-            raise UsageError(f"{file} is there already; move it away, or choose another --out")
+            raise UsageError(f"{file} already exists. Move it away, or choose another --out")
         try:
             folder.mkdir(parents=True, exist_ok=True)
             part.unlink(missing_ok=True)
@@ -63,7 +63,7 @@ class LogStore:
         self._download(log, part, progress)
         with part.open("rb") as data:
             if data.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
-                raise LinkError(f"what came from the autopilot is no ULog; it is kept as {part}")
+                raise LinkError(f"the file from the autopilot is not a ULog. It is in {part}")
         part.rename(file)
         return file
 
@@ -81,12 +81,12 @@ class LogStore:
                 result, reached = updates.get(timeout=STALL_S)
             except queue.Empty:
                 self._files.cancel_download_log_file()
-                raise LinkError(f"the download of log {log.number} stands still for {STALL_S:g} s") from None
+                raise LinkError(f"the download of log {log.number} has stopped for {STALL_S:g} s. Try again") from None
             if result == LogFilesResult.SUCCESS:
                 progress(1.0)
                 return
             if result != LogFilesResult.NEXT:
-                raise LinkError(f"the download of log {log.number} broke off: {result.name}")
+                raise LinkError(f"the download of log {log.number} failed: {result.name}")
             if reached >= share + 0.01:
                 share = reached
                 progress(reached)
@@ -113,7 +113,10 @@ def log_store(url: str, timeout_s: float = 15.0) -> Iterator[LogStore]:
             raise UsageError(f"--connect {shown} cannot be opened: {result.name.lower().replace('_', ' ')}")
         system = mavsdk.first_autopilot(timeout_s)
         if system is None:
-            raise LinkError(f"no MAVLink heartbeat of an autopilot on {shown} within {timeout_s:g} s")
+            raise LinkError(
+                f"no MAVLink heartbeat of an autopilot on {shown} within {timeout_s:g} s."
+                " Check that the vehicle or simulator runs, and that the URL is right"
+            )
         yield LogStore(LogFiles(system), shown)
     finally:
         mavsdk.destroy()
@@ -123,5 +126,5 @@ def _mavsdk_url(url: str) -> str:
     scheme, separator, rest = url.partition("://")
     if not separator or not rest or scheme not in SCHEMES:
         forms = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT or serial://DEVICE:BAUD"
-        raise UsageError(f"--connect '{redacted(url)}' is no link; use {forms}")
+        raise UsageError(f"--connect '{redacted(url)}' is not a link. Use {forms}")
     return f"{SCHEMES[scheme]}://{rest}"

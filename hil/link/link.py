@@ -134,7 +134,7 @@ class Link(Conversation):
         while given_us is None or self.time_us < given_us + round(GIVEN_S * 1e6):
             given_us = (given_us or self.time_us) if self._is_given(self.state) else None
             if self.time_us >= end_us:
-                raise LinkError(f"nobody took off and handed over within {FOREIGN_S:g} s")
+                raise LinkError(f"no person took off and handed over within {FOREIGN_S:g} s")
             self._stream.stop()
             if self.state.landed is False:
                 self._stream.fly(Hold())
@@ -222,7 +222,7 @@ class Link(Conversation):
         texts = self.texts.since(self.time_us - CAUSE_US)
         words = f"; the autopilot said: {texts}" if texts else ""
         failsafe = self.state.system_status >= dialect.MAV_STATE_CRITICAL or "failsafe" in texts.lower()
-        cause = "by a failsafe of its own" if failsafe else "by another hand, which has it now"
+        cause = "by its own failsafe" if failsafe else "by a person or program, which controls it now"
         return TakeoverError(f"the vehicle was {change} {cause}{words}")
 
     def _watch(self, limits: Limits) -> None:
@@ -251,7 +251,7 @@ class Link(Conversation):
         """Return where the vehicle was at a time (µs, vehicle clock), by its own estimate. Raises LinkError."""
         sight = self.track.at(time_us)
         if sight is None:
-            raise LinkError("the autopilot has told neither place nor heading")
+            raise LinkError("the autopilot has sent neither position nor heading")
         return sight
 
     @property

@@ -70,8 +70,8 @@ class Parameters:
             if held == wanted:
                 return held
         if held is None:
-            raise LinkError(f"the autopilot does not say whether it has set {name} to {value:g}")
-        raise LinkError(f"the autopilot holds {name} at {held:g} although it was told {value:g}")
+            raise LinkError(f"the autopilot did not confirm {name} = {value:g}")
+        raise LinkError(f"the autopilot has {name} = {held:g} although {value:g} was set")
 
     def _send_setting(self, name: str, message: dialect.MAVLink_message) -> None:
         """Send a PARAM_SET and wait for its answer, for RETRY_US at most."""
@@ -97,7 +97,7 @@ class Parameters:
             except OverflowError:
                 raise UsageError(f"{name} is a 32-bit float; {value:g} does not fit") from None
         else:
-            raise LinkError(f"{name} is of MAV_PARAM_TYPE {kind}, which is no type of PX4's")
+            raise LinkError(f"{name} has MAV_PARAM_TYPE {kind}, which PX4 does not use")
         link = self._link
         return dialect.MAVLink_param_set_message(link.system, link.component, name.encode(), field, kind), wanted
 
@@ -153,4 +153,4 @@ def decoded(message: dialect.MAVLink_message) -> Value:
 
 def _checked(name: str) -> None:
     if not name or len(name) > NAME_MOST or not name.isascii():
-        raise UsageError(f"{name!r} is no parameter: a name has 1 to {NAME_MOST} ASCII characters")
+        raise UsageError(f"{name!r} is not a parameter: a name has 1 to {NAME_MOST} ASCII characters")

@@ -137,7 +137,7 @@ class TcpTransport(Transport):
         except OSError as error:
             raise LinkError(f"the connection to {self.url} broke: {error}") from None
         if not data:
-            raise LinkError(f"the connection to {self.url} was closed by the other side")
+            raise LinkError(f"the other side closed the connection to {self.url}")
         return data
 
     def send(self, data: bytes) -> None:
@@ -225,8 +225,8 @@ class SerialTransport(Transport):
             data = bytes(self._port.read(65536))
         except OSError as error:
             raise LinkError(f"the serial line {self.url} broke: {error}") from None
-        if not data:  # readable, and yet nothing there: the device is gone
-            raise LinkError(f"the serial line {self.url} broke: the device is gone")
+        if not data:  # readable, and yet nothing there: the device was removed
+            raise LinkError(f"the serial line {self.url} broke: the device was removed")
         return data
 
     def send(self, data: bytes) -> None:
@@ -293,14 +293,14 @@ def connect(url: str) -> Transport:
             return SerialTransport(url, rest, BAUD)
         if device and baud.isdigit():
             return SerialTransport(url, device, int(baud))
-        raise UsageError(f"--connect {url!r} should read serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
+        raise UsageError(f"--connect {url!r} must be serial://DEVICE:BAUD, for example serial:///dev/ttyACM0:57600")
     try:
         datagrams = urlsplit(url)
         host, port = datagrams.hostname or "0.0.0.0", datagrams.port
     except ValueError:
         host, port = "", None
     if port is None or not 0 <= port <= 65535 or not host:
-        raise UsageError(f"--connect {url!r} is no link; use {FORMS}")
+        raise UsageError(f"--connect {url!r} is not a link. Use {FORMS}")
     if scheme in ("udpin", "udp"):
         return UdpTransport(url, host, port, listen=True)
     if scheme == "udpout":
@@ -309,7 +309,7 @@ def connect(url: str) -> Transport:
         return TcpTransport(url, host, port)
     if scheme == "tcpin":
         return TcpListener(url, host, port)
-    raise UsageError(f"--connect {url!r} is no link; use {FORMS}")
+    raise UsageError(f"--connect {url!r} is not a link. Use {FORMS}")
 
 
 def bind_error(error: OSError, protocol: str, host: str, port: int, instead: str = "choose another port") -> UsageError:
@@ -320,7 +320,7 @@ def bind_error(error: OSError, protocol: str, host: str, port: int, instead: str
     holder = port_holder(protocol, port)
     by = f" by {holder}" if holder else ""
     if error.errno in (98, 48):  # EADDRINUSE on Linux and macOS
-        return UsageError(f"{protocol} port {port} is in use{by}; stop that program, or {instead}")
+        return UsageError(f"{protocol} port {port} is in use{by}. Stop that program, or {instead}")
     return UsageError(f"{protocol} port {port} on {host} cannot be opened: {error.strerror or error}")
 
 

@@ -4,11 +4,13 @@ import re
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from dronecats.cli.main import EXAMPLES, VERBS, main, parse
 from episodes.records import catalogue
+from tests.report.results.synthetic_runs import write_run
 from tests.support.command_line import DRONECATS
 
 CONNECT = ["fly", "--connect", "udpin://127.0.0.1:0", "--instruction", "go to the van"]
@@ -161,9 +163,34 @@ def test_a_terminal_that_knows_few_characters_gets_what_it_can_show():
         (["fly", "--sitl", "--model", "gpt6"], "gpt-6"),
         (["fly", "--sitl", "--pilot", "orakle"], "'oracle'"),
         (["fly", "--sitl", "--episode", "residentail-approaching-01"], "'residential-approaching-01'"),
+        (["fly", "--sitl", "--pilot", "blind:rinng"], "'blind:ring'"),
+        (["fly", "--sitl", "--pilot", "failing:declares-erly"], "'failing:declares-early'"),
+        (["fly", "--sitl", "--model", "opneai/gpt-6"], "'openai'"),
+        (["fly", "--sitl", "--airframe", "x50"], "'x500'"),
+        (["fly", "--sitl", "--agent", "steddy"], "'steady'"),
+        (["fly", "--sitl", "--latency", "fixd:1"], "'fixed:SECONDS'"),
+        (["fly", "--sitl", "--link", "dlay=0.1"], "'delay'"),
+        (["fly", "--sitl", "--wnid", "1,2"], "'--wind'"),
+        (["fly", "--sitl", "--optics", "optics.toml"], "'haze'"),
+        (["sitl", "--faults", "faults.toml"], "'kind'"),
+        (["bench", "typo.toml"], "'pilot'"),
+        (["bench", "--suite", "quik", "--pilot", "oracle"], "'quick'"),
+        (["maps", "show", "blcks"], "'blocks'"),
+        (["edit", "residental"], "'residential'"),
+        (["episodes", "sheet", "suvv", "--out", "sheet.jpg"], "'suv'"),
+        (["study", "loop", "--loops", "roll rte"], "'roll rate'"),
+        (["report", "runs", "--out", "report", "--exclude-above", "hist=2"], "'hits'"),
+        (["query", "SELECT outcom FROM episodes", "runs"], "'outcome'"),
+        (["query", "SELECT * FROM episods", "runs"], "'episodes'"),
+        (["export", "runs", "--to", "mcp"], "'mcap'"),
     ],
 )
-def test_a_mistyped_name_is_answered_with_the_nearest(words, near, capsys):
+def test_a_mistyped_name_is_answered_with_the_nearest(words, near, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("typo.toml").write_text('pilto = ["oracle"]\n\n')
+    Path("optics.toml").write_text("[hase]\n")
+    Path("faults.toml").write_text('[[fault]]\nknid = "fail"\n')
+    write_run(tmp_path / "runs" / "oracle", ("campus-searching-01",))
     with pytest.raises(SystemExit, match="2"):  # argparse itself, or as the program ends
         sys.exit(main(words))
     said = capsys.readouterr().err

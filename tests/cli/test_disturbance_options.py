@@ -78,7 +78,7 @@ def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherw
 def test_a_connected_vehicle_has_disturbances_of_its_own():
     from dronecats.flight.spec.flight_spec import Connected
 
-    with pytest.raises(UsageError, match=r"disturbances .*simulated"):
+    with pytest.raises(UsageError, match=r"disturbances .*--sitl"):
         FlightSpec(
             pilot="vision", instruction="go", connected=Connected(url="x"), disturbances=Disturbances(frame=FRAME)
         )

@@ -141,7 +141,7 @@ def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsy
         ("[factors]\nwint = [1, 2]", "wint.*wind"),
         (
             "[factors]\nwind = 3",
-            "wind .*{ low = …, high = … }.*3; .*held",
+            "wind .*{ low = …, high = … }.*3.*held",
         ),
         ("[factors]\nwind = { low = 5 }", "wind .*high"),
         ("[factors]\nwind = { low = 5, high = 2 }", "wind .*low .*high"),

@@ -127,7 +127,7 @@ def test_a_declaration_is_an_option_a_word_of_a_file_a_factor_and_a_row_of_the_d
         if option is None or option.read or number is None:
             continue
         for beyond in (number.low - 1.0, number.high + 1.0):
-            with pytest.raises(UsageError, match=f"^{number.name} wants .*{beyond:g}"):
+            with pytest.raises(UsageError, match=f"^{number.name} .*{beyond:g}"):
                 parsed(f"--{option.name.replace('_', '-')}={beyond}")
         within = parsed(f"--{option.name.replace('_', '-')}={number.high}")
         assert getattr(getattr(within, part), field) == number.high

@@ -113,7 +113,7 @@ def test_a_px4_that_dies_is_started_again_and_the_clock_goes_on(tmp_path):
             with contextlib.suppress(psutil.NoSuchProcess):  # one of PX4's start script's, which has ended since
                 process.kill()
         gone_s = until("has gone")
-        until("is started again")
+        until("is restarted")
         assert first_s <= gone_s < until("is in step")
         running = psutil.Process(simulator.pid).children(recursive=True)
         simulator.send_signal(signal.SIGINT)

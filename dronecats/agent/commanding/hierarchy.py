@@ -121,7 +121,7 @@ class FleetCommander:
         due = yield from await_reply(asking, self._now_s, shown.sent_s, cap_s, command.patience_s, command.last_reply)
         if not due:
             if asking.answered and not self._tally.taken and not shown.number:
-                raise ModelError("the commander did not answer once before the episode was over")
+                raise ModelError("the commander sent no reply before the end of the episode")
             self._keep(self._row(shown, None, FleetOrders(), "the episode was over before the reply"))
             return []
         reply, now_s = asking.reply(), self._now_s()

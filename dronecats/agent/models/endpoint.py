@@ -185,12 +185,12 @@ class Endpoint:
         Raises UsageError for an invalid URL, and for a key that cannot be sent.
         """
         self.shown = redacted_url(base_url)
-        self._key_hint = f"{'check' if key else 'set'} the key in {key_variable}" if key_variable else ""
+        self._key_hint = f"{'Check' if key else 'Set'} the key in {key_variable}" if key_variable else ""
         self.patience = patience
         self._limiter = limiter or Unlimited()
         self._secrets = worth_hiding(key, *secrets, *secrets_of(base_url))
         if key and not (key.isascii() and key.isprintable()):
-            raise UsageError(f"the API key for {self.shown} holds a character that cannot be sent; is it copied whole?")
+            raise UsageError(f"the API key for {self.shown} has a character that cannot be sent. Copy it again")
         signed = {key_header.name: key_header.before + key} if key else {}
         try:
             self._base = httpx.URL(base_url)
@@ -201,7 +201,7 @@ class Endpoint:
             raise UsageError(f"--base-url '{self.shown}' is not a URL such as http://HOST:PORT/v1") from None
         if self._base.scheme not in ("http", "https") or not self._base.host:
             self._http.close()
-            raise UsageError(f"--base-url '{self.shown}' must start with http:// or https://, and name a host")
+            raise UsageError(f"--base-url '{self.shown}' must be an address with a host, such as http://HOST:PORT/v1")
 
     def close(self) -> None:
         self._http.close()
@@ -285,7 +285,10 @@ class Endpoint:
             except (httpx.ReadTimeout, httpx.WriteTimeout):  # it had all the time that was left
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
-                reason, again = f"broke off: {self._reason(error)}", isinstance(error, httpx.TransportError)
+                reason, again = (
+                    f"stopped in the middle of its reply: {self._reason(error)}",
+                    isinstance(error, httpx.TransportError),
+                )
             else:
                 if came.status == 200:
                     return Answer(came.body, round(time.monotonic() - began, 6), round(began - first, 6))
@@ -306,7 +309,10 @@ class Endpoint:
         """Wait for the limiter. Raises ModelError if that would take too long."""
         while (wait_s := self._limiter.claim(tokens)) > 0.0:
             if time.monotonic() + wait_s >= until:
-                raise ModelError(f"the model endpoint {self.shown} is held back by its rate limit for too long")
+                raise ModelError(
+                    f"the model endpoint {self.shown} has refused for too long because of its rate limit. Try"
+                    " later, or use fewer --jobs"
+                )
             time.sleep(wait_s)
 
     def _exchange(self, url: httpx.URL, content: bytes, until: float) -> Exchanged:
@@ -324,14 +330,16 @@ class Endpoint:
         fault = fault_in(body) if status == 200 else None
         if fault is None:
             return Exchanged(status, body, wish_s)
-        outcome = "broke off within its answer" if fault.cut else "answered 200 with an error {}"
+        outcome = "stopped in the middle of its reply" if fault.cut else "answered 200 with an error {}"
         return Exchanged(fault.status, body, wish_s, outcome)
 
     def _body(self, response: httpx.Response, until: float) -> bytes:
         """Return the body, decompressed. Raises ModelError for one that is too slow or too long."""
         encoding = response.headers.get("content-encoding", "identity").lower()
         if encoding not in ("identity", "gzip", "deflate"):
-            raise ModelError(f"the model endpoint {self.shown} answers compressed, which it was asked not to")
+            raise ModelError(
+                f"the model endpoint {self.shown} sends compressed replies, although the request forbids it"
+            )
         inflate = None if encoding == "identity" else zlib.decompressobj(zlib.MAX_WBITS | 32)
         body = bytearray()
         for piece in response.iter_raw():
@@ -340,15 +348,18 @@ class Endpoint:
             try:
                 body += inflate.decompress(piece, MAX_BODY_BYTES + 1 - len(body)) if inflate else piece
             except zlib.error:
-                raise ModelError(f"the model endpoint {self.shown} answers what cannot be decompressed") from None
+                raise ModelError(f"the model endpoint {self.shown} sends a reply that cannot be decompressed") from None
             if len(body) > MAX_BODY_BYTES:
-                raise ModelError(f"the model endpoint {self.shown} answers more than {MAX_BODY_BYTES:,} bytes")
+                raise ModelError(f"the model endpoint {self.shown} sends a reply of more than {MAX_BODY_BYTES:,} bytes")
         return bytes(body)
 
     def _refusal(self, came: Exchanged) -> str:
         outcome = came.outcome.format(came.status)
         if 300 <= came.status < 400:
-            return f"{outcome}, a redirect: none is followed, so that no key goes there; give the final address"
+            return (
+                f"{outcome}, a redirect. Redirects are not followed, because the key would go there. Give"
+                " the final address"
+            )
         return f"{outcome}: {self.brief(came.body)}"
 
     def _rejection(self, came: Exchanged, path: str, method: str = "POST") -> str:
@@ -357,9 +368,9 @@ class Endpoint:
         target = f"{method} {base.rstrip('/')}/{path}{mark}{query}"
         sentence = f"{came.outcome.format(came.status)} to {target}: {self.brief(came.body)}"
         if came.status == NOT_FOUND and not _VERSION.search(self._base.path):
-            return f"{sentence}; its address lacks /v1: try --base-url {base.rstrip('/')}/v1{mark}{query}"
+            return f"{sentence}; its address has no /v1. Try --base-url {base.rstrip('/')}/v1{mark}{query}"
         if came.status in (UNAUTHORIZED, FORBIDDEN) and self._key_hint:
-            return f"{sentence}; {self._key_hint}"
+            return f"{sentence}. {self._key_hint}"
         return sentence
 
     def _reason(self, error: Exception) -> str:

@@ -1,6 +1,5 @@
 """Base class of models behind an HTTP endpoint: key, request, answer and errors that all wire formats share."""
 
-import difflib
 import hashlib
 import json
 import os
@@ -16,6 +15,7 @@ from dronecats.agent.models.spec import LOOPBACK, PROVIDERS, ModelSpec, provider
 from dronecats.agent.models.turns import Limiters
 from foundation.errors import ModelError, ModelRejectedError, UsageError
 from foundation.redaction import keyless, redacted_url
+from foundation.wording import did_you_mean, nearest
 
 MAX_FINISH_CHARS = 40
 MAX_SERVED_CHARS = 100  # of each word of a vendor's name for a model
@@ -47,7 +47,7 @@ class HttpModel(ABC):
         """Raises UsageError for an unknown provider, and for a missing address or key."""
         provider = provider_of(spec.provider)
         if not spec.name.isprintable():
-            raise UsageError(f"the model's name {ascii(spec.name)[:80]} holds a character that is none of a name")
+            raise UsageError(f"the model's name {ascii(spec.name)[:80]} has a character that a name cannot have")
         url = spec.base_url or provider.base_url
         if url is None:
             raise UsageError(f"--model {spec.title} needs --base-url http://HOST:PORT/v1")
@@ -57,7 +57,10 @@ class HttpModel(ABC):
         keys = {variable: os.environ.get(variable, "").strip() for variable in variables}
         key = keys.get(provider.key_variable or "")
         if provider.key_variable and not key and spec.base_url is None and not url.startswith(LOOPBACK):
-            raise UsageError(f"{provider.name} needs an API key in the environment variable {provider.key_variable}")
+            raise UsageError(
+                f"{provider.name} needs an API key, but the environment variable {provider.key_variable} is not set."
+                f" Set it: export {provider.key_variable}=…"
+            )
         headers = {**HEADERS, **self.headers()}
         self._address = keyless(url)
         limiter = limiters(redacted_url(url), spec.name) if limiters else None
@@ -129,7 +132,7 @@ class HttpModel(ABC):
             content = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):
             failed.append(answer.body)
-            problem = f"answered no {self.answer} but: {self._endpoint.brief(answer.body)}"
+            problem = f"sent something other than a {self.answer}: {self._endpoint.brief(answer.body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {problem}") from None
         text, finish = self._endpoint.hide(content.text), content.finish and self._endpoint.hide(content.finish)
         return Reply(
@@ -164,7 +167,7 @@ class HttpModel(ABC):
             names = [entry["id"] for entry in data["data"]] if "data" in data else [m["name"] for m in data["models"]]
             shown = [self._endpoint.hide(text_of(name)).removeprefix("models/") for name in names]
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-            problem = f"answered no list of models but: {self._endpoint.brief(body)}"
+            problem = f"sent something other than a list of models: {self._endpoint.brief(body)}"
             raise ModelError(f"the model endpoint {self._endpoint.shown} {problem}") from None
         return [name for name in shown if name.isprintable()]
 
@@ -176,8 +179,8 @@ class HttpModel(ABC):
             names = self.listed()
         except ModelError:
             return ""
-        near = difflib.get_close_matches(self.name, names, cutoff=0.5) if self.name not in names else []
-        return f"; did you mean {' or '.join(near)}?" if near else ""
+        near = nearest(self.name, names, cutoff=0.5) if self.name not in names else []
+        return f"; {did_you_mean(near)}" if near else ""
 
     def _served(self, names: tuple[Any, ...]) -> str | None:
         """Return the model that answered, on one line; None without another name than the requested one."""

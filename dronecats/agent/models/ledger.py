@@ -134,15 +134,17 @@ class Budget:
         """Raise BudgetError when it is spent."""
         far = f"{spent_text(spent)}, {spent.questions:,} questions"
         if self.cost_usd is not None and spent.usd >= self.cost_usd:
-            raise BudgetError(f"the cost limit of ${self.cost_usd:g} is spent ({far}); raise --cost-limit to fly on")
+            raise BudgetError(f"the cost limit of ${self.cost_usd:g} is spent ({far}). Raise --cost-limit to continue")
         if self.tokens is not None and spent.tokens >= self.tokens:
-            raise BudgetError(f"the limit of {self.tokens:,} tokens is spent ({far}); raise --token-limit to fly on")
+            raise BudgetError(
+                f"the limit of {self.tokens:,} tokens is used up ({far}). Raise --token-limit to continue"
+            )
 
     def check_prices(self, spec: ModelSpec) -> None:
         """Raise UsageError for a limit in $ on a model with unknown prices."""
         if self.cost_usd is not None and (spec.input_usd is None or spec.output_usd is None):
-            problem = f"--cost-limit cannot hold {spec.title}, whose prices are not known"
-            raise UsageError(f"{problem}: declare input_usd and output_usd for it, or give a --token-limit")
+            problem = f"--cost-limit cannot limit {spec.title}, whose prices are unknown"
+            raise UsageError(f"{problem}. Set input_usd and output_usd in its row of models.toml, or use --token-limit")
 
 
 def cost_limit(limit: str | float) -> float:
@@ -152,9 +154,7 @@ def cost_limit(limit: str | float) -> float:
     except ValueError:
         usd = math.nan
     if not 0.0 < usd < math.inf:
-        raise UsageError(
-            f"--cost-limit wants a number of $ above 0, got {_short(limit)}; without a limit, leave it out"
-        )
+        raise UsageError(f"--cost-limit must be a number of $ above 0, got {_short(limit)}. For no limit, leave it out")
     return usd
 
 
@@ -166,7 +166,7 @@ def token_limit(limit: str | int) -> int:
         tokens = 0
     if tokens < 1:
         wanted = "a whole number of tokens, 1 or more"
-        raise UsageError(f"--token-limit wants {wanted}, got {_short(limit)}; without a limit, leave it out")
+        raise UsageError(f"--token-limit must be {wanted}, got {_short(limit)}. For no limit, leave it out")
     return tokens
 
 

@@ -14,11 +14,11 @@ from foundation.errors import InfrastructureError, ModelError
 from foundation.files import FileKind, SqliteFile
 
 _BROKEN_OFF = {  # by the reason of a flight's end
-    "budget": "it was ended by its budget",
-    "error": "it broke down",
+    "budget": "its budget was spent",
+    "error": "it ended in an error",
     "rejected": "its model endpoint rejected every question",
     "interrupted": "it was interrupted",
-    "takeover": "somebody took over",
+    "takeover": "a person or the autopilot took over",
 }
 
 
@@ -79,7 +79,9 @@ class ReplayModel:
             question = f"question {request.step} to the commander"
             if request.role == "pilot":
                 question = f"step {request.step} of drone {request.drone + 1}"
-            why = _BROKEN_OFF.get(self._recording.ended or "", "this flight asks what that one did not")
+            why = _BROKEN_OFF.get(
+                self._recording.ended or "", "this flight has questions that the recorded flight did not have"
+            )
             raise ModelError(f"the recording of {self._recording.flight} has no reply for {question}: {why}")
         self._late.add(request.drone)
         return Reply("", LONGEST_S)
@@ -134,7 +136,9 @@ def _reply(text: str) -> Reply:
     try:
         return msgspec.convert(json.loads(text), Reply)
     except (ValueError, msgspec.ValidationError):
-        raise InfrastructureError("the cache holds what is no reply; move it away, or name another file") from None
+        raise InfrastructureError(
+            "the cache has an entry that is not a reply. Move the file away, or name another file"
+        ) from None
 
 
 class CachedModel(WrappedModel):

@@ -77,11 +77,14 @@ def row_of(word: str, known: Mapping[str, ModelRow]) -> ModelRow | None:
         return known[word]
     if "/" not in word:
         near = nearest(word, known)
-        hint = did_you_mean(near) if near else "see `dronecats models list`,"
-        raise UsageError(f"there is no model '{word[:80]}' in models.toml; {hint} or name one as PROVIDER/NAME")
+        hint = did_you_mean(near) if near else "check the name."
+        raise UsageError(
+            f"model '{word[:80]}' is not in models.toml: {hint} Or name a model as PROVIDER/NAME. See:"
+            " dronecats models list"
+        )
     matches = [row for row in known.values() if row.spec.title == word]
     if len(matches) > 1:
-        raise UsageError(f"'{word}' is the model of several rows: name one of {', '.join(row.name for row in matches)}")
+        raise UsageError(f"model '{word}' has several rows. Name one of them: {', '.join(row.name for row in matches)}")
     return matches[0] if matches else None
 
 
@@ -97,11 +100,11 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
     path = own_file()
     if path is None:
         if named_path := os.environ.get(OWN_FILE):
-            raise UsageError(f"{OWN_FILE} names {named_path[:80]}, a folder of an unknown user; write its full path")
+            raise UsageError(f"{OWN_FILE} names {named_path[:80]}, a folder of an unknown user. Write its full path")
         return {}
     if not path.exists():
         if os.environ.get(OWN_FILE):
-            raise UsageError(f"{OWN_FILE} names {path}, which is not there")
+            raise UsageError(f"{OWN_FILE} names {path}, which does not exist")
         return {}
     data = file_bytes(path, str(path))
     return {name: (str(path), table) for name, table in _tables(data, str(path)).items()}
@@ -112,9 +115,9 @@ def _tables(data: bytes, where: str) -> dict[str, dict[str, Any]]:
     tables = {}
     for name, table in toml_of(data, where).items():
         if not isinstance(table, dict):
-            raise UsageError(f"{where}: '{name[:40]}' stands outside of a row; a row begins with [NAME]")
+            raise UsageError(f"{where}: '{name[:40]}' is outside of a row. Put it below a line [NAME]")
         if not _NAME.fullmatch(name):
-            raise UsageError(f"{where}: '{name[:40]}' is no name of a row: letters, digits, '.', '_' and '-' are")
+            raise UsageError(f"{where}: '{name[:40]}' cannot name a row. Use letters, digits, '.', '_' and '-'")
         tables[name] = {key: _stated(key, value, f"{where}: [{name}]") for key, value in table.items()}
     return tables
 
@@ -125,15 +128,15 @@ def _stated(key: str, value: Any, where: str) -> Any:
         return typed(value, Text, where, key)
     if key not in KEYS:
         if isinstance(value, dict) and not set(value).isdisjoint({*KEYS, *NOTES}):
-            raise UsageError(
-                f"{where} holds a row '{key[:40]}'; put a name with a dot into quotes: [\"NAME.WITH.DOTS\"]"
-            )
+            raise UsageError(f"{where} has a row '{key[:40]}'. Put a name with a dot into quotes: [\"NAME.WITH.DOTS\"]")
         raise UsageError(f"{where}: '{key[:40]}' {unknown(key, [*KEYS, *NOTES])}")
     if value == NONE and key in MAY_BE_NONE:
         return None
     stated = typed(value, fields_of(ModelSpec)[KEYS[key]], where, key)
     if isinstance(stated, dict) and not _is_json(stated):
-        raise UsageError(f"{where}: '{key}' holds a value that JSON has not; a request is JSON")
+        raise UsageError(
+            f"{where}: '{key}' has a value that JSON does not have. Use text, numbers, booleans, lists and tables"
+        )
     if key == "provider" and stated not in PROVIDERS:
         raise UsageError(f"{where}: '{key}' {no_choice(stated, PROVIDERS)}")
     return stated
@@ -150,10 +153,13 @@ def _is_json(value: Any) -> bool:
 def _row(name: str, table: Mapping[str, Any], where: str) -> ModelRow:
     for key in NEEDED:
         if key not in table:
-            raise UsageError(f"{where}: [{name}] lacks {key}")
+            raise UsageError(f"{where}: [{name}] has no {key}. Add it")
     provider = provider_of(table["provider"])
     if "tokens_field" in table and provider.wire != "openai":
-        raise UsageError(f"{where}: [{name}] tokens_field is of the OpenAI chat format, which {provider.name} is not")
+        raise UsageError(
+            f"{where}: [{name}] tokens_field works with the OpenAI chat format only, and {provider.name} has"
+            " another one. Remove it"
+        )
     stated = {KEYS[key]: value for key, value in table.items() if key in KEYS}
     spec = ModelSpec(**{"temperature": provider.temperature, **stated})
     return ModelRow(name=name, spec=spec, file=where, **{key: table.get(key) for key in NOTES})

@@ -1,6 +1,5 @@
 """Providers of models, and a model as a value: its provider, its name and its settings."""
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
@@ -9,6 +8,7 @@ from msgspec import Meta
 
 from dronecats.agent.action import AxisOrder
 from foundation.errors import UsageError
+from foundation.wording import suggestion
 
 Wire = Literal["openai", "gemini", "anthropic"]  # a file of this folder each
 PAPERS_TEMPERATURE = 0.4
@@ -94,9 +94,7 @@ def provider_of(name: str) -> Provider:
     """Return a provider by its name. Raises UsageError with the nearest name."""
     if name in PROVIDERS:
         return PROVIDERS[name]
-    near = difflib.get_close_matches(name, PROVIDERS, n=1)
-    hint = f"did you mean '{near[0]}/…'?" if near else f"known providers: {', '.join(PROVIDERS)}"
-    raise UsageError(f"there is no model provider '{name}'; {hint}")
+    raise UsageError(f"model provider '{name}' is not known: {suggestion(name, PROVIDERS, cutoff=0.6)}")
 
 
 NO_EFFORT = "none"
@@ -167,6 +165,6 @@ def spec_of(model: str, base_url: str | None = None, option: str = "--model") ->
     """Return the model that 'PROVIDER/NAME' names. Raises UsageError for any other form."""
     head, slash, name = model.partition("/")
     if not (slash and name):
-        raise UsageError(f"{option} wants PROVIDER/NAME, got '{model}'; known providers: {', '.join(PROVIDERS)}")
+        raise UsageError(f"{option} must be PROVIDER/NAME, got '{model}'. Known providers: {', '.join(PROVIDERS)}")
     provider = provider_of(head)
     return ModelSpec(provider=provider.name, name=name, base_url=base_url, temperature=provider.temperature)

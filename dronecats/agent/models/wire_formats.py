@@ -27,8 +27,8 @@ class ChatModel(HttpModel):
         own = spec.base_url in (None, self._provider.base_url)
         if spec.provider == "openai" and own and spec.schema == "array":
             raise UsageError(
-                f"{spec.title} cannot be held to an array of actions: OpenAI wants an object; --schema object holds one"
-                " drone's, and a fleet's commander"
+                f"{spec.title} cannot enforce an array of actions, because OpenAI requires an object."
+                " Use --schema object for one drone or a commander, else --schema none"
             )
 
     def body(self, request: Request) -> dict[str, Any]:
@@ -167,17 +167,23 @@ class AnthropicModel(HttpModel):
         """Raises UsageError as `HttpModel`, for a root that the vendor rejects, and for a budget that fills a reply."""
         super().__init__(spec, patience, limiters)
         if spec.schema == "array":
-            raise UsageError(f"{spec.title} cannot be held to an array of actions: Anthropic wants an object")
+            raise UsageError(
+                f"{spec.title} cannot enforce an array of actions, because Anthropic requires an object. Use"
+                " --schema object or --schema none"
+            )
         for lifted in (False, True):
             for name, value in self.reasoning(lifted).items():
                 if name in _TABLES and not isinstance(value, dict):
-                    raise UsageError(f"{spec.title} wants a table as the {name} of its reasoning, not {value!r:.40}")
+                    raise UsageError(f"{spec.title} needs a table as the {name} of its reasoning, got {value!r:.40}")
         budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
         if not isinstance(budget, int):
-            raise UsageError(f"{spec.title} wants a whole number of budget_tokens to think with, not {budget!r:.40}")
+            raise UsageError(f"{spec.title} needs a whole number as budget_tokens, got {budget!r:.40}")
         if budget >= spec.max_tokens:
-            limits = f"{spec.title} may think for {budget} tokens and reply with {spec.max_tokens}, thinking included"
-            raise UsageError(f"{limits}; give it more max_tokens")
+            limits = (
+                f"{spec.title} has budget_tokens = {budget} for reasoning, but max_tokens = {spec.max_tokens}"
+                " for the reply with its reasoning"
+            )
+            raise UsageError(f"{limits}. Raise max_tokens")
 
     def headers(self) -> dict[str, str]:
         """Return the version of the API: the newest, or the last one with sampling if one is declared."""

@@ -108,13 +108,13 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         self._flight = OutsideFlight(spec, self._out / f"{self._begun:06d}")
         question = self._flight.question()
         if question is None:
-            raise InfrastructureError(f"the flight ended before its first picture: {self._flight.result().error}")
+            raise InfrastructureError(f"the flight ended before its first image: {self._flight.result().error}")
         return self._seen(question), {"episode": self._records[name].id}
 
     def step(self, action: EnvAction) -> tuple[EnvObservation, float, bool, bool, dict[str, Any]]:
         """Fly an action to its end and return the next observation. Raises InfrastructureError for a broken flight."""
         if self._flight is None:
-            raise gymnasium.error.ResetNeeded("there is no flight; call reset")
+            raise gymnasium.error.ResetNeeded("no flight is in progress. Call reset first")
         self._flight.answer(OutsideReply(joint_reply(action, self._drones)))
         question = self._flight.question()
         if question is not None:
@@ -122,7 +122,7 @@ class DroneCatsEnv(gymnasium.Env[EnvObservation, EnvAction]):
         flight, self._flight = self._flight, None
         result = flight.result()
         if result.outcome == "error":
-            raise InfrastructureError(f"the flight broke and is not scored: {result.error}")
+            raise InfrastructureError(f"the flight ended in an error and is not scored: {result.error}")
         won = result.outcome == "success"
         last = observation(self._frames.copy(), flight.instruction)
         return last, float(won and self._reward == "verdict"), won, not won, {"verdict": result.as_json()}

@@ -149,7 +149,7 @@ def flight(
                 await run_sync(outside.close)
         result = outside.result()
         if result.outcome not in ("success", "failure"):
-            raise InfrastructureError(f"{result.episode} broke and is not scored: {result.error}")
+            raise InfrastructureError(f"{result.episode} ended in an error and is not scored: {result.error}")
         return state
 
     return solve

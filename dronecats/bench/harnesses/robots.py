@@ -82,18 +82,18 @@ class DroneEmbodiment(EmbodimentBase):
             seed=(seed or 0) % 2**31,
         )
         if len(catalogue.load(spec.episode or "").starts) != 1:
-            raise UsageError(f"{scene.id} is for several drones, and this embodiment is one")
+            raise UsageError(f"{scene.id} is for several drones, but this embodiment is one drone")
         self._flight = OutsideFlight(spec, self._out or fresh_run(spec.pilot_name))
         question = self._flight.question()
         if question is None:
-            raise EmbodimentFault(f"the flight ended before its first picture: {self._flight.result().error}")
+            raise EmbodimentFault(f"the flight ended before its first image: {self._flight.result().error}")
         return self._seen(question)
 
     def step(self, action: Action) -> StepResult:
         """Fly one action to its end. Raises EmbodimentFault when the flight broke."""
         flight = self._flight
         if flight is None:
-            raise EmbodimentFault("there is no flight; reset the embodiment")
+            raise EmbodimentFault("no flight is in progress. Reset the embodiment first")
         kind, x, y, depth_m, angle_deg = (float(number) for number in np.clip(action.data, LOW, HIGH))
         flight.answer(OutsideReply(reply(round(kind), (x, y), depth_m, angle_deg)))
         question = flight.question()
@@ -102,7 +102,7 @@ class DroneEmbodiment(EmbodimentBase):
         self._flight = None
         result = flight.result()
         if result.outcome not in ("success", "failure"):
-            raise EmbodimentFault(f"the flight broke and is not scored: {result.error}")
+            raise EmbodimentFault(f"the flight ended in an error and is not scored: {result.error}")
         return _ended(flight, result)
 
     def close(self) -> None:

@@ -59,7 +59,7 @@ class RemoteLedger:
         try:
             self._keeper = ray.get_actor(name)
         except ValueError:
-            raise InfrastructureError(f"the cluster has no ledger {name}; its benchmark is gone") from None
+            raise InfrastructureError(f"the cluster has no ledger {name}, so its benchmark has ended") from None
 
     def spend(self, model: str, spent: Spent) -> None:
         """Add the cost of a question. Raises InfrastructureError."""
@@ -214,14 +214,14 @@ class FirstQuestions:
             book(*costs, run)
 
     def _question(self, spec: ModelSpec, flight: FlightSpec) -> tuple[str, Spent, Accounts]:
-        self._notify(f"{spec.title}: one small question before take-off …")
+        self._notify(f"{spec.title}: test question before take-off …")
         patience_s = GIVE_UP_S if flight.patience_s is None else min(flight.patience_s, GIVE_UP_S)
         model, request = open_model(spec, RetryPolicy(give_up_s=patience_s)), Request(TEXT, (marked_picture(),), False)
         try:
             model.check()
             reply = model.ask(request)
         except ModelRejectedError as rejected:
-            raise UsageError(f"{rejected}; nothing was flown") from None
+            raise UsageError(f"{rejected}; there was no flight") from None
         finally:
             model.close()
         why = ending_reason(reply.finish, reply.tokens_out)

@@ -108,7 +108,7 @@ class _Sent:
 def _ground(link: Link) -> _Ground:
     place = link.track.mean_place(AVERAGE_S)
     if place is None:
-        raise LinkError("the autopilot sends no local position")
+        raise LinkError("the autopilot sends no local position (LOCAL_POSITION_NED)")
     return _Ground(place, link.track.mean_range(AVERAGE_S))
 
 
@@ -148,8 +148,10 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 def _on_the_ground(link: Link) -> None:
     """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is flown by another."""
     if link.state.armed or link.state.landed is False:
-        condition = "is armed already" if link.state.armed else "is in the air"
-        raise LinkError(f"the vehicle {condition}, so it is not ours to arm; leave --arm out and hand it over in Hold")
+        condition = "is already armed" if link.state.armed else "is in the air"
+        raise LinkError(
+            f"the vehicle {condition}, so dronecats does not arm it. Leave --arm out, and hand the vehicle over in Hold"
+        )
     reason = broken_off(link.state, link.limits, 0.0) if link.limits else None
     if reason:
         raise LinkError(f"not armed: {reason}")

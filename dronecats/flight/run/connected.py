@@ -29,24 +29,24 @@ from hil.link.flight_logs import log_store
 from hil.link.link import Link
 from hil.link.transport import Reopening, connect
 
-LATER = "fetch it later with dronecats flightlog fetch"
+LATER = "Fetch it later with: dronecats flightlog fetch --connect URL"
 
 
 def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str], None]) -> None:
     """Fetch the newest log of a vehicle whose link is closed; say so where it cannot be fetched."""
     if link.state.armed:
-        notify(f"the autopilot's log is not kept: the vehicle is still armed and writes it; {LATER}")
+        notify(f"the autopilot's log was not fetched, because the vehicle is still armed. {LATER}")
         return
     try:
         with log_store(url) as store:
             logs = [log for log in store.entries() if log.size_bytes]
             if not logs:
-                notify("the autopilot's log is not kept: there is none on board")
+                notify("the autopilot's log was not fetched: there is none on board")
                 return
             notify(f"fetching the autopilot's log ({logs[-1].size_bytes:,} bytes) …")
             store.fetch(logs[-1], folder).rename(folder / onboard_log_name())
     except DronecatsError as fault:
-        notify(f"the autopilot's log is not kept: {fault}; {LATER}")
+        notify(f"the autopilot's log was not fetched: {fault}. {LATER}")
 
 
 EPISODE = "connected"
@@ -71,7 +71,7 @@ class VehicleFlight(FlightSetup):
             fetch_onboard_log(self.vehicle.url, self.link, folder, notify)
         self.draw(folder, ending)
         if self.authority.dry:
-            notify(f"drew {draw_intent(folder, self.camera_model)} decisions into {folder / layout.INTENT}")
+            notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
         """Draw flight.png, where the truth is known."""
@@ -90,8 +90,8 @@ class ConnectedFlight(VehicleFlight):
         pilot = flight.spec.pilot
         if roster.needs_truth(pilot):
             raise UsageError(
-                f"the pilot {pilot} needs the truth, which --sitl knows, or --world with --truth;"
-                " choose --pilot vision or --model"
+                f"the pilot {pilot} needs the truth, which only --sitl or --truth gives."
+                " Choose --pilot vision or --model"
             )
         link = open_link(vehicle, flight.spec.envelope)
         self._camera, self._instruments = _camera(vehicle, link), instruments

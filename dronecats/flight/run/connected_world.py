@@ -32,15 +32,18 @@ class ConnectedWorldFlight(VehicleFlight):
         """Open its link; `truth` is the URL of its true poses. Raises UsageError, LinkError."""
         spec, record = flight.spec, flight.record
         if record is None:
-            raise UsageError("a vehicle that simulates itself wants a world: name an episode or a map with --world")
+            raise UsageError("a vehicle that simulates itself needs a world. Name an episode or a map with --world")
         if spec.map is not None and roster.needs_truth(spec.pilot):
             raise UsageError(
-                f"the pilot {spec.pilot} knows an episode's target, and a map has none; choose --pilot vision"
+                f"the pilot {spec.pilot} needs an episode's target, and a map has none. Choose --pilot vision"
             )
         self._judged = spec.map is None and not vehicle.authority.dry  # a dry run succeeds nowhere
         self._record, self._truth, self._world = record, truth, World(record)
         if len(record.starts) > 1:
-            raise UsageError(f"{record.id} is flown by {len(record.starts)} drones, and --truth tells of one")
+            raise UsageError(
+                f"{record.id} is for {len(record.starts)} drones, but --truth is of one drone. Choose an"
+                " episode for one drone"
+            )
         source = TruthSource(truth)  # asked once before anything is made; the flight's own process listens then
         try:
             source.first()

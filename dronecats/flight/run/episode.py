@@ -127,7 +127,7 @@ def fly(
 
 def _warn_of_silence(notify: Callable[[str], None], label: str, seconds: float) -> None:
     """Say how much time was lost; in the record it is the `host_lag_s` of the decision under way."""
-    notify_safely(notify, f"      {label}no telemetry for {seconds:.1f} s; nothing was decided or flown meanwhile")
+    notify_safely(notify, f"      {label}no telemetry for {seconds:.1f} s; the agent waited")
 
 
 def take_over(links: Sequence[Link], authority: Authority, notify: Callable[[str], None]) -> None:

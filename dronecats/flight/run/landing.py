@@ -38,12 +38,12 @@ def finish(
         except DronecatsError as broken:
             error = error or broken
         except OSError as broken:
-            error = error or InfrastructureError(f"the logger cannot be told of the end: {broken}")
+            error = error or InfrastructureError(f"the logger did not get the end of the flight: {broken}")
         if hurried:
             raise KeyboardInterrupt
         await_landing(stage.links, flying, say_safely)
     except KeyboardInterrupt:
-        say_safely("asked twice to stop: not waiting any longer")
+        say_safely("stopped by a second interrupt, without waiting")
     return error
 
 
@@ -62,7 +62,7 @@ def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
         if hurried:
             raise KeyboardInterrupt
         hurried.append(number)
-        notify("ordering the landing first; once more leaves the vehicle as it is")
+        notify("landing first. A second Ctrl-C leaves the vehicle as it is")
 
     with signals_handled(note):
         yield hurried
@@ -97,13 +97,17 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
                 link.stop_stream()
                 say_failsafe(link, notify)
             elif link.may_fly():
-                notify({"land": "landing …", "return": "returning …", "hold": "holding: the vehicle is yours"}[then])
+                notify(
+                    {"land": "landing …", "return": "returning …", "hold": "holding: you have control of the vehicle"}[
+                        then
+                    ]
+                )
                 link.give_up(then)
                 if then != "hold":
                     landing.append(link)
         except Exception as fault:  # after the episode, so it changes no verdict; and the next vehicle is told too
             link.stop_stream()
-            notify(f"{label}the vehicle could not be told to {then}: {fault}. {AFTERWARDS}")
+            notify(f"{label}the command to {then} failed: {fault}. {AFTERWARDS}")
             say_failsafe(link, notify)
     return landing
 
@@ -129,9 +133,7 @@ def tending(
 def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
     """Print the failsafe of a vehicle that is left in offboard without setpoints."""
     if link.is_left_to_failsafe and link.failsafe:
-        notify(
-            f"no setpoints are sent any more; a vehicle that still flies in offboard does by itself: {link.failsafe}"
-        )
+        notify(f"no more setpoints are sent. A vehicle that is still in offboard mode now does: {link.failsafe}")
 
 
 def await_landing(
@@ -144,7 +146,7 @@ def await_landing(
         try:
             link.wait_for(lambda state: not state.armed, 60.0, "landing and disarming")
         except DronecatsError as fault:
-            notify(f"{label}the landing was not seen to end: {fault}. {AFTERWARDS}")
+            notify(f"{label}no end of the landing was reported: {fault}. {AFTERWARDS}")
 
 
 def _labels(links: Sequence[Link]) -> list[str]:
@@ -159,4 +161,4 @@ def unexpected(bug: Exception, folder: Path) -> DronecatsError:
     log = folder / "traceback.log"
     with contextlib.suppress(OSError), log.open("a", encoding="utf-8", errors="backslashreplace") as file:
         traceback.print_exception(bug, file=file)
-    return InfrastructureError(f"an unexpected {type(bug).__name__}, which is a mistake in this program; see {log}")
+    return InfrastructureError(f"an unexpected {type(bug).__name__}, which is a bug in dronecats; see {log}")

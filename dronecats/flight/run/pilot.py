@@ -25,6 +25,7 @@ from dronecats.pilots import roster
 from dronecats.pilots.pilot_process import PilotConfig
 from dronecats.pilots.server import PilotServer
 from foundation.errors import UsageError
+from foundation.wording import suggestion
 
 COMMANDER = ChildKind("commander", "dronecats.pilots.pilot_process", PilotConfig)
 PILOT = ChildKind("pilot", "dronecats.pilots.pilot_process", PilotConfig)
@@ -96,8 +97,8 @@ def agent_maker(name: str) -> AgentMaker:
     except (ImportError, AttributeError, ValueError) as error:
         raise UsageError(f"--agent {name} cannot be loaded: {error}") from None
     if not callable(maker):
-        shipped = ", ".join(SHIPPED)
-        raise UsageError(f"--agent wants {shipped} or MODULE:NAME of a function (docs/extending.md), got '{name}'")
+        hint = f"{suggestion(name, SHIPPED, cutoff=0.6)} Your own agent is MODULE:NAME (docs/extending.md)"
+        raise UsageError(f"agent '{name}' is not known: {hint}")
     made: AgentMaker = maker
     return made
 

@@ -48,12 +48,13 @@ class StepLines:
         self._notify(f"{line}  {cost}" if (cost := self._spent()) else line)
         self._unreadable[decision.drone] = 0 if decision.action else self._unreadable[decision.drone] + 1
         if self._unreadable[decision.drone] == self._stop:
-            reason = f"{self._stop} replies in a row are no actions" if self._stop > 1 else "a reply is no action"
+            reason = f"{self._stop} replies in a row have no action" if self._stop > 1 else "a reply has no action"
             raise UnreadableError(f"{reason}: {unreadable(decision)} (--stop-unreadable {self._stop})")
         if self._unreadable[decision.drone] == UNREADABLE and not self._has_warned:
             self._has_warned = True
             self._notify(
-                f"WARNING: {UNREADABLE} replies in a row are no actions: the drone holds. {unreadable(decision)}"
+                f"WARNING: {UNREADABLE} replies in a row have no action, so the drone hovers. Check the model"
+                f" with: dronecats models check. {unreadable(decision)}"
             )
 
 

@@ -26,10 +26,10 @@ class SimulatedFlight(FlightSetup):
     def __init__(self, flight: Flight) -> None:
         """Raises UsageError for a flight without an episode."""
         if flight.record is None:
-            raise UsageError("a simulated flight wants an episode: name one with --episode")
+            raise UsageError("a simulated flight needs an episode. Name one with --episode")
         self._record, spec = flight.record, flight.spec
         super().__init__(flight, self._record.id, flight.camera)
-        disclaimer = " (built in, not a model)" if spec.pilot and not spec.replay else ""
+        disclaimer = " (built-in, not a model)" if spec.pilot and not spec.replay else ""
         self.headline = f'episode {self.episode}: "{self._record.instruction}", pilot {spec.pilot_name}{disclaimer}'
 
     def write_record(self, folder: Path) -> None:
@@ -84,7 +84,9 @@ class SimulatedFlight(FlightSetup):
             draw(folder)
         for drone in range(len(self._record.starts) if self.flight.spec.keep_ulog else 0):
             if not (folder / layout.onboard_log_name(drone)).exists():
-                notify(f"PX4's log of {drone_label(drone)} is not kept: it wrote none, as before its first arming")
+                notify(
+                    f"PX4's log of {drone_label(drone)} was not kept: PX4 wrote none. It writes a log only after arming"
+                )
 
 
 def write_record(path: Path, text: str) -> None:

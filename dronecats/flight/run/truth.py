@@ -102,13 +102,13 @@ class TrueStart:
         self._tap.drain()
         sample = self._truth.of(drone)
         if sample is None:
-            raise InfrastructureError(f"no truth of {drone_label(drone)} is heard, so its start cannot be checked")
+            raise InfrastructureError(f"no truth of {drone_label(drone)} arrives, so its start pose cannot be checked")
         return sample
 
     def _refuse(self, drone: int, faults: list[str]) -> None:
         if faults:
             label = f"{drone_label(drone)}: " if len(self._record.starts) > 1 else ""
-            raise InfrastructureError(f"the episode does not begin: {label}{', '.join(faults)}; fly it again")
+            raise InfrastructureError(f"the episode does not begin: {label}{', '.join(faults)}. Fly it again")
 
 
 def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement) -> list[str]:

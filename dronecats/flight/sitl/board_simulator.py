@@ -128,13 +128,13 @@ class BoardSimulator:
     def _report(self) -> None:
         """Say how it stands with the board when that has changed."""
         if self._vehicle.is_flying:
-            state = "the board takes the simulated sensors and drives the rotors"
+            state = "the board receives the simulated sensors and drives the rotors"
         elif self._line.in_hil:
             state = "the board is in HIL mode and sends no motor outputs yet"
         elif self._line.present:
-            state = "the board is not in HIL mode: set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart it"
+            state = "the board is not in HIL mode. Set SYS_AUTOSTART to 1001 and SYS_HITL to 1, and restart it"
         else:
-            state = "no board is heard"
+            state = "no message of a board arrives"
         if state != self._state:
             self._state = state
             self._notify(f"{state}, at {self._vehicle.time_us / 1e6:.1f} s")

@@ -132,7 +132,7 @@ class WorldCamera:
     def _taken(self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
         """Return a frame of a sample and the others' of its time, and say that it was taken."""
         if samples is None:
-            raise CameraError(f"the camera has not heard where drone {drone + 1} is")
+            raise CameraError(f"the camera has received no pose of drone {drone + 1}")
         sample, fleet = samples
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         image = self._picture(sample, fleet, t_s, self._frames)

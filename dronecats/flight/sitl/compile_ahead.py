@@ -36,7 +36,7 @@ def cold() -> bool:
 
 def duration() -> str:
     """Return what a message adds to "loading …": how long this run compiles, if it does."""
-    return "" if is_compiled() else "; this run compiles them, about half a minute"
+    return "" if is_compiled() else "; the first run compiles them, which takes about half a minute"
 
 
 def compile_all(core: Kernel[..., object], core_arguments: Iterable[Any]) -> None:

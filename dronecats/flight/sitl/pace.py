@@ -84,9 +84,10 @@ class PaceReport:
         self._ticks, self._late, self._skipped_s = keeper.ticks, keeper.late, keeper.skipped_s
         if late <= LATE_SHARE * ticks:
             return None
-        lost = f", {skipped_s:.1f} s given up" if skipped_s else ""
+        lost = f", {skipped_s:.1f} s skipped" if skipped_s else ""
         return (
-            f"real time is not held: {100 * late / ticks:.1f} % of the last minute's ticks were more than "
+            f"the simulator is slower than real time: {100 * late / ticks:.1f} % of the last minute's ticks"
+            " were more than "
             f"{1e3 * LATE_S:.0f} ms late (worst since the start {1e3 * keeper.lag_max_s:.0f} ms{lost})"
         )
 

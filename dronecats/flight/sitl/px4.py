@@ -222,9 +222,11 @@ def arguments(command: str, instance: int) -> list[str]:
     try:
         words = [word.replace(INSTANCE, str(instance)) for word in shlex.split(command)]
     except ValueError as error:
-        raise UsageError(f"--px4 {command!r} cannot be split into words: {error}") from None
+        raise UsageError(f"--px4 {command!r} is not a valid command line: {error}") from None
     if not words or shutil.which(words[0]) is None:
-        raise UsageError(f"--px4 {command!r} names no program that can be run; give the path of PX4 or a script")
+        raise UsageError(
+            f"--px4 {command!r} is not a program that can be run. Give the path of PX4, or of a script that starts it"
+        )
     return [os.path.abspath(word) if os.sep in word and os.path.exists(word) else word for word in words]
 
 
@@ -264,8 +266,8 @@ def free_servers(count: int) -> list[SimulatorServer]:
         for server in servers:
             server.close()
     raise UsageError(
-        f"PX4's instances 0 to {INSTANCES - 1} have no {count} neighbours with free ports (TCP {PORT} to"
-        f" {PORT + INSTANCES - 1}); stop another simulator or PX4"
+        f"PX4's instances 0 to {INSTANCES - 1} have no {count} consecutive instances with free ports (TCP {PORT} to"
+        f" {PORT + INSTANCES - 1}). Stop another simulator or PX4"
     )
 
 
@@ -353,7 +355,7 @@ class Px4Simulator:
         self._reset_pace()
         if command is None:
             ports = ", ".join(str(server.port) for server in self._servers)
-            notify(f"waiting for PX4 on TCP port {ports}, and no time passes until it comes")
+            notify(f"waiting for PX4 on TCP port {ports}; the simulated time stands still until it connects")
 
     def _vehicle(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> Px4Vehicle:
         return Px4Vehicle(index, airframe, pose, server=self._servers[index], **physics)
@@ -433,16 +435,16 @@ class Px4Simulator:
             if vehicle.in_step != self._in_step[k]:
                 self._in_step[k] = vehicle.in_step
                 lost = "does not answer" if vehicle.server.connected else "has gone"
-                change = "is in step" if vehicle.in_step else f"{lost} and the rotors stand"
+                change = "is in step" if vehicle.in_step else f"{lost}, and the rotors stop"
                 self._notify(f"vehicle {k + 1}: PX4 {change}, at {vehicle.time_us / 1e6:.1f} s")
         for k, process in enumerate(self._processes):
             status = process.poll()
             if status is None:
                 continue
             if not self._restarts or self.vehicles[k].answers == self._started_at[k]:
-                reason = f"PX4 ended with exit status {status}; what it said is in {process.log}"
+                reason = f"PX4 ended with exit status {status}. See its output in {process.log}"
                 self._notify(reason)
                 raise InfrastructureError(reason)
-            self._notify(f"vehicle {k + 1}: PX4 ended with exit status {status} and is started again")
+            self._notify(f"vehicle {k + 1}: PX4 ended with exit status {status} and is restarted")
             self._started_at[k] = self.vehicles[k].answers
             process.restart()

@@ -114,13 +114,13 @@ class TruthSource:
                 time_us, message = samples[-1]
                 if speed(message) > STILL_MPS:
                     raise UsageError(
-                        f"the vehicle on --truth {self._url} moves at {speed(message):.1f} m/s: it has to stand where "
-                        "the episode begins, so land it first"
+                        f"the vehicle on --truth {self._url} moves at {speed(message):.1f} m/s, but it must stand"
+                        " still before the episode. Land it first"
                     )
                 return time_us, message
         raise UsageError(
-            f"no truth comes on --truth {self._url} within {SILENT_S:g} s: HIL_STATE_QUATERNION is wanted there, which "
-            "PX4's internal simulation sends to UDP port 19410 plus its instance"
+            f"no truth arrived on --truth {self._url} within {SILENT_S:g} s. It must be HIL_STATE_QUATERNION; PX4's"
+            " internal simulation sends it to UDP port 19410 plus its instance"
         )
 
     def close(self) -> None:

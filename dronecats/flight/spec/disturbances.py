@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from foundation.declaration import Declaration, DeclaredNumber, check_bounds, declarations, declared, words_of
 from foundation.errors import UsageError
 from foundation.frames import Vec3
+from foundation.wording import did_you_mean, nearest
 from hil.impairment import Impairment
 
 T = TypeVar("T")
@@ -22,7 +23,7 @@ FieldValues = dict[str, Any]  # of a part of the disturbances, by field
 PERFECT = Impairment()
 LOSS_MAX = 0.95  # share of lost telemetry above which no decision is made, so that there is nothing to score
 RECALL_S = 15.0  # s; the logger measures a picture that was taken up to 20 s ago
-LOCKSTEP = "in lockstep everything waits for everything"
+LOCKSTEP = "in lockstep the simulator waits for the host"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +90,7 @@ def _pair(name: str, text: str, wanted: str) -> tuple[float, float]:
         if not math.isfinite(first + second):
             raise ValueError
     except ValueError:
-        raise UsageError(f"--{name} wants {wanted}; got '{text}'") from None
+        raise UsageError(f"--{name} must be {wanted}; got '{text}'") from None
     return first, second
 
 
@@ -120,7 +121,8 @@ class FrameFaults:
         check_bounds(self)
         if self.reach_s > RECALL_S:
             raise UsageError(
-                f"frame_delay and one period of frame_rate want {RECALL_S:g} s together at most, got {self.reach_s:g}"
+                f"frame_delay and one period of frame_rate can have {RECALL_S:g} s together at most, got"
+                f" {self.reach_s:g}"
             )
 
     @property
@@ -141,16 +143,17 @@ def _read_wire(text: str) -> FieldValues:
         name, equals, value = word.strip().partition("=")
         way, dot, quantity = name.rpartition(".")
         if not equals or quantity not in WIRE or way not in WAYS or (dot and not way):
+            near = nearest(quantity, WIRE) if equals else []
             raise UsageError(
-                f"--link wants NAME=VALUE,… with the names {', '.join(WIRE)}, for one way to.NAME or from.NAME; got"
-                f" '{word}'"
+                f"--link must be NAME=VALUE,… with the names {', '.join(WIRE)}, or to.NAME and from.NAME for one"
+                f" direction; got '{word}'{f': {did_you_mean(near)}' if near else ''}"
             )
         is_whole = declarations(Impairment)[WIRE[quantity]].quantity.whole
         try:
             number = int(value) if is_whole else float(value)
         except ValueError:
             wanted = "a whole number" if is_whole else "a number"
-            raise UsageError(f"--link wants {wanted} where it says '{word}'") from None
+            raise UsageError(f"--link needs {wanted} in '{word}'") from None
         for entry in WAYS[way]:
             ways[entry][WIRE[quantity]] = number
     return {way: Impairment(**values) for way, values in ways.items()}
@@ -196,8 +199,8 @@ class LinkFaults:
         """Raise UsageError for a wire on which nobody could fly."""
         if self.from_vehicle.loss > LOSS_MAX:
             raise UsageError(
-                f"an agent that hears nothing decides nothing: the loss from the vehicle is 0 to {LOSS_MAX:g}, got"
-                f" {self.from_vehicle.loss:g}; to.loss=1 is one way only"
+                f"an agent cannot fly without telemetry: the loss from the vehicle must be 0 to {LOSS_MAX:g}, got"
+                f" {self.from_vehicle.loss:g}. To lose everything in the other direction only: to.loss=1"
             )
 
     @property

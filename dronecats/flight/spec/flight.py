@@ -69,7 +69,9 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     `outside` answers the questions of a spec with `outside`.
     """
     if spec.outside is not None and outside is None and not spec.replay:
-        raise UsageError(f"only {spec.outside.harness} can ask {spec.outside.name}; --model replay:RUN flies it again")
+        raise UsageError(
+            f"only {spec.outside.harness} can ask {spec.outside.name}. To repeat its flight: --model replay:RUN"
+        )
     if spec.simulated or (spec.connected and spec.connected.truth):
         extras.require("numba", "embreex")
     _check_accounts(spec)
@@ -77,8 +79,8 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
         roster.check(spec.pilot)
     if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
         raise UsageError(
-            f"--command {spec.command} asks for each drone alone, and {spec.pilot} counts its questions, not whose they"
-            " are; choose vision, oracle, noisy or a model"
+            f"--command {spec.command} asks about each drone separately, but {spec.pilot} cannot tell the drones"
+            " apart. Choose vision, oracle, noisy or a model"
         )
     if spec.scripted_commander:
         roster.check_commander(spec.scripted_commander)
@@ -88,7 +90,7 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
         looks = spec.model or spec.outside or spec.commander or roster.looks(spec.pilot or "")
         if not (simulated.rendered or spec.replay) and looks:
             raise UsageError(
-                "only oracle, noisy, blind and failing pilots fly without rendering; every other looks at the frames"
+                "only the pilots oracle, noisy, blind and failing fly without rendering. All others need the frames"
             )
         if simulated.autopilot == "px4":
             airframes.quadrotor(airframes.load(simulated.airframe))
@@ -112,7 +114,9 @@ def _check_accounts(spec: FlightSpec) -> None:
     if not models or spec.replay:
         options = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
         if stray := next((name for field, name in options.items() if getattr(accounts, field) is not None), None):
-            raise UsageError(f"--{stray} goes with --model PROVIDER/NAME: nobody else is paid; leave it out")
+            raise UsageError(
+                f"--{stray} goes with --model PROVIDER/NAME, because built-in pilots cost nothing. Leave it out"
+            )
         return
     for model in models:
         Budget(accounts.cost_limit_usd).check_prices(model)
@@ -147,7 +151,9 @@ def _free_flight(name: str, instruction: str) -> EpisodeRecord:
     spawn, yaw = scene.spawn_ned, scene.spawn_yaw
     landmarks = [i for i in scene.instances if i.kind != "ground" and i.solid and not i.movable]
     if not landmarks:
-        raise UsageError(f"map '{name}' has nothing on it but its ground, and an empty field cannot be flown by sight")
+        raise UsageError(
+            f"map '{name}' has only ground and no objects, so a pilot sees nothing. Choose a map with objects"
+        )
     target = min(landmarks, key=lambda i: math.dist(i.position_ned, spawn))
     north, east, down = (a - b for a, b in zip(target.position_ned, spawn, strict=True))
     return EpisodeRecord(

@@ -56,7 +56,7 @@ class Simulated:
         """Raise UsageError for what cannot be simulated."""
         check_bounds(self)
         if self.px4 and self.autopilot != "px4":
-            raise UsageError("--px4 goes with --autopilot px4; add it or leave --px4 out")
+            raise UsageError("--px4 goes with --autopilot px4. Add it, or leave --px4 out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -152,7 +152,7 @@ class FlightSpec:
         pilots = "a pilot, model or outside: --pilot NAME, or --model PROVIDER/NAME"
         _check_one(pilots, self.pilot, self.model, self.outside)
         if sum(place is not None for place in (self.episode, self.record, self.map)) > 1:
-            raise UsageError("a flight wants one of episode, record or map, and has more; leave the others out")
+            raise UsageError("a flight needs exactly one of episode, record and map. Leave the others out")
         self._check_commander()
         if self.connected:
             self._check_connected(self.connected)
@@ -161,19 +161,23 @@ class FlightSpec:
 
     def _check_commander(self) -> None:
         if self.commander and self.scripted:
-            raise UsageError("a flight wants one commander, and has two: commander and scripted; leave one of them out")
+            raise UsageError("a flight has two commanders: commander and scripted. Leave one of them out")
         if (self.commander or self.scripted) and self.command != "hierarchical":
-            raise UsageError("--commander goes with --command hierarchical; add it or leave --commander out")
+            raise UsageError("--commander goes with --command hierarchical. Add it, or leave --commander out")
         if self.command == "hierarchical" and self.agent == STEADY:
-            raise UsageError(f"--agent {STEADY} goes with --command flat or solo: under a commander the paper's flies")
+            raise UsageError(
+                f"--agent {STEADY} goes with --command flat or solo. Under a commander, use the agent paper"
+            )
 
     def _check_connected(self, connected: Connected) -> None:
         if self.command != "flat":
-            raise UsageError(f"--command {self.command} goes with --sitl: a vehicle that is connected is one")
+            raise UsageError(
+                f"--command {self.command} goes with --sitl, because a connected vehicle is one drone. Leave it out"
+            )
         if self.drones is not None:
-            raise UsageError("--drones goes with --sitl: a vehicle that you connect is one")
+            raise UsageError("--drones goes with --sitl, because a connected vehicle is one drone. Leave it out")
         if self.envelope is None:
-            raise UsageError("a vehicle that is not simulated wants an envelope; --envelope FILE moves its limits")
+            raise UsageError("a vehicle that is not simulated needs an envelope. To change its limits: --envelope FILE")
         if self.disturbances != UNDISTURBED:
             raise UsageError("disturbances go with simulated: what is connected has its own")
         has_world = any(place is not None for place in (self.episode, self.record, self.map))
@@ -191,10 +195,13 @@ class FlightSpec:
         self.disturbances.check_clock(lockstep=lockstep)
         if lockstep and self.latency.real:
             raise UsageError(
-                "--latency real has no meaning with --speed max, where the vehicle's clock waits; use fixed:SECONDS"
+                "--latency real does not go with --speed max, where the vehicle's clock waits for replies."
+                " Use fixed:SECONDS"
             )
         if self.keep_ulog and not (simulated.autopilot == "px4" and simulated.px4):
-            raise UsageError("--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND; add them")
+            raise UsageError(
+                "--keep-ulog goes with --connect, or with --autopilot px4 and --px4 COMMAND. Add them, or leave it out"
+            )
 
     @property
     def scripted_commander(self) -> str | None:
@@ -213,7 +220,7 @@ class FlightSpec:
 
 def _check_one(wanted: str, *values: object) -> None:
     if sum(value is not None for value in values) != 1:
-        raise UsageError(f"a flight wants {wanted}; choose one")
+        raise UsageError(f"a flight needs {wanted}. Choose one")
 
 
 COLUMN = "latency_s"  # of a CSV file
@@ -273,15 +280,17 @@ def read_trace(path: Path) -> tuple[float, ...]:
     Of a CSV that is the column `latency_s`, or its only one. Raises UsageError.
     """
     if path.exists() and not (path.is_dir() or path.is_file()):
-        raise UsageError(f"--latency trace:{path} is no file; name a run folder or a CSV file")
+        raise UsageError(f"--latency trace:{path} is not a file. Name a run folder or a CSV file")
     try:
         latencies = _of_run(path) if path.is_dir() else _of_csv(path)
     except OSError as error:
         raise UsageError(f"--latency trace:{path} cannot be read: {error.strerror}") from None
     if not latencies:
-        raise UsageError(f"--latency trace:{path} holds no latency; name a run that took steps, or a CSV file")
+        raise UsageError(f"--latency trace:{path} has no latency. Name a run with decisions, or a CSV file")
     if len(latencies) > TRACE_MAX:
-        raise UsageError(f"--latency trace:{path} holds {len(latencies):,} latencies; {TRACE_MAX:,} are the most")
+        raise UsageError(
+            f"--latency trace:{path} has {len(latencies):,} latencies, more than {TRACE_MAX:,}. Shorten it"
+        )
     return tuple(round(seconds, 6) for seconds in latencies)
 
 
@@ -302,11 +311,11 @@ def _of_steps(log: Path) -> Iterator[float]:
 
 def _of_csv(path: Path) -> list[float]:
     if path.stat().st_size > BYTES_MAX:
-        raise UsageError(f"--latency trace:{path} is longer than {TRACE_MAX:,} latencies can be")
+        raise UsageError(f"--latency trace:{path} is too long for {TRACE_MAX:,} latencies. Shorten it")
     try:
         lines = [line for line in csv.reader(path.read_text(encoding="utf-8").splitlines()) if line]
     except (ValueError, csv.Error):
-        raise UsageError(f"--latency trace:{path} is not CSV, nor a run folder") from None
+        raise UsageError(f"--latency trace:{path} is neither a CSV file nor a run folder") from None
     if not lines:
         return []
     head = [cell.strip() for cell in lines[0]]
@@ -315,7 +324,7 @@ def _of_csv(path: Path) -> list[float]:
     elif len(head) == 1:
         column = 0
     else:
-        raise UsageError(f"--latency trace:{path} has several columns, and none of them is {COLUMN}")
+        raise UsageError(f"--latency trace:{path} has several columns, but no column {COLUMN}. Name one so")
     return [_number(path, number, line, column) for number, line in enumerate(lines, 1)]
 
 
@@ -323,4 +332,6 @@ def _number(path: Path, number: int, line: list[str], column: int) -> float:
     try:
         return float(line[column])
     except (ValueError, IndexError):
-        raise UsageError(f"--latency trace:{path} has no number of seconds as its latency {number}") from None
+        raise UsageError(
+            f"--latency trace:{path} has a value that is not a number of seconds: latency {number}"
+        ) from None

@@ -50,9 +50,9 @@ def from_json(value: Any, where: str) -> FlightSpec:
     try:
         spec = _flight(value)
     except (msgspec.ValidationError, UsageError) as wrong:
-        raise UsageError(f"{where} holds no flight: {wrong}") from None
+        raise UsageError(f"{where} has no valid flight: {wrong}") from None
     if stray := _unknown(value, as_json(spec)):
-        raise UsageError(f"{where} holds no flight: '{stray}' is not known")
+        raise UsageError(f"{where} has no valid flight: '{stray}' is not known")
     return spec
 
 
@@ -107,13 +107,13 @@ def recorded(path: Path) -> FlightSpec:
     folder = episode_folder(path).resolve()
     configuration = run_configuration(folder.parent)
     if configuration is None or "flight" not in configuration:
-        raise UsageError(f"{folder.parent / layout.RUN} does not say what was flown, so it cannot be flown again")
+        raise UsageError(f"{folder.parent / layout.RUN} does not have the flight, so it cannot be replayed")
     spec = from_json(configuration["flight"], str(folder.parent / layout.RUN))
     if spec.simulated is None:
-        raise UsageError(f"{folder} was flown on a vehicle of yours; --pilot recorded:FILE says its replies again")
+        raise UsageError(f"{folder} was flown on a connected vehicle. To send its replies again: --pilot recorded:FILE")
     record = json_object(folder / layout.EPISODE)
     if record is None:
-        raise UsageError(f"{folder / layout.EPISODE} cannot be read; without it nobody knows what was flown")
+        raise UsageError(f"{folder / layout.EPISODE} cannot be read, so the episode is unknown")
     return replace(spec, episode=None, record=record, map=None, replay=_recording(folder))
 
 
@@ -125,7 +125,9 @@ def _recording(folder: Path) -> FlightRecording:
         if decision.confirmed_by is not UNSET:  # the commander's, whose reply stands with its exchange
             continue
         if decision.reply is UNSET:
-            raise UsageError(f"{folder / layout.DECISIONS} holds no replies; an older version flew it")
+            raise UsageError(
+                f"{folder / layout.DECISIONS} has no replies, because an older version of dronecats flew it"
+            )
         if decision.served is not UNSET:
             served[decision.drone] = str(decision.served)
         if decision.step not in steps:  # of those that were asked for together, the first
@@ -144,7 +146,7 @@ def _recording(folder: Path) -> FlightRecording:
             )
             questions[decision.drone] += 1
     if not steps:
-        raise UsageError(f"{folder} holds no decision; name a flight that took steps")
+        raise UsageError(f"{folder} has no decision. Name a flight with decisions")
     ends = [row.reason for row in truth(folder) if isinstance(row, End)]
     commanded = exchanges(folder)
     return FlightRecording(

@@ -35,7 +35,7 @@ METRICS: dict[str, Metric] = {
 def own_metrics(file: Path) -> tuple[Metric, ...]:
     """Return the metrics of a file. Raises UsageError if the file has no valid metrics."""
     if not file.is_file():
-        raise UsageError(f"--metric: there is no file {file}")
+        raise UsageError(f"--metric: file {file} does not exist")
     module = importlib.util.module_from_spec(
         importlib.util.spec_from_loader(f"own_metrics_{file.stem}", loader=None)  # type: ignore[arg-type]
     )
@@ -43,7 +43,7 @@ def own_metrics(file: Path) -> tuple[Metric, ...]:
     try:
         exec(compile(file.read_bytes(), str(file), "exec"), vars(module))
     except Exception as broken:
-        raise UsageError(f"--metric: {file} cannot be run: {type(broken).__name__}: {broken}") from None
+        raise UsageError(f"--metric: {file} ends in an error: {type(broken).__name__}: {broken}") from None
     metrics = getattr(module, "METRICS", None)
     if not isinstance(metrics, tuple) or not metrics or not all(isinstance(metric, Metric) for metric in metrics):
         raise UsageError(f"--metric: {file} has no METRICS = (Metric(…), …). See: dronecats/judge/metrics/outcomes.py")
@@ -59,27 +59,31 @@ def _value(metric: Metric, flight: JudgedFlight) -> MetricValue | Sequence[Metri
     try:
         value = metric.of(flight)
     except Exception as broken:
-        raise UsageError(f"--metric: {metric.name} of {flight.id} breaks: {type(broken).__name__}: {broken}") from None
+        raise UsageError(
+            f"--metric: {metric.name} of {flight.id} ends in an error: {type(broken).__name__}: {broken}"
+        ) from None
     several = isinstance(value, Sequence) and not isinstance(value, str)
     if metric.level == "step" and not (several and len(value) == len(flight.logs.decisions)):  # type: ignore[arg-type]
-        raise UsageError(f"--metric: {metric.name} of {flight.id} is not a value per decision")
+        raise UsageError(f"--metric: {metric.name} of {flight.id} must give one value per decision")
     values = value if isinstance(value, Sequence) else [value]
     if (several and metric.level == "episode") or not all(map(_is_value, values)):
-        raise UsageError(f"--metric: {metric.name} of {flight.id} is no number, True, False or None: {value!r:.60}")
+        raise UsageError(
+            f"--metric: {metric.name} of {flight.id} must be a number, True, False or None; got {value!r:.60}"
+        )
     return value
 
 
 def _check(metric: Metric, file: Path) -> None:
     if not (isinstance(metric.name, str) and metric.name.isidentifier()):
-        raise UsageError(f"--metric: {file}: {metric.name!r} is no name: letters, digits and _ are wanted")
+        raise UsageError(f"--metric: {file}: {metric.name!r} cannot name a metric. Use letters, digits and _")
     if metric.name in METRICS:
-        raise UsageError(f"--metric: {file}: {metric.name} is the name of one of ours")
+        raise UsageError(f"--metric: {file}: {metric.name} is the name of a built-in metric. Choose another name")
     if metric.level not in ("episode", "step"):
-        raise UsageError(f"--metric: {file}: the level of {metric.name} is neither episode nor step")
+        raise UsageError(f"--metric: {file}: the level of {metric.name} must be episode or step")
     if not callable(metric.of):
-        raise UsageError(f"--metric: {file}: {metric.name} measures nothing: its `of` is no function")
+        raise UsageError(f"--metric: {file}: {metric.name} needs a function as `of`")
     if not metric.definition or not metric.unit:
-        raise UsageError(f"--metric: {file}: {metric.name} lacks its definition or its unit")
+        raise UsageError(f"--metric: {file}: {metric.name} needs a definition and a unit")
 
 
 def _is_value(value: object) -> bool:
@@ -106,7 +110,7 @@ class Judging:
         """Raise UsageError for invalid values, and for a file without valid metrics."""
         check_radius(self.delta_m)
         if not math.isfinite(self.cap_s) or self.cap_s <= 0:
-            raise UsageError(f"--cap wants seconds above 0, got {self.cap_s:g}")
+            raise UsageError(f"--cap must be seconds above 0, got {self.cap_s:g}")
         _metrics(self)
 
 
@@ -188,7 +192,7 @@ def _metrics(options: Judging) -> tuple[Metric, ...]:
     own = [metric for file in options.own for metric in own_metrics(file)]
     twice = {metric.name for metric in own if [m.name for m in own].count(metric.name) > 1}
     if twice:
-        raise UsageError(f"--metric: there are two metrics named {min(twice)}")
+        raise UsageError(f"--metric: two metrics have the name {min(twice)}. Rename one")
     return (*(METRICS.values() if options.measured else ()), *own)
 
 

@@ -86,7 +86,7 @@ class OracleModel:
         at_picture = None if taken_us is None else self._truth.at(drone, taken_us)
         sample = at_picture[0] if at_picture else self._truth.of(drone)
         if sample is None:
-            raise ModelError(f"the {self.name} has not heard where drone {drone + 1} is")
+            raise ModelError(f"the pilot {self.name} has received no pose of drone {drone + 1}")
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
         north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))

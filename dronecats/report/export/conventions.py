@@ -84,7 +84,7 @@ def read_picture(jpeg: Path) -> NDArray[np.uint8]:
     """Return a picture (h, w, 3), RGB. Raises UsageError when it is damaged."""
     picture = cv2.imread(str(jpeg), cv2.IMREAD_COLOR_RGB)
     if picture is None:
-        raise UsageError(f"{jpeg} is damaged: it is no picture")
+        raise UsageError(f"{jpeg} is damaged: it is not a picture")
     return np.asarray(picture, np.uint8)
 
 

@@ -58,7 +58,7 @@ class Exported:
 def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = False) -> Exported:
     """Write runs in a format into a folder. Raises UsageError, if possible before anything is written."""
     if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out} is a file; name a folder")
+        raise UsageError(f"--out {out} is a file. Name a folder")
     try:
         if kind in FILES_OF_TABLES:
             return _tables(kind, runs, out, overwrite)
@@ -66,7 +66,7 @@ def export(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool = 
             return _dataset(runs, out, overwrite)
         return _files(kind, runs, out, overwrite)
     except OSError as error:
-        raise UsageError(f"{out} cannot be written: {error.strerror or error}; choose another --out") from None
+        raise UsageError(f"{out} cannot be written: {error.strerror or error}. Choose another --out") from None
 
 
 def _files(kind: str, runs: Sequence[RecordedRun], out: Path, overwrite: bool) -> Exported:
@@ -149,7 +149,7 @@ def _check_free(wanted: Sequence[Path], overwrite: bool) -> None:
     existing = [path for path in wanted if path.exists()]
     if existing and not overwrite:
         more = f" and {len(existing) - 1} more" if len(existing) > 1 else ""
-        raise UsageError(f"{existing[0]}{more} exists already: choose another --out, or write it anew with --overwrite")
+        raise UsageError(f"{existing[0]}{more} exists already. Choose another --out, or replace it with --overwrite")
 
 
 def _check_not_empty(done: Exported) -> Exported:

@@ -57,9 +57,9 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
     """
     there = out.exists() and any(out.iterdir())
     if there and not overwrite:
-        raise UsageError(f"{out} exists already: choose another --out, or write it anew with --overwrite")
+        raise UsageError(f"{out} exists already. Choose another --out, or replace it with --overwrite")
     if there and not (out / "meta" / "info.json").exists():
-        raise UsageError(f"{out} holds something else than a dataset: choose another --out")
+        raise UsageError(f"{out} is not a dataset. Choose another --out")
     part = out.with_name(out.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     dataset = _Dataset(part)
@@ -86,16 +86,16 @@ def _unfit(flight: RecordedFlight, dataset: "_Dataset") -> str | None:
     """Return a sentence why a flight is unsuitable for a dataset; None: it is suitable."""
     folder = flight.folder
     if not flight.frames:
-        return f"{folder} holds no pictures"
+        return f"{folder} has no pictures"
     if any(drone.held is None for drone in flight.drone_tracks):
-        return f"{folder} holds no telemetry of where an autopilot thought it was"
+        return f"{folder} has no positions of the autopilot in its telemetry"
     if flight.verdict.success is None:
-        return f"{folder} is nobody's score: {flight.verdict.error or flight.verdict.outcome}"
+        return f"{folder} is not scored: {flight.verdict.error or flight.verdict.outcome}"
     if any(not _steps(flight, drone) for drone in flight.drone_tracks):
-        return f"{folder} has a drone that nothing was decided for"
+        return f"{folder} has a drone without decisions"
     sizes = {read_picture(frame.jpeg).shape for frame in flight.frames}
     if len(sizes | ({dataset.shape} if dataset.shape else set())) > 1:
-        return f"{folder} has pictures of another size than those before it"
+        return f"{folder} has pictures of another size than the flights before it"
     return None
 
 

@@ -108,7 +108,7 @@ def _at(track: FlightTrack, index: int) -> Vec3:
 
 def _origin(flight: RecordedFlight) -> Vec3:
     if flight.origin is None:
-        raise UsageError(f"{flight.folder} does not tell where on earth it was flown: no map, and no tlog")
+        raise UsageError(f"{flight.folder} has no place on Earth: it has no map and no flight.tlog")
     return flight.origin
 
 

@@ -83,7 +83,10 @@ def decoded(data: bytes) -> Manifest:
         content = msgspec.json.decode(data)
         version = content.get("schema") if isinstance(content, dict) else None
         if isinstance(version, int) and version > SCHEMA:
-            raise UsageError(f"the archive is of a newer dronecats: version {version}, known is {SCHEMA}; update")
+            raise UsageError(
+                f"the archive is of a newer dronecats: it has version {version}, and this one reads {SCHEMA}."
+                " Update dronecats"
+            )
         manifest = msgspec.convert(content, Manifest)
         unknown = content.keys() - Manifest.__dataclass_fields__.keys()
     except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:
@@ -93,13 +96,13 @@ def decoded(data: bytes) -> Manifest:
     texts = (manifest.name, manifest.note, manifest.pilot, manifest.suite, manifest.partial, manifest.dronecats)
     for text in texts:
         if text and not text.isprintable():
-            raise UsageError(f"{MANIFEST} of the archive is damaged: it holds what cannot be printed")
+            raise UsageError(f"{MANIFEST} of the archive is damaged: it has text that cannot be printed")
     for path in manifest.files:
         if not (LOG.fullmatch(path) or FRAME.fullmatch(path)):
-            raise UsageError(f"the archive names {path[:80]!r}, which is no file of a run")
+            raise UsageError(f"the archive names {path[:80]!r}, which is not a file of a run")
     for path in manifest.left_out:
         if not LEFT_OUT.fullmatch(path):
-            raise UsageError(f"the archive names {path[:80]!r} as left out, which is no file of a run")
+            raise UsageError(f"the archive names {path[:80]!r} as omitted, which is not a file of a run")
     return manifest
 
 
@@ -132,7 +135,7 @@ class Packed:
         for _ in self.chunks():
             pass
         if self._source.exactly(-self.size % BLOCK).strip(b"\0"):
-            raise UsageError(f"the archive is damaged: something stands behind {self.name[:80]!r}")
+            raise UsageError(f"the archive is damaged: there is data after {self.name[:80]!r}")
 
 
 class Unxz:
@@ -168,7 +171,7 @@ class Unxz:
             missing -= len(chunks[-1])
             self._out += len(chunks[-1])
             if self._out > TOTAL_MAX or (self._out > RATIO_FROM and self._out > RATIO_MAX * self._in):
-                raise UsageError("the archive unpacks to more than flights can be")
+                raise UsageError("the archive unpacks to more data than flights can have")
         return b"".join(chunks)
 
     def ends(self) -> bool:
@@ -188,7 +191,7 @@ def read(file: BinaryIO) -> Iterator[Packed]:
             break
         packed = _packed(header, source)
         if packed.name in names:
-            raise UsageError(f"the archive holds {packed.name[:80]!r} twice")
+            raise UsageError(f"the archive has {packed.name[:80]!r} twice")
         names.add(packed.name)
         yield packed
         packed.skip()
@@ -219,17 +222,17 @@ def _packed(header: bytes, source: Unxz) -> Packed:
     """Return the file of a header. POSIX.1-1988, "ustar"."""
     sum_of = sum(header[:148]) + 8 * ord(" ") + sum(header[156:])
     if header[257:265] != b"ustar\x0000" or _octal(header[148:156]) != sum_of:
-        raise UsageError("the archive holds something that is no tar of plain files")
+        raise UsageError("the archive is not a tar file of plain files")
     if header[156:157] != b"0":
-        raise UsageError("the archive holds something that is no plain file, a link or a folder")
+        raise UsageError("the archive has a link or a folder; only plain files are allowed")
     name, prefix = (part.split(b"\0", 1)[0] for part in (header[:100], header[345:500]))
     try:
         path = (prefix + b"/" + name if prefix else name).decode("ascii")
     except UnicodeDecodeError:
-        raise UsageError("the archive holds a file whose name is none of a run's") from None
+        raise UsageError("the archive has a file that does not belong to a run") from None
     size = _octal(header[124:136])
     if size is None:
-        raise UsageError(f"the archive is damaged: the size of {path[:80]!r} is no number")
+        raise UsageError(f"the archive is damaged: the size of {path[:80]!r} is not a number")
     return Packed(path, size, source, size)
 
 
@@ -253,7 +256,7 @@ def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
     files = read(file)
     first = next(files, None)
     if first is None or first.name != MANIFEST or first.size > MANIFEST_MAX:
-        raise UsageError(f"it is no archive of runs: it does not begin with {MANIFEST}")
+        raise UsageError(f"it is not an archive of `dronecats submit`: it does not begin with {MANIFEST}")
     manifest = decoded(b"".join(first.chunks()))
     _check_sizes(manifest)
     _check_names(manifest)
@@ -262,13 +265,13 @@ def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
     for packed in files:
         digest = left.pop(packed.name, None)
         if digest is None or digest.bytes != packed.size:
-            raise UsageError(f"{packed.name[:80]!r} is not as its {MANIFEST} says")
+            raise UsageError(f"{packed.name[:80]!r} differs from its entry in {MANIFEST}")
         if LOG.fullmatch(packed.name):
             sha256 = _unpacked(packed, place / packed.name)
         else:
             sha256, frames = _hashed(packed), frames + 1
         if sha256 != digest.sha256:
-            differing.append(f"{packed.name} is not the file whose digest {MANIFEST} holds")
+            differing.append(f"{packed.name} has another digest than in {MANIFEST}")
     if left:
         raise UsageError(f"{next(iter(left))!r} is in its {MANIFEST} and not in the archive")
     return manifest, differing, frames
@@ -297,7 +300,7 @@ def _check_sizes(manifest: Manifest) -> None:
         most = FRAME_MAX if FRAME.fullmatch(name) else LOG_MAX
         logs += 0 if FRAME.fullmatch(name) else digest.bytes
         if digest.bytes > most or logs > LOGS_MAX:
-            raise UsageError(f"{name!r} is larger than it can be")
+            raise UsageError(f"{name!r} is too large")
 
 
 def _check_names(manifest: Manifest) -> None:
@@ -306,10 +309,10 @@ def _check_names(manifest: Manifest) -> None:
     homes = {f"{run.folder}/{episode}" for run in manifest.runs for episode in run.episodes}
     wanted |= {f"{home}/{log}" for home in homes for log in (layout.EPISODE, layout.DECISIONS, layout.TRUTH)}
     if len({run.folder for run in manifest.runs}) != len(manifest.runs) or not homes:
-        raise UsageError(f"its {MANIFEST} names no run, or one twice")
+        raise UsageError(f"its {MANIFEST} names no run, or a run twice")
     if absent := next(iter(sorted(wanted - manifest.files.keys())), None):
-        raise UsageError(f"it lacks {absent}")
+        raise UsageError(f"{absent} is missing")
     for name in (*manifest.files, *manifest.left_out):
         home = "/".join(name.split("/")[:3])
         if name not in wanted and home not in homes:
-            raise UsageError(f"{name!r} is of no run that its {MANIFEST} names")
+            raise UsageError(f"{name!r} belongs to no run in its {MANIFEST}")

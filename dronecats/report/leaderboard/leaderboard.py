@@ -32,12 +32,14 @@ def entry(path: Path) -> Verification:
     try:
         data = path.read_bytes()
         if len(data) > ENTRY_MAX:
-            raise UsageError(f"{path} is longer than an entry can be")
+            raise UsageError(f"{path} is too large for an entry. Name the output of `dronecats verify FILE --json`")
         made = msgspec.json.decode(data, type=Verification)
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except (msgspec.DecodeError, UnicodeError, RecursionError) as wrong:
-        raise UsageError(f"{path} is no entry, which `dronecats verify FILE --json` prints: {wrong}") from None
+        raise UsageError(
+            f"{path} is not an entry: {wrong}. Name the output of `dronecats verify FILE --json`"
+        ) from None
     return made
 
 
@@ -50,7 +52,7 @@ def page(entries: Iterable[Verification]) -> str:
             raise UsageError(f"{entry.name} was not verified: {difference}")
     archives = [entry.archive_sha256 for entry in ordered]
     if twice := next((entry.name for entry in ordered if archives.count(entry.archive_sha256) > 1), None):
-        raise UsageError(f"{twice} is there twice")
+        raise UsageError(f"entry entry {twice} is there twice. Remove one. Remove one")
     models = [entry for entry in ordered if entry.is_model]
     ours = [entry for entry in ordered if not entry.is_model]
     sections = [HEADER, "## Models\n", _tables(models) or "No entry yet.\n"]

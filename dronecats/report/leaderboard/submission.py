@@ -143,7 +143,7 @@ def submit(
     missing = incomplete([[episode.name for episode in run.episodes] for run in ordered])
     fault = missing or next(filter(None, map(_unscored, ordered)), None)
     if fault and not partial:
-        raise UsageError(f"{fault}; --partial submits it all the same, marked as such")
+        raise UsageError(f"{fault}. To submit it anyway, marked as partial: --partial")
     scrubber = Scrubber(secrets, list(_machine_folders(ordered)))
     try:
         contents = _contents(ordered, scrubber, with_frames)
@@ -182,7 +182,7 @@ def incomplete(flights: Sequence[Sequence[str]]) -> str | None:
     for ids in flights:
         own = [id for id in ids if id not in catalogue.all_ids()]
         if own:
-            return f"{own[0]} is no episode that ships"
+            return f"{own[0]} is not a shipped episode"
         if _suite_of(ids) is None:
             containing = (s for s in catalogue.SUITES if set(ids) <= set(catalogue.suite_ids(s)))
             nearest = min(containing, key=_size, default=None)
@@ -209,23 +209,23 @@ def _suite(runs: Sequence[RecordedRun]) -> str | None:
 def _check_one_entry(runs: Sequence[RecordedRun]) -> None:
     first = runs[0]
     if len(runs) > RUNS_MAX:
-        raise UsageError(f"{len(runs)} runs are more than an archive holds, {RUNS_MAX}")
+        raise UsageError(f"{len(runs)} runs are more than the limit of an archive, {RUNS_MAX}. Submit fewer")
     for run in runs:
         if not run.flight:
-            raise UsageError(f"{run.folder / layout.RUN} does not say what was flown, so nobody can tell whose it is")
+            raise UsageError(f"{run.folder / layout.RUN} does not have the flight, so its pilot is unknown")
         if run.flight.get("replay") is not None:
-            raise UsageError(f"{run.folder} is a recording that was flown again, and nobody's entry")
+            raise UsageError(f"{run.folder} is a replay of a recorded flight, which cannot be an entry")
         if stray := next((e.name for e in run.episodes if not EPISODE_NAME.fullmatch(e.name)), None):
-            raise UsageError(f"{run.folder / stray} has a name that no episode has")
+            raise UsageError(f"{run.folder / stray} has a name that is not an episode's")
     for run in runs[1:]:
         if differing := differences(identity(first), identity(run)):
             raise UsageError(
-                f"{run.folder.name} differs from {first.folder.name} in {', '.join(map(str, differing))}; an entry is"
-                " the flights of one pilot under one configuration, so submit each by itself"
+                f"{run.folder.name} differs from {first.folder.name} in {', '.join(map(str, differing))}; an entry"
+                " has the flights of one pilot with one configuration. Submit each by itself"
             )
     seeds = [run.seed for run in runs]
     if twice := [seed for seed in seeds if seeds.count(seed) > 1]:
-        raise UsageError(f"several runs have the seed {twice[0]}; flights of one entry differ in it")
+        raise UsageError(f"several runs have the seed {twice[0]}, but the flights of an entry need different seeds")
 
 
 def _as_packed(run: RecordedRun, scrubber: Scrubber) -> Identity:
@@ -287,5 +287,5 @@ def _machine_folders(runs: Sequence[RecordedRun]) -> Iterator[PurePosixPath]:
 def _clean_text(option: str, text: str, most: int, scrubber: Scrubber) -> str:
     clean = scrubber.text(" ".join(text.split()))
     if len(clean) > most or not clean.isprintable():
-        raise UsageError(f"{option} wants printable text of at most {most} letters")
+        raise UsageError(f"{option} must be printable text of at most {most} letters")
     return clean

@@ -84,7 +84,7 @@ def verify(path: Path, reread: Rereading) -> Verification:
     except UsageError as wrong:
         raise UsageError(f"{path}: {_on_one_line(str(wrong))}") from None
     except (OverflowError, RecursionError):  # numbers of any length, lists of any depth: JSON has them
-        raise UsageError(f"{path}: it holds numbers or lists that nothing flown can have") from None
+        raise UsageError(f"{path}: it has numbers or lists that no flight can have") from None
 
 
 def _digest_of(path: Path) -> FileDigest:
@@ -115,7 +115,7 @@ def _verification(
     cells, share = _cells(verdicts), known_share(list(flights.values()))
     unscored = sum(cell.unscored for cell in cells.values())
     if unscored and manifest.partial is None:
-        differences.append(f"{unscored} episodes are nobody's score, and the entry is not marked as partial")
+        differences.append(f"{unscored} episodes are not scored, but the entry is not marked as partial")
     differences = [_on_one_line(difference) for difference in differences]
     if len(differences) > DIFFERENCES_MAX:
         differences = [*differences[:DIFFERENCES_MAX], f"and {len(differences) - DIFFERENCES_MAX} more"]
@@ -166,7 +166,7 @@ def _check_run(path: Path) -> None:
     try:
         msgspec.convert(json_object(path), _KeptRun)
     except (msgspec.ValidationError, UnicodeError, RecursionError) as wrong:
-        raise UsageError(f"{path.parent.name}/{path.name} says nothing of a flight: {wrong}") from None
+        raise UsageError(f"{path.parent.name}/{path.name} has no valid flight: {wrong}") from None
 
 
 def _on_one_line(text: str) -> str:
@@ -193,7 +193,7 @@ def _record_differences(run: RecordedRun, episode: str) -> Iterator[str]:
         yield str(wrong).rstrip(".")
         return
     if not catalogue.ships(parsed) or parsed.id != episode:
-        yield "its record is not the one that ships under its id"
+        yield "its record is not the shipped one of its id"
 
 
 def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iterator[str]:
@@ -215,19 +215,19 @@ def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> It
     """Yield the differences between the manifest and the runs."""
     first = runs[0]
     if (manifest.pilot, manifest.is_model) != (first.pilot, first.is_model):
-        yield f"the entry is said to be flown by {manifest.pilot}, and its runs by {first.pilot}"
+        yield f"the entry names the pilot {manifest.pilot}, but its runs are of {first.pilot}"
     for submitted, run in zip(manifest.runs, runs, strict=True):
         if identity_digest(identity(run)) != manifest.identity:
-            yield f"{submitted.folder} was flown under other settings than the entry names"
+            yield f"{submitted.folder} has other settings than the entry"
         if run.seed != submitted.seed or [e.name for e in run.episodes] != [*submitted.episodes]:
-            yield f"{submitted.folder} has another seed or other episodes than the entry names"
+            yield f"{submitted.folder} has another seed or other episodes than the entry"
         if run.flight.get("replay") is not None:
-            yield f"{submitted.folder} is a recording that was flown again"
+            yield f"{submitted.folder} is a replay of a recorded flight"
     if len({run.seed for run in runs}) != len(runs):
-        yield "several of its flights have one seed"
+        yield "several of its flights have the same seed"
     missing = incomplete([run.episodes for run in manifest.runs])
     if missing and manifest.partial is None:
-        yield f"{missing}, and the entry is not marked as partial"
+        yield f"{missing}, but the entry is not marked as partial"
 
 
 def _cells(verdicts: Sequence[tuple[str, Verdict]]) -> dict[str, CellScore]:

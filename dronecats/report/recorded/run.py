@@ -76,7 +76,7 @@ class RecordedRun:
     @property
     def pilot_title(self) -> str:
         """The pilot in words; a built-in one is marked as no model."""
-        return self.pilot if self.is_model else f"built-in pilot {self.pilot}, no model"
+        return self.pilot if self.is_model else f"built-in pilot {self.pilot}"
 
     @property
     def title(self) -> str:
@@ -96,7 +96,7 @@ def recorded_run(folder: Path) -> RecordedRun:
     """Return the run of a run folder, or of an episode folder with that episode alone. Raises UsageError."""
     folders = episodes(folder)
     if not folders:
-        raise UsageError(f"{folder} holds no episode: a folder with {layout.DECISIONS} and {layout.TRUTH} is wanted")
+        raise UsageError(f"{folder} has no episode. Name a folder that has {layout.DECISIONS} and {layout.TRUTH}")
     run = folders[0].resolve().parent
     return RecordedRun(folder=run, configuration=run_configuration(run) or {}, episodes=tuple(folders))
 
@@ -109,11 +109,14 @@ def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
     by_folder: dict[Path, RecordedRun] = {}
     for path in paths:
         if not path.is_dir():
-            raise UsageError(f"there is no folder {path}")
+            raise UsageError(f"folder {path} does not exist")
         inside = [path] if episodes(path) else sorted(p.parent for p in path.glob(f"*/{layout.RUN}"))
         runs = [recorded_run(folder) for folder in inside if episodes(folder)]
         if not runs:
-            raise UsageError(f"{path} holds no run: a folder with {layout.RUN} and flown episodes is wanted")
+            raise UsageError(
+                f"{path} has no run. Name a folder that has {layout.RUN} and flown episodes, or a folder"
+                " of such folders"
+            )
         for run in runs:
             before = by_folder.get(run.folder)
             by_folder[run.folder] = run if before is None or len(run.episodes) > len(before.episodes) else before

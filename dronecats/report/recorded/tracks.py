@@ -223,7 +223,7 @@ def ulog_topics(path: Path, *names: str) -> dict[str, dict[str, Any]]:
     except OSError as error:
         raise UsageError(f"{path} cannot be read: {error.strerror}") from None
     except Exception as error:  # a damaged file raises errors of many classes in pyulog
-        raise UsageError(f"{path} is no ULog: {type(error).__name__} {error}") from None
+        raise UsageError(f"{path} is not a ULog: {type(error).__name__} {error}") from None
 
 
 def onboard_estimated_track(path: Path, t0_us: int) -> FlightTrack | None:

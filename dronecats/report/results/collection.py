@@ -27,6 +27,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import exchanges, json_object, rows
 from foundation.run_folder.results import SCORED, Verdict
 from foundation.run_folder.rows import Decision
+from foundation.wording import did_you_mean, nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +181,7 @@ def _sum(counts: list[int | None]) -> int | None:
 def without_stalled(collection: Collection) -> Collection:
     """Return the collection with every flight that the host delayed left uncounted."""
     kept = (
-        replace(flight, left_out="the host held it up", error=f"the host held it up on {flight.host_stalls} steps")
+        replace(flight, left_out="the host delayed steps", error=f"the host delayed {flight.host_stalls} steps")
         if flight.scored and flight.host_stalls
         else flight
         for flight in collection.episodes
@@ -214,15 +215,18 @@ def parse_exclusion(text: str) -> Exclusion:
     name, equals, number = text.partition("=")
     example = "for example estimator_resets=2"
     if not equals:
-        raise UsageError(f"--exclude-above wants METRIC=N, {example}, got '{text:.60}'")
-    if name not in METRICS or METRICS[name].level != "episode":
-        raise UsageError(f"--exclude-above: '{name:.60}' is no metric of an episode, {example}; see docs/metrics.md")
+        raise UsageError(f"--exclude-above must be METRIC=N, {example}, got '{text:.60}'")
+    names = [metric.name for metric in METRICS.values() if metric.level == "episode"]
+    if name not in names:
+        near = nearest(name, names)
+        hint = did_you_mean(near) if near else f"{example}."
+        raise UsageError(f"--exclude-above: '{name:.60}' is not a metric of an episode: {hint} See: docs/metrics.md")
     try:
         most = float(number)
     except ValueError:
         most = math.nan
     if not math.isfinite(most):
-        raise UsageError(f"--exclude-above {name} wants a number, {example}, got '{number:.60}'")
+        raise UsageError(f"--exclude-above {name} needs a number, {example}, got '{number:.60}'")
     return Exclusion(name, most)
 
 
@@ -249,7 +253,7 @@ def exclusion_sentences(flights: Sequence[ScoredEpisode], exclusions: Sequence[E
     for exclusion in exclusions:
         unmeasured = sum(flight.scored and exclusion.value(flight) is None for flight in flights)
         if unmeasured:
-            yield f"{unmeasured} flights do not tell {exclusion.metric} and are counted."
+            yield f"{unmeasured} flights have no {exclusion.metric} and are counted."
 
 
 @dataclass(frozen=True, slots=True)

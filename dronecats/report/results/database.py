@@ -19,6 +19,7 @@ from dronecats.report.results import tables as tabulation
 from dronecats.report.results.tables import TABLES
 from foundation.errors import UsageError
 from foundation.files import whole_file
+from foundation.wording import did_you_mean, nearest, suggestion
 
 # A query cannot read or write files, load code, see this process's variables, or change these settings
 LOCKED = (
@@ -106,11 +107,11 @@ def _insert(connection: duckdb.DuckDBPyConnection, table: str, values: tabulatio
 
 def _answer(loaded: Loaded, sql: str, parquet: Path | None) -> Selected:
     if any("\ud800" <= letter <= "\udfff" for letter in sql):
-        raise UsageError("the query cannot be answered: it is no text in UTF-8")
+        raise UsageError("the query is not UTF-8 text")
     try:
         statements = loaded.connection.extract_statements(sql)
         if len(statements) != 1 or statements[0].type != duckdb.StatementType.SELECT:
-            raise UsageError("a query is one SELECT; it changes nothing and writes nothing")
+            raise UsageError("the query must be one SELECT, because queries are read-only")
         relation = loaded.connection.sql(sql)
         if parquet is not None:
             relation.write_parquet(str(parquet))
@@ -123,9 +124,13 @@ def sentence(message: str) -> str:
     """Return the first sentence of a database error and its hint, on one line."""
     first, *more = [line.strip() for line in message.strip().splitlines()]
     first = HEAD.sub("", first, count=1)
+    if table := re.match(r"Table with name (\S+) does not exist", first):
+        return f"table '{table[1]}' does not exist: {suggestion(table[1], TABLES)} See: dronecats query --tables"
+    if column := re.match(r'Referenced column "([^"]+)" not found', first):
+        columns = dict.fromkeys(column.name for table in TABLES.values() for column in table.columns)
+        hint = did_you_mean(near) + " " if (near := nearest(column[1], columns)) else ""
+        return f"column '{column[1]}' does not exist: {hint}See: dronecats query --tables"
     hint = next((line for line in more if line.startswith(("Did you mean", "Candidate bindings"))), "")
-    if re.match(r"Table with name \S+ does not exist", first):
-        hint = f"the tables are {', '.join(TABLES)}"
     return f"{first.rstrip('!.')}; {hint}" if hint else first
 
 
@@ -160,7 +165,7 @@ def write_tables(
         rows = {name: _write(loaded.connection, kind, name, out, column_name) for name in TABLES}
     except (OSError, duckdb.Error) as error:
         reason = error.strerror or str(error) if isinstance(error, OSError) else sentence(str(error))
-        raise UsageError(f"{out} cannot be written: {reason}; choose another --out") from None
+        raise UsageError(f"{out} cannot be written: {reason}. Choose another --out") from None
     finally:
         loaded.connection.close()
     return rows, loaded.damage

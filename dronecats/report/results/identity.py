@@ -9,6 +9,7 @@ import json
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,14 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"
+NOT_RECORDED = "not told"  # also in the digest of an identity, which archives have
+WORDS = {
+    NOT_RECORDED: "not recorded",
+    "told": "recorded",
+    "null": "none",
+    "{}": "nothing",
+}  # value of an identity → in a sentence
+KEYS_SHOWN = 4  # of a table
 NAMES = {  # key of run.json → its name in a sentence
     "code_sha256": "the code",
     "prompt_sha256": "the prompt",
@@ -45,8 +53,30 @@ class Difference:
     values: tuple[str, ...]  # of the two runs, in words
 
     def __str__(self) -> str:
-        shown = (DIGEST.sub(r"\1", value) for value in self.values)
-        return f"{self.name} ({' and '.join(shown)})"
+        return f"{self.name} ({' and '.join(_in_words(self.values))})"
+
+
+def _in_words(values: Sequence[str]) -> list[str]:
+    """Return the values of an identity as a person reads them: of tables only the keys that differ."""
+    parsed = [_parsed(value) for value in values]
+    if not any(isinstance(value, dict) for value in parsed):
+        return [WORDS.get(value, DIGEST.sub(r"\1", value)) for value in values]
+    tables = [dict(_leaves(value)) if isinstance(value, dict) else {} for value in parsed]
+    keys = [key for key in dict.fromkeys(chain(*tables)) if len({str(table.get(key)) for table in tables}) > 1]
+    more = [f"{len(keys) - KEYS_SHOWN} more"] if len(keys) > KEYS_SHOWN else []
+    return [
+        ", ".join([*(f"{key} {table[key]}" for key in keys[:KEYS_SHOWN] if key in table), *more])
+        if table
+        else WORDS.get(value, value)
+        for table, value in zip(tables, values, strict=True)
+    ]
+
+
+def _parsed(value: str) -> Any:
+    try:
+        return json.loads(value)
+    except ValueError:
+        return value
 
 
 def identity(run: RecordedRun) -> dict[str, frozenset[str]]:
@@ -106,11 +136,11 @@ def refusal(runs: Sequence[RecordedRun]) -> str | None:
     odd_folders = {odd_run.folder for odd_run, _ in odd}
     usual = next(candidate for candidate in runs if candidate.folder not in odd_folders)
     single = "suite" not in run.configuration and "suite" in usual.configuration
-    alone = ", since it was not flown by a benchmark" if single else ""
+    alone = ", because a benchmark did not fly it" if single else ""
     more = f"; {len(odd) - 1} more differ" if len(odd) > 1 else ""
     return (
-        f"{run.folder} differs from {usual.folder}, both of {run.pilot}, in {_listed(differing)}{alone}{more}:"
-        " runs of different kinds are not counted together"
+        f"{run.folder} differs from {usual.folder}, both of {run.pilot}, in {_listed(differing)}{alone}{more}."
+        " Runs with different settings are not counted together"
     )
 
 
@@ -182,5 +212,5 @@ def _shown(values: Iterable[str]) -> str:
 
 def _listed(differing: Sequence[Difference]) -> str:
     names = [str(difference) for difference in differing[:6]]
-    names += [f"{len(differing) - 6} more things"] if len(differing) > 6 else []
+    names += [f"{len(differing) - 6} more"] if len(differing) > 6 else []
     return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]

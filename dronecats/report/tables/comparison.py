@@ -50,12 +50,12 @@ def comparison(data: ReportData) -> ReportTable | None:
         name="comparison",
         title="Pair by pair",
         caption=(
-            "Only first, only second: episodes that the one solved and the other did not; of several flights, that it"
-            " solved in the larger share of its own. p: McNemar's exact test, two-sided; beside it Holm's correction"
-            " for all pairs of the block and suite. Difference: of the success rates, in points of 100. Could have"
-            f" shown: the smallest true difference that the test finds with power {POWER:g} at α = {ALPHA:g} (before"
-            " Holm's correction) among so many episodes, the share of those with different outcomes being as observed,"
-            " or the difference itself where that is larger."
+            "Only first, only second: episodes that only this pilot solved; with several flights of an episode,"
+            " the pilot that solved the larger share of them. p: McNemar's exact test, two-sided; beside it"
+            " Holm's correction for all pairs of the block and suite. Difference: of the success rates, in points"
+            f" of 100. Could have shown: the smallest true difference that the test finds with power {POWER:g} at"
+            f" α = {ALPHA:g} (before Holm's correction) among so many episodes, the share of those with different"
+            " outcomes being as observed, or the difference itself where that is larger."
         ),
         columns=COLUMNS,
         blocks=tuple(blocks),
@@ -106,8 +106,8 @@ def variance(data: ReportData) -> ReportTable | None:
             rows += _scatter_rows(entrant.label, scatter)
             if any(result and len(result.totals) == 2 for result in scatter):
                 notes.append(
-                    f"Of {entrant.label} there are two flights: a standard deviation from two says hardly more than"
-                    " that they differed, see its interval."
+                    f"Of {entrant.label} there are two flights only, so the standard deviation is very uncertain;"
+                    " see its interval."
                 )
             if left := len(entrant.by_episode) - len(flights):
                 notes.append(f"Of {entrant.label}, episodes left out that were not scored in every flight: {left}.")

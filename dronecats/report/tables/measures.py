@@ -35,7 +35,7 @@ def declarations(data: ReportData) -> ReportTable | None:
         FLIGHTS,
         *(replace(rate(metric, title, None), group="") for metric, title in rates.items()),
         TableColumn(name="declarations_per_flight", title="Declarations", decimals=1),
-        TableColumn(name="false_per_flight", title="of these false", decimals=1, better="less"),
+        TableColumn(name="false_per_flight", title="of these, false", decimals=1, better="less"),
         TableColumn(name="precision_percent", title="Precision", unit="%", better="more"),
     ]
 
@@ -53,9 +53,9 @@ def declarations(data: ReportData) -> ReportTable | None:
         name="declarations",
         title="Declarations",
         caption=(
-            "SR₁ and SR₃: solved by the first declaration, or by one of the first three. Declarations a flight, and"
-            " how many of them did not qualify; precision is the share that did, the mean over flights that declared."
-            " All cells, a fleet's declarations pooled."
+            "SR₁ and SR₃: solved by the first declaration, or by one of the first three. Declarations per flight,"
+            " and how many of them did not qualify. Precision: the share that qualified, mean over the flights"
+            " with declarations. All cells; the declarations of a fleet are counted together."
         ),
         columns=columns,
         row_of=row_of,
@@ -186,9 +186,9 @@ def served(data: ReportData) -> ReportTable | None:
         name="served",
         title="Served control rate",
         caption=(
-            "Decisions per second of vehicle time, and the vehicle time that replies took, as quantiles over the steps"
-            " of all scored flights. Held up: steps that the host, and not the model, delayed, as a simulator that"
-            " falls behind does; only flights in real time tell."
+            "Decisions per second of vehicle time, and the vehicle time that replies took, as quantiles over the"
+            " steps of all scored flights. Delayed by the host: steps that this computer delayed and not the"
+            " model, for example when the simulator is too slow. It is known for flights in real time only."
         ),
         columns=SERVED,
         row_of=row_of,
@@ -220,7 +220,7 @@ def thinking(data: ReportData) -> ReportTable | None:
 
     return data.table(
         name="thinking",
-        title="What thinking bought",
+        title="Effect of think",
         caption=(
             "Of the scored flights, step by step. Gain: metres that the three steps after a think closed, each, more"
             " than those after other steps that had closed at the same rate (matched). Stalls broken, and targets"
@@ -246,8 +246,8 @@ def own(data: ReportData, metrics: Sequence[Metric]) -> ReportTable | None:
 
     return data.table(
         name="own",
-        title="Metrics of our own",
-        caption="Means over the scored flights; of what is measured step by step, the median over all steps.",
+        title="Your own metrics",
+        caption="Means over the scored flights; for metrics of steps, the median over all steps.",
         columns=[NAME, *(_column(metric, cell, data) for metric in metrics for cell in cells)],
         row_of=row_of,
         notes=tuple(f"{metric.title}: {metric.definition}." for metric in metrics),

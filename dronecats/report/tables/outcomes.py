@@ -30,8 +30,8 @@ from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColu
 
 APPROACHING = "approaching"
 INTERVALS = (
-    "In brackets Wilson's 95 % interval; where episodes were flown several times they are the unit, and the interval is"
-    " as wide as their own scatter asks."
+    "In brackets: Wilson's 95 % interval. If episodes were flown several times, the episode is the unit,"
+    " and the interval follows from the scatter between episodes."
 )
 
 
@@ -89,7 +89,7 @@ def _floor(data: ReportData, cells: Sequence[str]) -> tuple[TableBlock, str] | N
         _, solved, count = result or ("", 0, 0)
         rates += [fraction(solved, count), NONE]
     pilots = ", ".join(f"{titled(c)} {b[0]}" for c, b in zip([*cells, "all"], best, strict=True) if b)
-    note = f"{FLOOR}: the best blind pilot's one flight of the same episodes ({pilots})."
+    note = f"{FLOOR}: one flight of the same episodes by the best blind pilot ({pilots})."
     return TableBlock(title="", rows=(row(FLOOR, None, *rates, None),)), note
 
 
@@ -125,12 +125,12 @@ def approaching(data: ReportData) -> ReportTable | None:
 
     return data.table(
         name="approaching",
-        title="Approaching, taken apart",
+        title="Approaching in detail",
         caption=(
-            "Rates in %. The approach ratio is the share of the start distance that was closed; NE the distance at the"
-            " decisive declaration, or at the last action; the last column the distance at the decisive declaration"
-            " over that at the start, so that a large one declared early. Means over the flights that have them."
-            f" {INTERVALS}"
+            "Rates in %. Approach ratio: closed share of the start distance. NE: distance at the decisive"
+            " declaration, or at the last action. Last column: distance at the decisive declaration over the"
+            " start distance; a large value means an early declaration. Means over the flights that have the"
+            f" value. {INTERVALS}"
         ),
         columns=columns,
         row_of=row_of,
@@ -143,9 +143,7 @@ def cut_off(flights: Iterable[ScoredEpisode]) -> tuple[str, ...]:
     cut = sum(bool(flight.verdict and flight.verdict.censored) for flight in flights if flight.scored)
     if not cut:
         return ()
-    return (
-        f"Flights that ended with their first success: {cut}. What they would have done until the cap is not here.",
-    )
+    return (f"Flights that ended at their first success: {cut}. Values after that are missing.",)
 
 
 def failures(data: ReportData) -> ReportTable | None:
@@ -159,7 +157,7 @@ def failures(data: ReportData) -> ReportTable | None:
     return data.table(
         name="failures",
         title="Failure modes",
-        caption="One drone: how the scored flights ended, % of them. The modes part all flights between them.",
+        caption="One drone: how the scored flights ended, in %. Each flight has exactly one mode.",
         columns=[NAME, FLIGHTS] + [TableColumn(name=mode.column, title=mode.title, unit="%") for mode in MODES],
         row_of=row_of,
     )
@@ -218,8 +216,8 @@ def drones(data: ReportData) -> ReportTable | None:
         name="drones",
         title="Commanding, drone by drone",
         caption=(
-            "What each drone of each scored flight came to, % of the drones. One that declares truly wins the"
-            " episode, so that the success rate beside is of episodes."
+            "Result of each drone of each scored flight, % of the drones. One drone with a true declaration"
+            " solves the episode; so the success rate beside is of episodes."
         ),
         columns=columns,
         row_of=row_of,

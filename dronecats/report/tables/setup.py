@@ -50,7 +50,7 @@ def setup(data: ReportData) -> ReportTable | None:
 
     return data.table(
         name="setup",
-        title="How it was flown",
+        title="Settings of the flights",
         caption=(
             "Flights: of one episode, at most. Reasoning: what a question was sent to switch it, and after the bar what"
             " the question after a think was sent. As served: only where it differs from the name that was asked for."
@@ -134,12 +134,12 @@ def costs(data: ReportData) -> ReportTable | None:
         name="costs",
         title="Costs",
         caption=(
-            "Questions and tokens a flight, means, of flights that are nobody's score too; a commander's are in them,"
-            " but for its cached and reasoning tokens. Cached: of the tokens in, those that the vendor had from before;"
-            " reasoning: of the tokens out; both only where the vendor tells them. $ by the prices that the runs"
-            " declare, cached tokens at the full price; questions that had to be asked again, and the one before"
-            " take-off, are in the ledger of the run alone. Answered by: whom a router had answer, as OpenRouter names"
-            " it."
+            "Questions and tokens per flight: means over all flights, unscored ones too. A commander's questions"
+            " are included, but not its cached and reasoning tokens. Cached: tokens in that the vendor had"
+            " cached. Reasoning: tokens out for reasoning. Both are known only if the vendor reports them. $: by"
+            " the prices in the runs, cached tokens at the full price. Repeated questions, and the test question"
+            " before take-off, are only in the run's ledger. Answered by: the provider that a router such as"
+            " OpenRouter chose."
         ),
         columns=COSTS,
         row_of=row_of,

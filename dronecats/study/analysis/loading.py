@@ -40,7 +40,7 @@ def load_results(folder: Path, metrics: Sequence[Metric] = (), exclusions: Seque
     study_runs = {run.name: run for run in study.runs}
     runs = [run for run in collection.runs if run.folder.name in study_runs]
     if not runs:
-        raise UsageError(f"{folder} holds no run of its study; fly it with the command that made it")
+        raise UsageError(f"{folder} has no run of its study. Fly it with the command that made it")
     names = [factor.name for factor in study.factors if factor.name not in ENTRANT_FACTORS]
     _check_levels(study, runs, study_runs)
     labels, identities = _entrants(runs, study, study_runs)
@@ -209,7 +209,7 @@ def _notes(
     (label, kind), *rest = common.items()
     for other_label, another in rest:
         if differing := differences(kind, another):
-            yield f"{label} and {other_label} were flown differently: they differ in {', '.join(map(str, differing))}."
+            yield f"{label} and {other_label} have different settings: {', '.join(map(str, differing))}."
     seeds = {label: min(run.seed for run in runs if labels[run.folder] == label) for label in first}
     if len(set(seeds.values())) > 1:
         yield "The entrants' seeds begin at different numbers, so their pairs share only the episode."

@@ -12,6 +12,7 @@ from dronecats.study.loop.feedback import ATTITUDE, CHANNELS, COLUMNS, LINE, RAT
 from foundation.airframe import Airframe
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
+from foundation.wording import suggestion
 from vehicles.multirotor import Multirotor, PlantArguments
 from vehicles.sensors import PERFECT, Suite
 
@@ -43,7 +44,7 @@ def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
     for name in names or ():
         if name not in GROUPS and name not in [loop.name for loop in LOOPS]:
             raise UsageError(
-                f"--loops {name}: choose from {', '.join(GROUPS)} or {', '.join(loop.name for loop in LOOPS)}"
+                f"--loops {name} is not known: {suggestion(name, [*GROUPS, *(loop.name for loop in LOOPS)])}"
             )
     return tuple(loop for loop in LOOPS if not names or loop.group in names or loop.name in names)
 

@@ -150,8 +150,8 @@ LINKS = {  # field of QuestionTimes → name of the link in tables
     "latency_s": "to be charged",
 }
 AGE_NOTES = {
-    True: "since it was taken, as the camera stamps it",
-    False: "since it arrived here: exposure, coding and network before that are in no figure",
+    True: "since the image was taken, by the camera's time stamp",
+    False: "since the image arrived at this computer; the earlier exposure, coding and network are not included",
 }
 CLOCK = "the host's monotonic clock"
 AGE_CLOCK = "the vehicle's clock, to one message of its telemetry"
@@ -275,7 +275,7 @@ class ChainLog:
 def check_fresh(folder: Path) -> None:
     """Raise UsageError if the folder already holds a measured chain."""
     if (folder / CHAIN).exists():
-        raise UsageError(f"{folder} already holds a measured chain; choose another --out")
+        raise UsageError(f"{folder} already has a measurement. Choose another --out")
 
 
 def write_replay(folder: Path, times: Sequence[QuestionTimes], frame_delay_s: float) -> ReplayedChain:
@@ -310,4 +310,4 @@ def study_file(chain: ReplayedChain) -> str:
 
 
 def _write_error(path: Path, error: OSError) -> InfrastructureError:
-    return InfrastructureError(f"{path} cannot be written: {error.strerror}; later measurements are lost")
+    return InfrastructureError(f"{path} cannot be written: {error.strerror}, so later measurements are lost")

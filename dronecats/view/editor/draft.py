@@ -91,7 +91,7 @@ class Drafting:
         """Return the draft with another asset as target and look-alikes, in the same place."""
         target = draft.record.target
         if draft.record.cell in MOVING and asset in STATIONARY:
-            raise UsageError(f"the target of a {draft.record.cell} episode moves, which a {asset} cannot.")
+            raise UsageError(f"the target of a {draft.record.cell} episode moves, but a {asset} cannot move.")
         paint = paint if paint in assets.PAINTS else "cyan"
         if target.native is not None:
             target = replace(target, native=None)
@@ -115,7 +115,7 @@ class Drafting:
         """Return the draft with the target elsewhere, and its path with it. Raises UsageError for a native one."""
         target = draft.record.target
         if target.native is not None:
-            raise UsageError(f"'{target.native}' belongs to the map and stays where it is: choose an asset to place.")
+            raise UsageError(f"'{target.native}' belongs to the map and cannot be moved. Choose an asset to place.")
         if target.path is not None:
             here = draft.knots[0]
             return self._walked(draft, tuple((n + north - here[0], e + east - here[1]) for n, e in draft.knots))

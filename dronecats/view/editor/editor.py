@@ -1,7 +1,6 @@
 """The episode editor: the session with its undo history, and the server that shows it."""
 
 import contextlib
-import difflib
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,6 +19,7 @@ from episodes.records.record import EpisodeRecord, parse
 from foundation.errors import UsageError
 from foundation.files import write_text
 from foundation.threads import Latest
+from foundation.wording import did_you_mean, nearest
 
 MOST_UNDONE = 200
 
@@ -100,9 +100,9 @@ class Session:
         parse(text, f"episode '{record.id[:64]}'")  # the id is a plain name from here on
         path = self.path()
         if record.id in catalogue.all_ids() and path.resolve() != (catalogue.FOLDER / path.name).resolve():
-            raise UsageError(f"'{record.id}' is the id of an episode that ships: choose another id.")
+            raise UsageError(f"'{record.id}' is the id of a shipped episode. Choose another id.")
         if path.exists() and not replace:
-            raise UsageError(f"'{path}' exists already: give the episode another id, or replace the file.")
+            raise UsageError(f"'{path}' exists already. Give the episode another id, or replace the file.")
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             write_text(path, text)
@@ -259,9 +259,9 @@ def open_session(name: str, folder: Path) -> tuple[Session, str]:
     try:
         catalogue.must_exist(name)
     except UsageError:
-        names = [*maps.names(), *catalogue.all_ids()]
-        near = ", ".join(difflib.get_close_matches(name[:100], names, 3) or maps.names())
-        raise UsageError(f"{name[:80]!r} is no map, no episode and no record file: did you mean {near}?") from None
+        near = nearest(name, [*maps.names(), *catalogue.all_ids()]) or maps.names()
+        hint = f"{did_you_mean(near)} See: dronecats maps list, dronecats episodes list"
+        raise UsageError(f"{name[:80]!r} is not a map, an episode or a record file: {hint}") from None
     record = catalogue.load(name)
     drafting = Drafting(maps.build(record.map, record.map_seed))
     return Session(drafting, drafting.opened(record), folder), record.id

@@ -39,7 +39,7 @@ from foundation.run_folder.rows import Decision, drone_label
 REFERENCE_PX = 720  # height at which text has its nominal size
 GAP = 4  # px at that height, between the panes
 COLOR_OF = {"success": GREEN, "failure": RED}
-NONE_YET, NOT_KEPT, NOT_DRAWN = "no picture yet", "no picture was kept", "flown without drawing pictures"
+NONE_YET, NOT_KEPT, NOT_DRAWN = "no picture yet", "no picture was recorded", "flown without rendering"
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +167,7 @@ def caption_bar(
     title = f"{flight.id}   flown by {flight.run.pilot_title}"
     write(picture, title, (left, low), small, GREY)
     if any(track.level for track in flight.tracks.values()):
-        write(picture, "drawn level: no attitudes were kept", (round(0.55 * width), low), small, GREY)
+        write(picture, "drawn level: no attitudes were recorded", (round(0.55 * width), low), small, GREY)
     if over or is_decided(flight, t):
         words, color = verdict_words(flight)
         beside = left + width_px(title, small) < right - width_px(words, middle, True) - middle

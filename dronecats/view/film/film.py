@@ -87,7 +87,7 @@ def make(
             film.replace(out)
             shutil.rmtree(parts_folder.folder)
         except OSError as error:
-            raise UsageError(f"{out} cannot be written: {error.strerror}; the same command resumes") from None
+            raise UsageError(f"{out} cannot be written: {error.strerror}. The same command resumes") from None
     return codec
 
 
@@ -125,7 +125,7 @@ def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]
     Raises UsageError when it cannot be written, or another process makes a film there.
     """
     if out.is_dir():
-        raise UsageError(f"--out {out} is a folder; name a file in it")
+        raise UsageError(f"--out {out} is a folder. Name a file in it")
     folder = folder_beside(out)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -136,7 +136,7 @@ def open_parts(out: Path, plan: FilmPlan, codec: Codec) -> Iterator[PartsFolder]
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise UsageError(f"{out} is being made by another process; wait for it, or choose another --out") from None
+            raise UsageError(f"another process is making {out}. Wait for it, or choose another --out") from None
         manifest = {"film": plan.digest(codec), "codec": codec, "pictures": plan.pictures}
         before = json_object(folder / MANIFEST)
         for path in folder.iterdir():
@@ -156,10 +156,10 @@ def codec_for(out: Path) -> Codec:
 def describe_codec(codec: Codec) -> str:
     """Return a phrase that names a codec and its encoder."""
     if codec == "h264":
-        return "H.264, by the ffmpeg of imageio-ffmpeg"
+        return "H.264 (ffmpeg of imageio-ffmpeg)"
     if codec == "gif":
         return f"GIF of {GIF_COLORS} colours, by Pillow"
-    return f"MPEG-4 part 2, by OpenCV, which no browser plays; for H.264, {not_installed('imageio_ffmpeg')}"
+    return f"MPEG-4 part 2 (OpenCV), which browsers do not play. For H.264: {not_installed('imageio_ffmpeg')}"
 
 
 def ffmpeg() -> str | None:

@@ -105,7 +105,7 @@ def plan(
     last = end if to_s is None else min(to_s, end)
     if not (math.isfinite(from_s) and 0.0 <= from_s < last):
         until = "--to" if to_s is not None and to_s < end else "the flight's end"
-        raise UsageError(f"--from {from_s:g} must be 0 or more and less than {until}, {last:g} s")
+        raise UsageError(f"--from {from_s:g} must be 0 or more, and less than {until}, {last:g} s")
     drones = sorted({pose.drone for pose in flight.logs.poses})
     if drone is not None and drone not in drones:
         numbers = ", ".join(str(number + 1) for number in drones)
@@ -129,13 +129,15 @@ def filmable(path: Path) -> RecordedFlight:
     Raises UsageError for another folder, a flight without truth, and one outside our worlds.
     """
     if not path.is_dir():
-        raise UsageError(f"there is no folder {path}")
+        raise UsageError(f"folder {path} does not exist")
     folder = episode_folder(path)
     flight = RecordedFlight.read(folder)
     if not flight.logs.true:
-        raise UsageError(f"{folder} has only an autopilot's estimates, without truth: it cannot be filmed")
+        raise UsageError(
+            f"{folder} has no truth, only an autopilot's estimates, so it cannot be filmed. See: dronecats replay"
+        )
     if flight.logs.begin is None or not flight.logs.poses:
-        raise UsageError(f"{folder / layout.TRUTH} has no pose of any drone: there is nothing to film")
+        raise UsageError(f"{folder / layout.TRUTH} has no pose of a drone, so there is nothing to film")
     if not (folder / layout.EPISODE).is_file():
-        raise UsageError(f"{folder} has no {layout.EPISODE}: its world is unknown")
+        raise UsageError(f"{folder} has no {layout.EPISODE}, so its world is unknown")
     return flight

@@ -46,17 +46,17 @@ def opened(
             nonlocal url
             try:
                 url = str(child.ready()["url"])
-                report(f"watch it at {url} ({reach(view.hosts)})")
+                report(f"live page: {url} ({reach(view.hosts)})")
             except (DronecatsError, OSError, ValueError) as error:
                 if not closing.is_set():
-                    report(f"no page could be opened, and the flight goes on: {error}")
+                    report(f"the live page could not be opened; the flight continues without it: {error}")
 
         thread = threading.Thread(target=announce, daemon=True, name="viewer-address")
         thread.start()
         try:
             yield
             if view.stays and url:
-                report(f"the page stays at {url} · Ctrl-C ends it")
+                report(f"the page stays open at {url} · Ctrl-C ends it")
                 with contextlib.suppress(KeyboardInterrupt):
                     threading.Event().wait()
         finally:

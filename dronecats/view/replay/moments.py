@@ -121,12 +121,12 @@ def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
 
 
 MESSAGES = 8  # newest messages in a moment
-NO_END = "without an end: it was killed, or is in the air"
-NO_TLOG = f"no {layout.TLOG}: drawn level between its poses, without modes, battery and setpoints"
+NO_END = "the log has no end: the flight was killed, or is still in the air"
+NO_TLOG = f"no {layout.TLOG}: no attitude, modes, battery and setpoints are shown"
 NO_PICTURES = "no pictures were kept"
-NOT_DRAWN = "flown without drawing pictures"
-NO_TRUTH = "no truth: positions are the autopilot's estimates, and nothing is judged"
-NO_RECORD = f"no {layout.EPISODE}: a plain grid in place of the world"
+NOT_DRAWN = "flown without rendering, so there are no pictures"
+NO_TRUTH = "no truth: positions are the autopilot's estimates, and there is no verdict"
+NO_RECORD = f"no {layout.EPISODE}: a grid is shown instead of the world"
 
 
 @dataclass(frozen=True)
@@ -295,17 +295,17 @@ def flight_moments(path: Path) -> FlightMoments:
     flight, one that never began, and one without a pose.
     """
     if not path.is_dir():
-        raise UsageError(f"there is no folder {path}")
+        raise UsageError(f"folder {path} does not exist")
     flight = RecordedFlight.read(episode_folder(path))
     folder, logs = flight.folder, flight.logs
     if logs.begin is None:
-        raise UsageError(f"{folder} never began: its {layout.TRUTH} has no beginning")
+        raise UsageError(f"{folder} did not begin: its {layout.TRUTH} has no beginning")
     missing = [] if logs.end is not None else [NO_END]
     missing += [] if flight.telemetry or flight.estimated_tracks else [NO_TLOG]
     world, unknown = _world(flight)
     missing += unknown
     if not flight.tracks:
-        raise UsageError(f"{folder} has no pose of any drone: there is nothing to show")
+        raise UsageError(f"{folder} has no pose of a drone, so there is nothing to show")
     kept = any((folder / layout.FRAMES).glob("*.jpg"))
     missing += [NOT_DRAWN] if not flight.run.is_rendered else [] if kept else [NO_PICTURES]
     limited = envelope_rows(folder / layout.SAFETY, flight.t0_us)
@@ -321,15 +321,17 @@ def of_one_episode(flights: Sequence[FlightMoments]) -> None:
         recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"
         if flight.true != flights[0].true:
             raise UsageError(
-                f"only one of {folders} has truth: the other has its autopilot's estimates, in another frame"
+                f"only one of {folders} has truth; the other has estimates, in another frame. Replay them separately"
             )
         if recorded.id != first.id:
             raise UsageError(
-                f"{folders} are of {first.id} and {recorded.id}: only flights of one episode can be overlaid"
+                f"{folders} have the episodes {first.id} and {recorded.id}, but only flights of one episode can be"
+                " overlaid. Replay them separately"
             )
         if recorded.record != first.record:
             raise UsageError(
-                f"{folders} are of two records both named {first.id}: only flights of one episode can be overlaid"
+                f"{folders} have different records with the id {first.id}, but only flights of one episode can be"
+                " overlaid. Replay them separately"
             )
 
 
@@ -342,7 +344,7 @@ def _world(flight: RecordedFlight) -> tuple[World | None, list[str]]:
     try:
         return flight.world, []
     except UsageError as error:
-        return None, [f"a plain grid in place of the world: {error}"]
+        return None, [f"a grid is shown instead of the world: {error}"]
 
 
 def _declaration(measures: Measured, qualified: bool | None) -> str:

@@ -49,7 +49,7 @@ class ReplayPage:
         Raises UsageError for flights of several episodes.
         """
         if len(flights) > CHOICES:
-            raise UsageError(f"{len(flights)} runs are too many for one page: choose {CHOICES} at most")
+            raise UsageError(f"{len(flights)} runs are too many for one page. Choose {CHOICES} at most")
         of_one_episode(flights)
         self.flights = tuple(flights)
         clock = PlaybackClock(max(flight.end_s for flight in flights)).at_speed(speed, 0.0)

@@ -14,8 +14,8 @@ def check(names: Sequence[str], option: str) -> None:
     for name in names:
         if not _NAME.fullmatch(name):
             raise UsageError(
-                f"{option} {name!r} is not a host name: give the name alone, without scheme, port and path, for "
-                "example drone.example.org"
+                f"{option} {name!r} is not a host name. Give the name alone, without scheme, port and path, for"
+                " example drone.example.org"
             )
 
 

@@ -91,13 +91,13 @@ def first_free(name: str, cell: str) -> int:
 def validate(request: RecordRequest) -> None:
     """Raise UsageError for a request that no map and no search could fulfil."""
     if request.cell not in CELLS:
-        raise UsageError(f"cell '{request.cell}' does not exist: use one of {', '.join(CELLS)}.")
+        raise UsageError(f"cell '{request.cell}' does not exist. Use one of {', '.join(CELLS)}.")
     if request.map not in maps.names():
         raise UsageError(f"map '{request.map}' does not exist: use one of {', '.join(maps.names())}.")
     if not 1 <= request.count <= MOST or not 1 <= request.first <= MOST or request.first + request.count - 1 > MOST:
-        raise UsageError(f"--count and --first want numbers so that ids run within 01 … {MOST}.")
+        raise UsageError(f"--count and --first must keep the numbers of the ids within 01 … {MOST}.")
     if not 0 <= request.seed <= MAX_SEED or not 0 <= request.map_seed <= MAX_SEED:
-        raise UsageError(f"--seed and --map-seed want a whole number from 0 to {MAX_SEED}.")
+        raise UsageError(f"--seed and --map-seed must be whole numbers from 0 to {MAX_SEED}.")
 
 
 def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:

@@ -224,4 +224,4 @@ def rounded(place: Vec3) -> Vec3:
 
 def no_room(kind: str) -> UsageError:
     """Return the error of a search without a result."""
-    return UsageError(f"no {kind} passes the checks: ask for fewer, or try another --seed or --map-seed.")
+    return UsageError(f"no {kind} passes the checks. Propose fewer, or try another --seed or --map-seed.")

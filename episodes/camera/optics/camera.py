@@ -200,7 +200,7 @@ def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float
     radial, dx, dy = _terms(lens, x, y)
     miss = np.hypot(x * radial + dx - shown_x, y * radial + dy - shown_y).max()
     if not miss * 640.0 < MISS_PX or _folds(lens, float(np.hypot(x, y).max())):
-        raise ValueError("[lens] these coefficients fold the picture over itself; give smaller ones")
+        raise ValueError("[lens] these coefficients fold the picture over itself. Give smaller ones")
     return x, y
 
 
@@ -230,7 +230,9 @@ def wide_camera(lens: LensModel, camera: CameraModel) -> CameraModel:
     width = 2 * math.ceil(max(np.abs(x).max() * camera.focal_px, 0.5 * camera.width) + 1.5)
     height = 2 * math.ceil(max(np.abs(y).max() * camera.focal_px, 0.5 * camera.height) + 1.5)
     if width > WIDEST * camera.width or height > WIDEST * camera.height:
-        raise ValueError(f"[lens] these coefficients show more than {WIDEST:g} times the camera's width or height")
+        raise ValueError(
+            f"[lens] these coefficients show more than {WIDEST:g} times the camera's width or height. Give smaller ones"
+        )
     hfov = math.degrees(2.0 * math.atan(0.5 * width / camera.focal_px))
     return CameraModel(width, height, hfov, camera.offset_frd)
 

@@ -29,14 +29,17 @@ def toward_sun(place: SunPlace) -> Vec3:
     """Return the unit vector towards the sun, NED. Raises ValueError for a sun that is too low or badly given."""
     angles = (place.azimuth_deg, place.elevation_deg)
     if (place.hour is None) == (angles == (None, None)):
-        raise ValueError("[sun] wants either hour, or azimuth_deg and elevation_deg")
+        raise ValueError("[sun] needs either hour, or azimuth_deg and elevation_deg")
     if place.hour is not None:
         toward = sun_at(place.latitude_deg, place.day, place.hour).toward_ned
         if -toward[2] < math.sin(math.radians(LOWEST_DEG)):
-            raise ValueError(f"[sun] at hour {place.hour:g} the sun is lower than {LOWEST_DEG:g}°, too low to see by")
+            raise ValueError(
+                f"[sun] at hour {place.hour:g} the sun is lower than {LOWEST_DEG:g}°, too low for pictures."
+                " Choose another hour"
+            )
         return toward
     if place.azimuth_deg is None or place.elevation_deg is None:
-        raise ValueError("[sun] wants azimuth_deg and elevation_deg together")
+        raise ValueError("[sun] needs azimuth_deg and elevation_deg together")
     azimuth, elevation = math.radians(place.azimuth_deg), math.radians(place.elevation_deg)
     level = math.cos(elevation)
     return (level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation))

@@ -1,6 +1,5 @@
 """The catalogue of assets by name: targets, campus fixtures, and the scenery of other maps."""
 
-import difflib
 from collections.abc import Callable
 from functools import lru_cache, partial
 
@@ -18,6 +17,7 @@ from episodes.maps.assets import (
 from episodes.maps.assets.houses import HousePlan
 from episodes.maps.scene import Mesh
 from foundation.errors import UsageError
+from foundation.wording import suggestion
 
 PAINTS = tuple(materials.PAINTS)
 
@@ -95,6 +95,5 @@ def build(asset: str, paint: str, inscription: str | None = None) -> Mesh:
     if asset in _INSCRIBED:
         return _INSCRIBED[asset](paint, inscription or PLATE)
     if asset not in _PLAIN:
-        near = ", ".join(difflib.get_close_matches(asset, names(), 3, 0.3) or names())
-        raise UsageError(f"asset '{asset}' is not in the catalogue: did you mean {near}?")
+        raise UsageError(f"asset '{asset}' does not exist: {suggestion(asset, names())}")
     return _PLAIN[asset](paint)

@@ -159,7 +159,7 @@ def test_a_name_or_an_identifier_is_the_row_and_any_other_has_none():
         model_of("gtp-5")
     with pytest.raises(UsageError, match="quite-another"):
         model_of("quite-another")
-    with pytest.raises(UsageError, match="openai/"):
+    with pytest.raises(UsageError, match=r"'opneai'.*'openai'"):
         model_of("opneai/gpt-5")
 
 

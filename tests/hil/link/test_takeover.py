@@ -231,7 +231,7 @@ def test_a_failsafe_of_a_real_vehicle_ends_the_flight_and_is_not_taken_for_a_per
         link.wait(2.0)
 
 
-@pytest.mark.parametrize(("before_s", "whose"), [(0.1, "failsafe"), (20.0, "another hand")])
+@pytest.mark.parametrize(("before_s", "whose"), [(0.1, "failsafe"), (20.0, "person")])
 def test_what_was_said_long_ago_is_no_reason_of_a_change_of_mode(vehicle, before_s, whose):
     link = flying(vehicle)
     vehicle.say(dialect.MAVLink_statustext_message(2, b"Failsafe: offboard signal lost"))
@@ -259,7 +259,7 @@ def test_a_failsafe_of_a_simulated_vehicle_is_part_of_its_flight(vehicle):
 def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
     link = flying(vehicle, simulated=True)
     vehicle.mode = "POSCTL"
-    with pytest.raises(TakeoverError, match=r"POSCTL.*another hand"):
+    with pytest.raises(TakeoverError, match=r"POSCTL.*person"):
         link.wait(5.0)
 
 

@@ -6,8 +6,11 @@ import re
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from dronecats.report.results.identity import (
     NOT_RECORDED,
+    Difference,
     differences,
     identity,
     identity_digest,
@@ -68,6 +71,7 @@ def test_what_makes_another_kind_is_named():
         assert found.values == values, name
         message = refusal(runs) or ""
         shown = [value[:8] if len(value) == 64 else value for value in values]
+        shown = ["none", "640"] if name == "camera" else shown
         for part in ("runs/a", "runs/b", "vllm/Qwen/Qwen3.5-9B", name, *shown):
             assert part in message, (name, part)
         assert not re.search(r"[0-9a-f]{9}", message), f"{name}: digests are shortened"
@@ -138,3 +142,20 @@ def test_the_model_as_it_was_served_and_the_code_of_the_machine_that_flew_count(
 def test_a_record_is_known_however_its_file_is_laid_out():
     assert record_digest({"a": 1, "b": [2.0]}) == record_digest(json.loads('{"b":[2.0],  "a":1}'))
     assert record_digest({"a": 1}) != record_digest({"a": 2})
+
+
+@pytest.mark.parametrize(
+    ("values", "shown"),
+    [
+        (("null", '{"hfov_deg": 90, "width": 1280}'), "the camera (none and hfov_deg 90, width 1280)"),
+        (
+            ('{"hfov_deg": 90, "width": 1280}', '{"hfov_deg": 60, "width": 1280}'),
+            "the camera (hfov_deg 90 and hfov_deg 60)",
+        ),
+        ((NOT_RECORDED, '{"lens": {"k1": 0.1}}'), "the camera (not recorded and lens.k1 0.1)"),
+        (("{}", json.dumps(dict.fromkeys("abcdef", 1))), "the camera (nothing and a 1, b 1, c 1, d 1, 2 more)"),
+        (("b" * 64, "real time"), "the camera (bbbbbbbb and real time)"),
+    ],
+)
+def test_a_difference_is_printed_without_json(values, shown):
+    assert str(Difference("the camera", values)) == shown

@@ -92,7 +92,7 @@ def test_headers_that_change_others_are_refused(tmp_path):
     entry.pax_headers = {"path": "../../evil"}
     with pytest.raises(UsageError, match="plain file"):
         verify(raw(tmp_path / "x.tar.xz", entry, format=tarfile.PAX_FORMAT), reread)
-    with pytest.raises(UsageError, match="no tar"):
+    with pytest.raises(UsageError, match=r"x\.tar\.xz.* tar file"):
         verify(raw(tmp_path / "x.tar.xz", info("a" * 300, size=3), format=tarfile.GNU_FORMAT), reread)
 
 
@@ -108,7 +108,7 @@ def test_a_bomb_is_refused_before_it_goes_off(small, tmp_path, monkeypatch):
         told["files"][f"runs/01/{TWO[0]}/truth.jsonl"]["bytes"] = unpacking.LOG_MAX + 1
         files["manifest.json"] = json.dumps(told).encode()
 
-    with pytest.raises(UsageError, match=r"truth\.jsonl.*larger"):
+    with pytest.raises(UsageError, match=r"truth\.jsonl.* large"):
         verify(changed(small, tmp_path / "x.tar.xz", grown, digests=False), reread)
     monkeypatch.setattr(tar, "TOTAL_MAX", 4096)
     with pytest.raises(UsageError):

@@ -131,7 +131,7 @@ def seen(browser, tmp_path_factory):
         until(lambda: float((re.match(r"[\d.]+", text(browser, ".state")) or ["0"])[0]) > first + 3.0)
         found["clocks"].append(text(browser, ".state"))
         found["canvases"].append(canvas(browser))
-        command.said(r"the page stays at")
+        command.said(r"the page stays open at")
         until(lambda: "over" in text(browser, ".state"))
         found["before"] = list(listening.messages)
         box = next(m for m in found["before"] if m["type"] == "GuiCheckboxMessage")
