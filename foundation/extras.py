@@ -32,7 +32,7 @@ EXTRAS = (
     ),
     Extra("vision", "signs and plates for the pilot vision", ("rapidocr", "onnxruntime")),
     Extra("view", "browser pages: replay, edit, --view", ("viser",)),
-    Extra("film", "films in H.264, not MPEG-4 part 2", ("imageio_ffmpeg",)),
+    Extra("film", "films in H.264 instead of MPEG-4 part 2", ("imageio_ffmpeg",)),
     Extra("query", "query; export --to csv, export --to parquet", ("duckdb",)),
     Extra("export", "export --to mcap", ("mcap", "mcap_protobuf", "foxglove_schemas_protobuf")),
     Extra("rerun", "export --to rerun", ("rerun",)),

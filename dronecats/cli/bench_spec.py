@@ -130,7 +130,7 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
         return None
     index, _, count = args.shard.partition("/")
     if not (index.isdecimal() and count.isdecimal() and 1 <= int(index) <= int(count) <= 10_000):
-        raise UsageError(f"--shard wants i/n with i from 1 to n, got '{args.shard}'")
+        raise UsageError(f"--shard must be i/n with i from 1 to n, got '{args.shard}'")
     return int(index), int(count)
 
 
@@ -162,8 +162,8 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
     commanded = commanded_by(commanders) if args.commander else {}
     if args.commander and "hierarchical" not in (args.command or ()):
         raise UsageError(
-            "--commander goes with --command hierarchical (in a study --hold command=hierarchical); add it or leave"
-            " --commander out"
+            "--commander goes with --command hierarchical (in a study --hold command=hierarchical). Add it, or"
+            " leave --commander out"
         )
     accounts = accounts_of(args, out / LEDGER)
     factor = speed(args.speed)

@@ -116,7 +116,7 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
                 ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), ended)
         except KeyboardInterrupt:
             live.close()
-            print_note(f"interrupted: {bench.out} holds the finished flights. The same command resumes")
+            print_note(f"interrupted: {bench.out} has the finished flights. The same command resumes")
             raise
         finally:
             live.close(state())

@@ -262,7 +262,7 @@ def _disk() -> Diagnosis:
 def _cores() -> Diagnosis:
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if count < 2:
-        return Diagnosis("cores", NOTE, f"{count}", "real time wants two; lockstep flights only take longer")
+        return Diagnosis("cores", NOTE, f"{count}", "real time needs two; lockstep flights only take longer")
     return Diagnosis("cores", OK, f"{count}")
 
 

@@ -74,7 +74,7 @@ VEHICLE = (
     ),
     Option(
         name="autopilot", choices=("ours", "px4"), vehicle="--sitl", replay="may change",
-        help="who flies the simulated vehicle",
+        help="autopilot of the simulated vehicle (default ours)",
     ),
     Option(
         name="px4", metavar="COMMAND", vehicle="--sitl", replay="may change",

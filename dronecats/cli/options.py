@@ -167,7 +167,7 @@ AGENT = Option(
     replay="as recorded",
 )  # fmt: skip
 COMMAND = Option(
-    name="command", choices=("flat", "hierarchical", "solo"), help="who decides for a fleet: docs/commanding.md",
+    name="command", choices=("flat", "hierarchical", "solo"), help="how a fleet is commanded: docs/commanding.md",
     vehicle="--sitl", replay="as recorded",
 )  # fmt: skip
 LATENCY = Option(

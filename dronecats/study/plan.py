@@ -168,7 +168,7 @@ def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mappi
         compares_levels = is_varied and name not in COMPARED and len({point[name] for point in points}) > 1
         if len({point.get(name) for point in effective}) < (2 if compares_levels else 1):
             reason = next(reason for reason in reasons if reason is not None)
-            where = "at all of its levels but one" if effective else "in any flight"
+            where = "at all of its levels except one" if effective else "in any flight"
             level = "" if is_varied else f" at {level_text(held[name])}"
             raise UsageError(f"{name}{level} has no effect {where}: {reason}")
         if is_varied:
@@ -198,7 +198,7 @@ def _no_effect_reason(name: str, flight: FlightSpec) -> str | None:
     refined = FACTORS[name].refines
     if not refined or FACTORS[refined].get(flight) != 0.0:
         return None
-    return f"{refined} is 0 there; vary that, or hold it at a level above it"
+    return f"{refined} is 0 there. Vary it, or hold it above 0"
 
 
 def _cap_reason(flight: FlightSpec) -> str | None:
@@ -207,5 +207,5 @@ def _cap_reason(flight: FlightSpec) -> str | None:
     takes_s = sum(policy.numbers(FIXED)) + sum(1.0 / hz for hz in policy.numbers(RATE))
     if not any(takes_s * hz >= 1.0 for hz in policy.numbers(CAP)):
         return None
-    held = f"{policy.numbers(CAP)[0]:g} Hz holds none of those back"
+    held = f"{policy.numbers(CAP)[0]:g} Hz delays none of these replies"
     return f"every reply takes {takes_s:g} s there, and {held}; give either another level"

@@ -49,7 +49,7 @@ def create(
             if again:
                 held.enter_context(hold(folder / layout.DECISIONS, folder))
                 if not _has_no_score(folder):
-                    raise UsageError(f"{folder} already holds a flight; choose another folder (option out)")
+                    raise UsageError(f"{folder} already has a flight. Choose another folder with --out")
             before = run_configuration(run)
             if before is not None and differences(before, configuration):
                 raise UsageError(

@@ -138,11 +138,11 @@ def _switch(link: Link) -> Row:
         link.set_mode("OFFBOARD")
     except LinkError as refusal:
         link.tick()  # raises when it was the wire that broke
-        return Row(REHEARSAL, False, str(refusal), "PX4 wants a place, a velocity and our setpoints for it")
+        return Row(REHEARSAL, False, str(refusal), "PX4 needs a position, a velocity and our setpoints for it")
     shown_s = _until(link, lambda: link.state.mode == "OFFBOARD", SHOWN_S)
     if shown_s is None:
-        return Row(REHEARSAL, False, f"OFFBOARD was accepted, but {link.state.mode} is shown {SHOWN_S:g} s later",
-                   "is somebody else switching modes: a transmitter, a ground station?")  # fmt: skip
+        return Row(REHEARSAL, False, f"OFFBOARD was accepted, but the mode is {link.state.mode} after {SHOWN_S:g} s",
+                   "check whether a transmitter or a ground station switches modes")  # fmt: skip
     would_arm = _would_arm(link)
     link.stop_stream()
     try:
@@ -150,17 +150,19 @@ def _switch(link: Link) -> Row:
     except LinkError as refusal:
         link.tick()
         return Row(
-            REHEARSAL, False, f"OFFBOARD was shown, but there is no way back: {refusal}", "switch to Hold by hand"
+            REHEARSAL, False, f"OFFBOARD was active, but switching back failed: {refusal}", "switch to Hold by hand"
         )
     if _until(link, lambda: link.state.mode == "HOLD", SHOWN_S) is None:
         return Row(
-            REHEARSAL, False, f"{link.state.mode} is still shown after Hold was accepted", "switch to Hold by hand"
+            REHEARSAL, False, f"the mode is still {link.state.mode} after Hold was accepted", "switch to Hold by hand"
         )
     if not would_arm:
-        return Row(REHEARSAL, False, "OFFBOARD was shown, but it would not arm in it; back in HOLD",
-                   "either our setpoints do not arrive, or the pre-arm check fails anyway")  # fmt: skip
+        return Row(REHEARSAL, False, "OFFBOARD was active, but the vehicle would not arm in it; back in HOLD",
+                   "either our setpoints do not arrive, or the pre-arm check fails for another reason")  # fmt: skip
     return Row(
-        REHEARSAL, True, f"accepted, shown after {shown_s:.1f} s, would arm in it; back in HOLD; nothing was armed"
+        REHEARSAL,
+        True,
+        f"accepted, active after {shown_s:.1f} s; the vehicle would arm in it; back in HOLD, nothing was armed",
     )
 
 

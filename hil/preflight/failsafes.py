@@ -45,24 +45,24 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
     shown = OFFBOARD_LOSS.get(int(value), "an unknown action")
     lost = f"when our setpoints stop: {shown}"
     if value == 5:
-        return _good("COM_OBL_RC_ACT", value, f"{lost}, it stays where it is")
+        return _good("COM_OBL_RC_ACT", value, f"{lost}, it stays in place")
     if value in (3, 4):
-        return _good("COM_OBL_RC_ACT", value, f"{lost}, as configured; 5 would let it stay where it is")
+        return _good("COM_OBL_RC_ACT", value, f"{lost}, as configured; with 5 it stays in place")
     if value in (6, 7):
-        reason = "it would fall when our setpoints stop; Hold lets it stay where it is"
+        reason = "the vehicle would fall when our setpoints stop; with Hold it stays in place"
     elif s.sticks:
-        reason = "it would follow the sticks, also a throttle that is down; Hold lets it stay where it is"
+        reason = "the vehicle would follow the sticks, even a throttle that is down; with Hold it stays in place"
     else:
-        reason = "without stick input that mode sinks to the ground; Hold lets the vehicle stay where it is"
+        reason = "without stick input the vehicle sinks to the ground in that mode; with Hold it stays in place"
     return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}: {reason.partition(';')[0]}", reason)
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
     """COM_OF_LOSS_T: the time for which the last velocity is still flown after its sender has died."""
     effect = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
-    reason = f"a dead agent's last velocity ends after {LOSS_GOOD:g} s; the agent sends twenty setpoints a second"
+    reason = f"the last velocity of a dead agent ends after {LOSS_GOOD:g} s; the agent sends twenty setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
-        too = "long" if value > LOSS_MOST else "short for a radio that stutters"
+        too = "long" if value > LOSS_MOST else "short for a radio with gaps"
         return _mend("COM_OF_LOSS_T", value, LOSS_GOOD, f"{effect}: too {too}", reason)
     change = None if value <= LOSS_GOOD else Change("COM_OF_LOSS_T", value, LOSS_GOOD, reason)
     return Finding(Row(_named("COM_OF_LOSS_T", value), True, effect), change)
@@ -72,38 +72,46 @@ def _stick_exception(s: Situation, value: Value) -> Finding:
     """COM_RCL_EXCEPT. From 1.14 on sticks that were absent at arming are optional: failsafe.cpp, updateArmingState."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
-        return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "losing the sticks is ignored in offboard",
-                     "the pilot who has sticks must not lose them unnoticed")  # fmt: skip
+        return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "in offboard, lost sticks are ignored",
+                     "a pilot must notice that the sticks are lost")  # fmt: skip
     if s.sticks:
-        return _good("COM_RCL_EXCEPT", value, "losing the sticks counts in offboard too")
+        return _good("COM_RCL_EXCEPT", value, "in offboard, lost sticks trigger the failsafe too")
     if not exempt and (0, 0) < s.version < (1, 14):
-        return _mend("COM_RCL_EXCEPT", value, int(value) | EXCEPT_OFFBOARD, "without sticks it leaves offboard at once",
-                     "this firmware takes absent sticks for lost ones")  # fmt: skip
+        return _mend("COM_RCL_EXCEPT", value, int(value) | EXCEPT_OFFBOARD, "without sticks the vehicle"
+            " leaves offboard at once",
+                     "this firmware treats absent sticks as lost")  # fmt: skip
     if exempt:
-        return _good("COM_RCL_EXCEPT", value, "no sticks, none missed; clear bit 2 before flying with sticks")
-    return _good("COM_RCL_EXCEPT", value, "no sticks at arming, none missed in flight")
+        return _good("COM_RCL_EXCEPT", value, "no sticks, and none needed; clear bit 2 before you fly with sticks")
+    return _good("COM_RCL_EXCEPT", value, "no sticks at arming, and none needed in flight")
 
 
 def _stick_loss(s: Situation, value: Value) -> Finding:
     """NAV_RCL_ACT."""
     action = LINK_LOSS.get(int(value), "an unknown action")
     if value in KILLING:
-        return _bad("NAV_RCL_ACT", value, f"sticks lost: {action}, it falls", "choose 2 (Return) or 3 (Land)")
+        return _bad(
+            "NAV_RCL_ACT", value, f"sticks lost: {action}, so the vehicle falls", "choose 2 (Return) or 3 (Land)"
+        )
     if s.sticks and value not in (1, 2, 3):
         return _bad("NAV_RCL_ACT", value, f"sticks lost: {action}", "choose 2 (Return) or 3 (Land)")
-    return _good("NAV_RCL_ACT", value, f"sticks lost: {action}" if s.sticks else f"{action}; no sticks to lose")
+    return _good("NAV_RCL_ACT", value, f"sticks lost: {action}" if s.sticks else f"{action}; there are no sticks")
 
 
 def _station_loss(s: Situation, value: Value) -> Finding:
     """NAV_DLL_ACT. Above 0 no ground station means no arming: rcAndDataLinkCheck.cpp. The agent is none."""
     action = LINK_LOSS.get(int(value), "an unknown action")
     if value in KILLING:
-        return _bad("NAV_DLL_ACT", value, f"ground station lost: {action}, it falls", "choose 2 (Return) or 3 (Land)")
+        return _bad(
+            "NAV_DLL_ACT",
+            value,
+            f"ground station lost: {action}, so the vehicle falls",
+            "choose 2 (Return) or 3 (Land)",
+        )
     if value == 0 and not s.sticks:
         return _judge("NAV_DLL_ACT", value, "ground station lost: nothing; without sticks no pilot can take over",
                       "fly with sticks, or with a station and 2 (Return)")  # fmt: skip
     if value > 0 and not s.station:
-        return _judge("NAV_DLL_ACT", value, "no ground station is heard on this link; without one it refuses to arm",
+        return _judge("NAV_DLL_ACT", value, "no ground station is on this link; without one the vehicle refuses to arm",
                       "connect one")  # fmt: skip
     return _good("NAV_DLL_ACT", value, f"ground station lost: {action}")
 
@@ -113,33 +121,35 @@ def _low_battery(s: Situation, value: Value) -> Finding:
     action = LOW_BATTERY.get(int(value), "an unknown action")
     if value in (1, 2, 3):
         return _good("COM_LOW_BAT_ACT", value, f"battery critical: {action}")
-    return _mend("COM_LOW_BAT_ACT", value, 3, f"battery critical: {action} and no more",
-                 "at critical level it returns, at emergency level it lands where it is")  # fmt: skip
+    return _mend("COM_LOW_BAT_ACT", value, 3, f"battery critical: only {action}",
+                 "at the critical level the vehicle returns, at the emergency level it lands in place")  # fmt: skip
 
 
 def _stick_override(s: Situation, value: Value) -> Finding:
     """COM_RC_OVERRIDE."""
     if not s.sticks:
-        return _good("COM_RC_OVERRIDE", value, "no sticks to take over with")
+        return _good("COM_RC_OVERRIDE", value, "no sticks, so no takeover by sticks")
     if int(value) & OVERRIDE == OVERRIDE:
         return _good("COM_RC_OVERRIDE", value, "moving the sticks takes over from the agent")
-    return _mend("COM_RC_OVERRIDE", value, int(value) | OVERRIDE, "moving the sticks does not take over everywhere",
-                 "the pilot's hands take over without a switch, in offboard and in the Hold after it")  # fmt: skip
+    return _mend("COM_RC_OVERRIDE", value, int(value) | OVERRIDE, "moving the sticks does not take over in every mode",
+                 "the pilot takes over by moving the sticks, in offboard and in the Hold after it")  # fmt: skip
 
 
 def _place_lost(s: Situation, value: Value) -> Finding:
     """COM_POS_FS_EPH."""
     if 0.0 < value <= 10.0:
-        return _good("COM_POS_FS_EPH", value, f"a place known worse than {value:g} m counts as lost")
-    return _bad("COM_POS_FS_EPH", value, "a lost place goes unnoticed", "5 m is PX4's own")
+        return _good("COM_POS_FS_EPH", value, f"a position with an error above {value:g} m counts as lost")
+    return _bad("COM_POS_FS_EPH", value, "a lost position is not noticed", "5 m is PX4's default")
 
 
 def _speed(s: Situation, value: Value) -> Finding:
     """MPC_XY_VEL_MAX, the last limit on a velocity that we ask for."""
     if value < SPEED_MAX:
-        return _bad("MPC_XY_VEL_MAX", value, f"the agent asks for {SPEED_MAX:g} m/s and would not get it", "raise it")
-    return _good("MPC_XY_VEL_MAX", value, f"the agent asks for {SPEED_MAX:g} m/s at most; the autopilot would fly "
-                 f"{value:g} m/s if it were told to")  # fmt: skip
+        return _bad(
+            "MPC_XY_VEL_MAX", value, f"the agent commands up to {SPEED_MAX:g} m/s, which this limit cuts", "raise it"
+        )
+    return _good("MPC_XY_VEL_MAX", value, f"the agent commands {SPEED_MAX:g} m/s at most; the autopilot"
+        f" allows {value:g} m/s")  # fmt: skip
 
 
 def _vertical_speed(name: str, verb: str) -> FailsafeRule:
@@ -157,8 +167,8 @@ def _hitl(s: Situation, value: Value) -> Finding:
     """SYS_HITL."""
     if value > 0:
         return _judge("SYS_HITL", value, "this board flies a simulated vehicle",
-                      "for a real flight set it to 0 and reboot; in simulation take the propellers off")  # fmt: skip
-    return _good("SYS_HITL", value, "real sensors, real motors, or a simulator of its own")
+                      "for a real flight set it to 0 and reboot; for a simulation remove the propellers")  # fmt: skip
+    return _good("SYS_HITL", value, "real sensors and motors, or its own simulator")
 
 
 RULES: dict[str, FailsafeRule] = {
@@ -184,7 +194,7 @@ def read_failsafe(link: Link) -> str:
     values = Parameters(link).read_many(VITAL)
     action, after_s = (values[name] for name in VITAL)
     if action is None:
-        return "COM_OBL_RC_ACT, which it has not told"
+        return "COM_OBL_RC_ACT, whose value is unknown"
     after = "" if after_s is None else f", after COM_OF_LOSS_T = {after_s:g} s"
     return f"COM_OBL_RC_ACT = {action:g} ({OFFBOARD_LOSS.get(int(action), 'an unknown action')}){after}"
 
@@ -206,7 +216,7 @@ def failsafe_findings(situation: Situation) -> list[Finding]:
 def _sticks(s: Situation) -> Row:
     mode = s.values.get("COM_RC_IN_MODE")
     if s.sticks:
-        return Row("sticks", True, "there is stick input; the advice below is for a flight with a safety pilot")
+        return Row("sticks", True, "stick input arrives; the advice below is for a flight with a safety pilot")
     if mode == 4:
         return Row("sticks", None, "COM_RC_IN_MODE = 4: all sticks are ignored, so no pilot can take over by hand",
                    "0 for a transmitter")  # fmt: skip
@@ -215,25 +225,26 @@ def _sticks(s: Situation) -> Row:
 
 def _mode_switch(s: Situation) -> Row:
     if s.values.get("COM_RC_IN_MODE") == 1:
-        return Row("mode switch", None, "COM_RC_IN_MODE = 1: a ground station's joystick, whose buttons are its own",
-                   "try it: the pilot takes over with it")  # fmt: skip
+        return Row("mode switch", None, "COM_RC_IN_MODE = 1: the joystick of a ground station, which also"
+            " assigns its buttons",
+                   "try it, because the pilot takes over with it")  # fmt: skip
     channel, slots = s.values.get("RC_MAP_FLTMODE"), [s.values.get(name) for name in SLOTS]
     if channel is None:
-        return Row("mode switch", None, "the autopilot does not tell RC_MAP_FLTMODE")
+        return Row("mode switch", None, "the autopilot does not send RC_MAP_FLTMODE")
     if not channel:
         return Row("mode switch", False, "RC_MAP_FLTMODE = 0: no switch of the transmitter changes the mode",
-                   "map one; the pilot takes over with it")  # fmt: skip
+                   "map a switch, because the pilot takes over with it")  # fmt: skip
     if not any(slot in MANUAL_SLOTS for slot in slots):
-        return Row("mode switch", False, f"channel {channel:g}, but no position of it is a mode flown by hand",
+        return Row("mode switch", False, f"channel {channel:g}, but no position of the switch is a manual mode",
                    "put Position (2) on one of COM_FLTMODE1 … 6")  # fmt: skip
-    return Row("mode switch", True, f"channel {channel:g}, with a mode flown by hand on it")
+    return Row("mode switch", True, f"channel {channel:g}, with a manual mode")
 
 
 def _kill_switch(s: Situation) -> Row:
     channel = s.values.get("RC_MAP_KILL_SW")
     if channel:
         return Row("kill switch", True, f"channel {channel:g}")
-    return Row("kill switch", None, "none is mapped", "map one for the first flights: it stops the motors at once")
+    return Row("kill switch", None, "none is mapped", "map one for the first flights; it stops the motors at once")
 
 
 def _named(name: str, value: float) -> str:
@@ -306,14 +317,14 @@ def _action(value: Value | None) -> Finding:
         return _untold("GF_ACTION")
     does = FENCE_ACTIONS.get(int(value), "an unknown action")
     if value in (2, 3, 5):
-        return _good("GF_ACTION", value, f"fence broken: {does}")
+        return _good("GF_ACTION", value, f"fence breached: {does}")
     ends = ", it falls" if value == 4 else " and no more"
-    reason = "a vehicle that breaks the fence stops there, and a person decides"
-    return _mend("GF_ACTION", value, 2, f"fence broken: {does}{ends}", reason)
+    reason = "a vehicle that breaches the fence stops there, and a person decides"
+    return _mend("GF_ACTION", value, 2, f"fence breached: {does}{ends}", reason)
 
 
 def _walls(radius: Value | None, points: int | None) -> Finding:
-    drawn = {None: "", 0: ""}.get(points, f"a drawn fence of {points} points")
+    drawn = {None: "", 0: ""}.get(points, f"a fence drawn with {points} points")
     if radius is None:
         return Finding(Row("GF_MAX_HOR_DIST", None, drawn or "the autopilot does not tell it"))
     if radius > 0:
@@ -321,8 +332,8 @@ def _walls(radius: Value | None, points: int | None) -> Finding:
     if drawn:
         return _good("GF_MAX_HOR_DIST", radius, drawn)
     why, reason = (
-        "nothing but our own program keeps it near home",
-        "a wall behind our envelope's 100 m, should that fail",
+        "only our program keeps the vehicle near home",
+        "a second limit beyond the 100 m of our envelope",
     )
     return _mend("GF_MAX_HOR_DIST", radius, FENCE_RADIUS, why, reason)
 
@@ -332,11 +343,11 @@ def _height(height: Value | None, climb: Value | None) -> Finding:
         return _untold("GF_MAX_VER_DIST")
     if height > 0:
         return _good("GF_MAX_VER_DIST", height, f"at most {height:g} m above home")
-    why = "nothing but our own program keeps it low"
+    why = "only our program limits the height"
     if climb is not None and climb >= FENCE_HEIGHT:  # a fence below it would hold a returning vehicle in the air
         fix = f"lower RTL_RETURN_ALT below {FENCE_HEIGHT:g}, then run this again"
         return _bad("GF_MAX_VER_DIST", height, why, fix)
-    reason = "a ceiling behind our envelope's; the law's in most places"
+    reason = "a second limit above our envelope's; it is the legal limit in most countries"
     return _mend("GF_MAX_VER_DIST", height, FENCE_HEIGHT, why, reason)
 
 
@@ -345,13 +356,13 @@ def _return(altitude: Value | None, height: Value | None) -> Finding:
         return _untold("RTL_RETURN_ALT")
     climbs = f"Return first climbs to {altitude:g} m"
     if height and altitude >= height:
-        why = f"{climbs}, which breaks the fence at {height:g} m"
+        why = f"{climbs}, above the fence at {height:g} m"
         return _bad("RTL_RETURN_ALT", altitude, why, "lower it below the fence")
-    return _good("RTL_RETURN_ALT", altitude, f"{climbs}: nothing may be above it there")
+    return _good("RTL_RETURN_ALT", altitude, f"{climbs}; no obstacle may be higher")
 
 
 SIGNING_PARAMETERS = ("MAV_SIGN_CFG",)  # of PX4 from 1.17 on
-OBEYED = {1: "unsigned messages are obeyed over USB only", 2: "no unsigned message is obeyed"}
+OBEYED = {1: "unsigned messages are obeyed over USB only", 2: "unsigned messages are ignored"}
 
 
 def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
@@ -365,7 +376,7 @@ def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
     if int(value) in OBEYED:
         return [_good("MAV_SIGN_CFG", value, OBEYED[int(value)])]
     why, reason = (
-        "it has the key, and obeys unsigned messages too",
-        "only who has the key is obeyed, but for who holds the USB cable",
+        "the vehicle has the key, but it also obeys unsigned messages",
+        "only signed messages are obeyed, except over USB",
     )
     return [_mend("MAV_SIGN_CFG", value, 1, why, reason)]

@@ -40,46 +40,50 @@ def _rates(observed: Observation) -> Row:
     slow = [rates_text[i] for i in STREAM_HZ if rates[i] < SHARE_LEAST * STREAM_HZ[i]]
     flight_rates = ", ".join(rates_text[i] for i in FLIGHT_STREAMS)
     if min(rates[i] for i in FLIGHT_STREAMS) < RATE_LEAST:
-        return Row("telemetry rates", False, f"{', '.join(slow)}: too slow to hold a place",
+        return Row("telemetry rates", False, f"{', '.join(slow)}: too slow to hold a position",
                    "a faster wire, or a higher MAV_x_RATE")  # fmt: skip
     if slow:
-        return Row("telemetry rates", None, f"{flight_rates}; short of what was asked: {', '.join(slow)}",
+        return Row("telemetry rates", None, f"{flight_rates}; slower than requested: {', '.join(slow)}",
                    "a faster wire, or a higher MAV_x_RATE")  # fmt: skip
-    return Row("telemetry rates", True, f"{flight_rates}, and all others that were asked for")
+    return Row("telemetry rates", True, f"{flight_rates}, and all other requested rates")
 
 
 def _round_trip(observed: Observation) -> Row:
     if not observed.sync_requests:
         return Row("round trip", None, "not measured")
     if not observed.round_trips:
-        return Row("round trip", None, f"none of {observed.sync_requests} TIMESYNC questions was answered")
+        return Row("round trip", None, f"none of {observed.sync_requests} TIMESYNC requests was answered")
     lengths = sorted(trip.length_s for trip in observed.round_trips)
     lost = 1.0 - len(lengths) / observed.sync_requests
     why = f"{1e3 * statistics.median(lengths):.1f} ms, at worst {1e3 * lengths[-1]:.0f} ms"
-    why += f", {100 * lost:.0f} % of {observed.sync_requests} questions not answered" if lost > 0.0 else ""
+    why += f", {100 * lost:.0f} % of {observed.sync_requests} requests not answered" if lost > 0.0 else ""
     if statistics.median(lengths) > ROUND_TRIP_MOST or lost > LOST_MOST:
-        return Row("round trip", False, f"{why}: setpoints would come too late or not at all", "a better wire")
+        return Row(
+            "round trip", False, f"{why}: setpoints would arrive too late or not at all", "use a better connection"
+        )
     return Row("round trip", True, why)
 
 
 def _clock(observed: Observation) -> Row:
     if len(observed.round_trips) < 2:
-        return Row("clocks", None, "the vehicle's was not compared with this machine's")
+        return Row("clocks", None, "the vehicle's clock was not compared with this machine's")
     first, last = _best(observed, early=True), _best(observed, early=False)
     span_ns = last[0] - first[0]
     drift = (last[1] - first[1]) / span_ns if span_ns > 0 else 0.0
-    why = f"the vehicle's runs {1e6 * drift:+.0f} µs a second beside this machine's"
+    why = f"the vehicle's clock gains {1e6 * drift:+.0f} µs a second on this machine's"
     calendar = observed.message("SYSTEM_TIME")
     if is_simulated(observed):
-        why += "; its calendar is a simulated one"
+        why += "; its date is simulated"
     elif calendar is not None and calendar.time_unix_usec:
         apart = observed.unix_s - calendar.time_unix_usec * 1e-6
-        why += f"; its calendar is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
+        why += f"; its date is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
         if abs(apart) > CALENDAR_MOST:
-            return Row("clocks", None, why, "set this machine's clock (NTP); logs are matched by it")
+            return Row("clocks", None, why, "set this machine's clock (NTP), because logs are matched by it")
     slack = max(DRIFT_MOST, 2.0 * (first[2] + last[2]) / max(span_ns, 1))  # what the round trips leave unknown
     if abs(drift) > slack:
-        return Row("clocks", None, why, "a simulation that does not run in real time? Else the autopilot is overloaded")
+        return Row(
+            "clocks", None, why, "either the simulation does not run in real time, or the autopilot is overloaded"
+        )
     return Row("clocks", True, why)
 
 
@@ -126,13 +130,18 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
         finally:
             camera.close()
     except CameraError as error:
-        return Row(CAMERA, False, str(error), "look at it with a browser or a player first")
+        return Row(CAMERA, False, str(error), "check it with: dronecats camera check URL")
     height, width = frames[-1].image_rgb.shape[:2]
     rate, age, fetch = len(frames) / took_s, statistics.median(age_s), statistics.median(fetch_s)
     why = f"{width}×{height}, {rate:.1f} new frames a second, fetched in {1e3 * fetch:.0f} ms"
     why += f", {1e3 * age:.0f} ms old when here" if age > 1e-3 else ", stamped on arrival"
     if rate < FRAME_RATE_LEAST or not -FRAME_AGE_MOST <= age <= FRAME_AGE_MOST:
-        return Row(CAMERA, False, f"{why}: too old or too rare to decide by", "a smaller picture, or a nearer camera")
+        return Row(
+            CAMERA,
+            False,
+            f"{why}: too old or too rare for decisions",
+            "use a smaller picture, or a faster connection to the camera",
+        )
     return Row(CAMERA, True, why)
 
 

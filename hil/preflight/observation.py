@@ -43,7 +43,7 @@ class Finding:
 def summary(rows: Sequence[Row]) -> str:
     """Return the last line of the table: the numbers of rows that passed, failed and are open."""
     count = {mark: sum(row.passed is mark for row in rows) for mark in (True, False, None)}
-    return f"{count[True]} passed, {count[False]} failed, {count[None]} for you to judge"
+    return f"{count[True]} passed, {count[False]} failed, {count[None]} for you to check"
 
 
 Message: TypeAlias = dialect.MAVLink_message

@@ -34,8 +34,8 @@ ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying velocities and places stan
     dialect.ESTIMATOR_POS_VERT_ABS: "altitude",
 }
 TROUBLES = {  # not CONST_POS_MODE: PX4 assumes a constant place whenever the vehicle stands still
-    dialect.ESTIMATOR_GPS_GLITCH: "it rejects the GPS as a glitch",
-    dialect.ESTIMATOR_ACCEL_ERROR: "it suspects the accelerometer",
+    dialect.ESTIMATOR_GPS_GLITCH: "the estimator rejects the GPS as a glitch",
+    dialect.ESTIMATOR_ACCEL_ERROR: "the estimator suspects the accelerometer",
 }
 RATIOS = {  # test ratios of ESTIMATOR_STATUS: above 1 the filter throws the measurement away
     "vel_ratio": "velocity", "pos_horiz_ratio": "place", "pos_vert_ratio": "height", "mag_ratio": "heading",
@@ -52,9 +52,9 @@ def health_rows(observed: Observation) -> list[Row]:
 def _firmware(observed: Observation) -> Row:
     firmware = observed.firmware
     if firmware is None:
-        return Row("firmware", None, "it does not tell its version, so advice that depends on it is a guess")
+        return Row("firmware", None, "the autopilot does not send its version, so some advice is a guess")
     if version(observed) < OLDEST:
-        return Row("firmware", False, f"{firmware}: the advice here is for PX4 {TESTED}, which were flown with it",
+        return Row("firmware", False, f"{firmware}: the advice here was tested with PX4 {TESTED}",
                    f"update to one of {TESTED}")  # fmt: skip
     return Row("firmware", True, str(firmware))
 
@@ -69,16 +69,16 @@ def version(observed: Observation) -> tuple[int, int]:
 def _armed(observed: Observation) -> Row:
     beat = observed.message("HEARTBEAT")
     if beat is None:
-        return Row("disarmed", None, "no heartbeat came meanwhile")
+        return Row("disarmed", None, "no heartbeat arrived")
     if beat.base_mode & dialect.MAV_MODE_FLAG_SAFETY_ARMED:
-        return Row("disarmed", False, "the motors are armed", "disarm; a vehicle is checked before it is armed")
+        return Row("disarmed", False, "the motors are armed", "disarm it; this check is for a disarmed vehicle")
     return Row("disarmed", True, "the motors are off")
 
 
 def _sensors(observed: Observation) -> Row:
     status = observed.message("SYS_STATUS")
     if status is None:
-        return Row("sensors", False, "SYS_STATUS does not come: nothing is known", "look at the link's rates")
+        return Row("sensors", False, "SYS_STATUS does not arrive, so nothing is known", "look at the link's rates")
     present = int(status.onboard_control_sensors_present) | PRESENT_UNSAID
     bad = [name for bit, name in SENSORS.items() if _enabled(status) & bit and not _health(status) & bit]
     missing = [
@@ -87,7 +87,7 @@ def _sensors(observed: Observation) -> Row:
     ]  # fmt: skip
     if bad or missing:
         reasons = [f"{name} unhealthy" for name in bad] + [f"no {name}" for name in missing]
-        return Row("sensors", False, ", ".join(reasons) + _texts(observed), "calibrate or replace what is named")
+        return Row("sensors", False, ", ".join(reasons) + _texts(observed), "calibrate or replace these sensors")
     good = [name for bit, name in SENSORS.items() if present & bit]
     return Row("sensors", True, ", ".join(good))
 
@@ -95,22 +95,24 @@ def _sensors(observed: Observation) -> Row:
 def _prearm(observed: Observation) -> Row:
     status = observed.message("SYS_STATUS")
     if status is None:
-        return Row("pre-arm check", False, "SYS_STATUS does not come", "look at the link's rates")
+        return Row("pre-arm check", False, "SYS_STATUS does not arrive", "look at the link's rates")
     if not _health(status) & PREARM:
         in_offboard = _mode(observed) == "OFFBOARD"  # as a flight that was broken off leaves it
         fix = (
-            "switch it to Hold: in OFFBOARD it wants setpoints"
+            "switch it to Hold, because OFFBOARD needs setpoints"
             if in_offboard
-            else "a ground station names every reason"
+            else "a ground station shows every reason"
         )
-        return Row("pre-arm check", False, f"it would refuse to arm in {_mode(observed)}" + _texts(observed), fix)
-    return Row("pre-arm check", True, f"it would arm in {_mode(observed)}" + _texts(observed))
+        return Row(
+            "pre-arm check", False, f"the vehicle would refuse to arm in {_mode(observed)}" + _texts(observed), fix
+        )
+    return Row("pre-arm check", True, f"the vehicle would arm in {_mode(observed)}" + _texts(observed))
 
 
 def _estimator(observed: Observation) -> Row:
     status = observed.message("ESTIMATOR_STATUS")
     if status is None:
-        return Row("estimator", False, "ESTIMATOR_STATUS does not come, so nothing is known of its estimate",
+        return Row("estimator", False, "ESTIMATOR_STATUS does not arrive, so the estimate is unknown",
                    "look at the link's rates")  # fmt: skip
     reasons = [f"no {name}" for bit, name in ESTIMATES.items() if not status.flags & bit]
     reasons += [text for bit, text in TROUBLES.items() if status.flags & bit]
@@ -119,11 +121,12 @@ def _estimator(observed: Observation) -> Row:
         for name, ratio in observed.worst_ratio.items() if ratio > 1.0
     ]  # fmt: skip
     if not status.pos_horiz_accuracy <= SPREAD_MOST:
-        reasons.append(f"the place is only known to {status.pos_horiz_accuracy:.1f} m")
+        reasons.append(f"the position error is {status.pos_horiz_accuracy:.1f} m")
     if reasons:
-        return Row("estimator", False, "; ".join(reasons), "wait; away from steel and under open sky if it stays so")
+        return Row("estimator", False, "; ".join(reasons), "wait; if it stays, move away from steel, under open sky")
     worst = max(observed.worst_ratio.values(), default=0.0)
-    return Row("estimator", True, f"attitude, velocity, place and altitude; place ±{status.pos_horiz_accuracy:.1f} m, "
+    return Row("estimator", True, "attitude, velocity, position and altitude are good; position"
+        f" ±{status.pos_horiz_accuracy:.1f} m, "
                f"altitude ±{status.pos_vert_accuracy:.1f} m, largest test ratio {worst:.2f}")  # fmt: skip
 
 
@@ -133,7 +136,7 @@ def _mode(observed: Observation) -> str:
 
 
 def _texts(observed: Observation) -> str:
-    return f"; it says: {'; '.join(observed.texts[-3:])}" if observed.texts else ""
+    return f"; its messages: {'; '.join(observed.texts[-3:])}" if observed.texts else ""
 
 
 def _enabled(status: Message) -> int:
@@ -161,7 +164,12 @@ def position_rows(observed: Observation) -> list[Row]:
 def _gps(observed: Observation) -> Row:
     gps = observed.message("GPS_RAW_INT")
     if gps is None or gps.fix_type == 0:
-        return Row("GPS", False, "no receiver is heard", "check its cable; without a place nothing is flown")
+        return Row(
+            "GPS",
+            False,
+            "no message of a receiver arrives",
+            "check its cable; no flight is possible without a position",
+        )
     if gps.fix_type < FIX_3D:
         return Row("GPS", False, f"no 3-D fix, {_count(gps.satellites_visible)}", "wait under open sky")
     hdop = gps.eph / 100.0 if gps.eph != UNKNOWN else None
@@ -180,22 +188,22 @@ def _gps(observed: Observation) -> Row:
 
 
 def _count(satellites: int) -> str:
-    return "satellites not told" if satellites == 255 else f"{satellites} satellites"
+    return "number of satellites unknown" if satellites == 255 else f"{satellites} satellites"
 
 
 def _home(observed: Observation) -> Row:
     home, here = observed.message("HOME_POSITION"), observed.message("GLOBAL_POSITION_INT")
     if home is None:
-        return Row("home", False, "none is set: there is nowhere to return to, and no fence to measure from",
-                   "wait for a good place; PX4 sets home by itself then")  # fmt: skip
+        return Row("home", False, "none is set, so the vehicle cannot return, and the fence has no centre",
+                   "wait for a good position; PX4 then sets home itself")  # fmt: skip
     if here is None:
-        return Row("home", None, "set, but GLOBAL_POSITION_INT does not come: how far away it is, is not known")
+        return Row("home", None, "set, but GLOBAL_POSITION_INT does not arrive, so its distance is unknown")
     distance = ground_distance(home.latitude, home.longitude, here.lat, here.lon)
     height = (here.alt - home.altitude) / 1000.0
     why = f"set, {distance:.1f} m from here, {abs(height):.1f} m {'below' if height >= 0 else 'above'}"
     if distance > HOME_NEAR:
-        return Row("home", False, f"{why}: it would return to another place",
-                   "set it anew where the vehicle stands, or reboot the autopilot there")  # fmt: skip
+        return Row("home", False, f"{why}: the vehicle would return to another place",
+                   "set it again where the vehicle stands, or reboot the autopilot there")  # fmt: skip
     return Row("home", True, why)
 
 
@@ -215,8 +223,8 @@ def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Ro
     """Return the row of the battery."""
     status = observed.message("SYS_STATUS")
     if status is None or status.voltage_battery in (0, UNKNOWN):
-        return Row("battery", False, "its voltage is not measured, so nobody would land before it is empty",
-                   "set the battery up in the ground station")  # fmt: skip
+        return Row("battery", False, "its voltage is not measured, so the vehicle would not land before it is empty",
+                   "configure the battery in the ground station")  # fmt: skip
     volts = status.voltage_battery / 1000.0
     details = [f"{volts:.1f} V"]
     cells = int(values.get("BAT1_N_CELLS") or 0)
@@ -226,12 +234,19 @@ def battery_row(observed: Observation, values: Mapping[str, Value | None]) -> Ro
         details.append(f"{status.battery_remaining} % left")
     why = ", ".join(details)
     if cells > 0 and not CELL_LEAST <= volts / cells <= CELL_MOST:
-        return Row("battery", False, f"{why}: no resting cell has that", "charge it, or correct BAT1_N_CELLS")
+        return Row(
+            "battery", False, f"{why}: a resting cell cannot have this voltage", "charge it, or correct BAT1_N_CELLS"
+        )
     if status.battery_remaining < 0:
-        return Row("battery", None, f"{why}; what is left is not told", "judge by the voltage")
+        return Row("battery", None, f"{why}; the remaining charge is unknown", "judge by the voltage")
     least = float(values.get("BAT_LOW_THR") or 0.15) + MARGIN
     if status.battery_remaining < 100.0 * least:
-        return Row("battery", False, f"{why}: less than {100 * least:.0f} %, a flight and what must stay", "charge it")
+        return Row(
+            "battery",
+            False,
+            f"{why}: less than {100 * least:.0f} %, the charge of a flight and the reserve",
+            "charge it",
+        )
     if not cells:
-        return Row("battery", None, f"{why}; of how many cells is not told, so the voltage cannot be judged")
+        return Row("battery", None, f"{why}; the number of cells is unknown, so the voltage cannot be checked")
     return Row("battery", True, why)

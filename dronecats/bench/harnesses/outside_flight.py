@@ -160,7 +160,7 @@ class OutsideFlight:
 
     def _hand_back(self, answer: OutsideReply | BaseException) -> None:
         if not self._waiting:
-            raise RuntimeError("there is no question to answer")
+            raise RuntimeError("no question is open. Read the next one first")
         self._waiting = False
         self._model.answers.put(answer)
 

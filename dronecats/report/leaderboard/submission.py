@@ -239,7 +239,7 @@ def _unscored(run: RecordedRun) -> str | None:
     for episode, judged in judge_run(run.folder).items():
         if judged.verdict.outcome not in SCORED and any(episode == folder.name for folder in run.episodes):
             reason = judged.verdict.error or f"its outcome is {judged.verdict.outcome}"
-            return f"{episode} of {run.folder.name} is nobody's score: {reason}"
+            return f"{episode} of {run.folder.name} is not scored: {reason}"
     return None
 
 

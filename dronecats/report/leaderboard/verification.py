@@ -175,12 +175,12 @@ def _on_one_line(text: str) -> str:
 
 
 CHECKED = (
-    "every file is the one whose digest the manifest holds",
-    "pilot, settings, suite and completeness are what the runs say, the same in every flight but for the seed",
-    "every record is the one that ships under its id",
-    "every verdict follows from its logs, as it is stored",
-    "the logs hold together: frames and times, distances and positions, steps, what a commander confirmed",
-    "every action is one that its reply says",
+    "every file has the digest of the manifest",
+    "pilot, settings, suite and completeness agree with the runs; all flights are equal except for the seed",
+    "every record is the shipped one of its id",
+    "every stored verdict follows from its logs",
+    "the logs are consistent: frames and times, distances and positions, steps, confirmations of a commander",
+    "every action follows from its reply",
 )
 
 
@@ -200,7 +200,7 @@ def _verdict_differences(run: RecordedRun, episode: str, judged: Judged) -> Iter
     """Yield the differences of the stored verdict and the contradictions in the logs."""
     stored = json_object(run.folder / episode / layout.VERDICT)
     if stored is None:
-        yield f"there is no {layout.VERDICT}"
+        yield f"{layout.VERDICT} is missing"
     else:
         now = judged.verdict.as_json()
         for words in ("error", "note"):  # they have paths of files, which differ here
@@ -278,7 +278,7 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
     yield "the code: it may differ from the version that it names"
     if manifest.is_model:
         yield f"the origin of the replies: {manifest.pilot} is only the name in the requests"
-        yield "the replies: somebody can change a reply and its action together"
+        yield "the replies: a reply and its action can be changed together"
     else:
         yield "the origin of the replies; in lockstep, the same seed gives the same replies"
     if frames:

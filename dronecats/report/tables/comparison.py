@@ -119,10 +119,10 @@ def variance(data: ReportData) -> ReportTable | None:
         name="variance",
         title="From flight to flight",
         caption=(
-            "Successes of each flight over the same episodes. s.d. of N: standard deviation over N flights, in brackets"
-            " its 95 % interval by chi-square, which of few flights is wide. Binomial: sqrt(n p (1 − p)), what n coins"
-            " of one share would scatter. By episode: what flights that know nothing of one another would, each episode"
-            " with a share of its own, as it was estimated."
+            "Successes of each flight over the same episodes. s.d. of N: standard deviation over N flights, in"
+            " brackets its 95 % interval by chi-square, which is wide for few flights. Binomial: sqrt(n p (1 −"
+            " p)), the scatter of n independent flights with one success rate. By episode: the scatter of"
+            " independent flights if each episode has its own estimated success rate."
         ),
         columns=tuple(columns),
         blocks=tuple(blocks),

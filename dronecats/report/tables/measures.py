@@ -103,10 +103,10 @@ def grounding(data: ReportData) -> ReportTable | None:
         name="grounding",
         title="Pointing and depth",
         caption=(
-            "Of the gos that were told with the target in view: whether the point is within its box, and the angle"
-            " from its centre; of those on the target, the told depth less the true one (positive: too deep). Rescaled"
-            " copies: gos that repeat the pixels by which the history shows the go before. Over the steps of all scored"
-            " flights; steps of one flight are no sample of their own, so no interval stands here."
+            "Go actions with the target in view: share of points within the target's box, and angle from its"
+            " centre. Depth error: depth of the action minus true depth, for points on the target (positive: too"
+            " deep). Rescaled copies: go actions that repeat the pixels of the previous go in the history. Over"
+            " the steps of all scored flights; without intervals, because the steps of a flight are not independent."
         ),
         columns=GROUNDING,
         row_of=row_of,
@@ -144,9 +144,9 @@ def replies(data: ReportData) -> ReportTable | None:
         name="replies",
         title="Replies",
         caption=(
-            "% of the decisions of all scored flights. Unreadable: the reply holds no action, and the drone holds."
-            " Of these, refused: by the model or by a filter of its provider; cut off: at the longest reply that was"
-            " allowed, so that a larger max_tokens or less reasoning may help."
+            "% of the decisions of all scored flights. Unreadable: the reply has no action, and the drone hovers."
+            " Some of these: refused by the model or by a filter of its provider; cut off at max_tokens, so a"
+            " larger max_tokens or less reasoning may help."
         ),
         columns=REPLIES,
         row_of=row_of,
@@ -186,9 +186,9 @@ def served(data: ReportData) -> ReportTable | None:
         name="served",
         title="Served control rate",
         caption=(
-            "Decisions per second of vehicle time, and the vehicle time that replies took, as quantiles over the"
-            " steps of all scored flights. Delayed by the host: steps that this computer delayed and not the"
-            " model, for example when the simulator is too slow. It is known for flights in real time only."
+            "Decisions per second of vehicle time, and the vehicle time of replies: quantiles over the steps of"
+            " all scored flights. Delayed by the host: steps that this computer delayed and not the model, for"
+            " example when the simulator is too slow. It is known for flights in real time only."
         ),
         columns=SERVED,
         row_of=row_of,
@@ -222,10 +222,10 @@ def thinking(data: ReportData) -> ReportTable | None:
         name="thinking",
         title="Effect of think",
         caption=(
-            "Of the scored flights, step by step. Gain: metres that the three steps after a think closed, each, more"
-            " than those after other steps that had closed at the same rate (matched). Stalls broken, and targets"
-            " out of view that were seen again, within three steps. Pilots think where they are in trouble: this"
-            " observes, and proves nothing."
+            "Steps of the scored flights. Gain: metres per step that the three steps after a think closed, minus"
+            " the same for other steps with an equal closing rate before (matched). Stalls broken, and lost"
+            " targets seen again: within three steps. Pilots think when they are in trouble, so this comparison"
+            " is an observation and not a proof."
         ),
         columns=THINKING,
         row_of=row_of,

@@ -188,9 +188,9 @@ def commanding(data: ReportData) -> ReportTable | None:
         name="commanding",
         title="Commanding",
         caption=(
-            "Approaching with one drone beside commanding a fleet, %. Reached: any drone came within the radius of the"
-            " named target. Declared: any drone declared arrival. One point for all: of the steps on which every drone"
-            f" was told to go, those with the same point in all views. {INTERVALS}"
+            "Approaching with one drone beside commanding a fleet, %. Reached: any drone came within the radius"
+            " of the named target. Declared: any drone declared arrival. One point for all: share of the steps"
+            f" with go actions for all drones in which all points are equal. {INTERVALS}"
         ),
         columns=columns,
         row_of=row_of,

@@ -52,9 +52,9 @@ def setup(data: ReportData) -> ReportTable | None:
         name="setup",
         title="Settings of the flights",
         caption=(
-            "Flights: of one episode, at most. Reasoning: what a question was sent to switch it, and after the bar what"
-            " the question after a think was sent. As served: only where it differs from the name that was asked for."
-            " Digests by their first eight letters; run.json has them whole."
+            "Flights: the most of one episode. Reasoning: fields of a request that set it; after the bar, those"
+            " of the request after a think. As served: the model's name in the replies, if it differs from the"
+            " requested one. Digests: first eight letters; run.json has them in full."
         ),
         columns=(*SETUP, words("Disturbed", "disturbed")) if any_disturbed else SETUP,
         row_of=row_of,

@@ -98,7 +98,7 @@ def opening(findings: Findings) -> list[str]:
     ]
     if results.planned > flights:
         sentences.append(
-            f"The study is not flown to its end: {results.planned - flights} of {results.planned} flights are missing."
+            f"The study is not complete: {results.planned - flights} of {results.planned} flights are missing."
         )
     return [*sentences, *results.notes]
 

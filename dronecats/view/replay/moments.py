@@ -123,7 +123,7 @@ def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
 MESSAGES = 8  # newest messages in a moment
 NO_END = "the log has no end: the flight was killed, or is still in the air"
 NO_TLOG = f"no {layout.TLOG}: no attitude, modes, battery and setpoints are shown"
-NO_PICTURES = "no pictures were kept"
+NO_PICTURES = "no pictures were recorded"
 NOT_DRAWN = "flown without rendering, so there are no pictures"
 NO_TRUTH = "no truth: positions are the autopilot's estimates, and there is no verdict"
 NO_RECORD = f"no {layout.EPISODE}: a grid is shown instead of the world"

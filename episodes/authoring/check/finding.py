@@ -70,7 +70,7 @@ class RuleFinding:
     def sentence(self) -> str:
         """Return the finding in one line, as a reason for a rejection."""
         about = f"field '{self.field}': " if self.field else ""
-        return f"{about}{self.rule} is {self.measured}, wanted {self.wanted}"
+        return f"{about}{self.rule} is {self.measured}, but must be {self.wanted}"
 
 
 def between(rule: str, value: float, limits: tuple[float, float], unit: str, digits: int = 2) -> RuleFinding:

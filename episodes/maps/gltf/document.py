@@ -310,7 +310,7 @@ def vectors(document: Document, index: Any, where: str, *widths: int) -> NDArray
     raw, normalised = _elements(document, index, where, widths)
     if raw.dtype.kind == "f":
         if not np.isfinite(raw).all():
-            document.fail(f"accessors[{index}]", "holds numbers that are not finite")
+            document.fail(f"accessors[{index}]", "has numbers that are not finite")
         return raw.astype(np.float32)
     floats = raw.astype(np.float32)
     return np.maximum(floats / np.float32(np.iinfo(raw.dtype).max), np.float32(-1.0)) if normalised else floats
@@ -320,7 +320,7 @@ def indices(document: Document, index: Any, where: str, vertices: int) -> NDArra
     """Return an accessor's (count,) indices. Raises UsageError unless each names one of `vertices` vertices."""
     raw, _ = _elements(document, index, where, (1,))
     if raw.dtype.kind != "u":
-        document.fail(f"accessors[{index}]", "holds indices that are not unsigned whole numbers")
+        document.fail(f"accessors[{index}]", "has indices that are not unsigned whole numbers")
     if raw.size and int(raw.max()) >= vertices:
         document.fail(f"accessors[{index}]", f"points at vertex {int(raw.max())} of {vertices}")
     return raw[:, 0].astype(np.int32)

@@ -140,7 +140,7 @@ def _origin(document: Document, facts: Mapping[str, Any], where: str) -> tuple[f
         return None
     north, east, height = _triple(document, facts, "origin", where)
     if not (abs(north) <= 85.0 and abs(east) <= 180.0 and -500.0 <= height <= 9000.0):
-        document.fail(f"{where}.origin", "is no place on Earth that can be flown at (latitude, longitude, altitude)")
+        document.fail(f"{where}.origin", "is not a valid latitude, longitude and altitude")
     return north, east, height
 
 
@@ -161,7 +161,7 @@ def _terrain(document: Document, facts: Mapping[str, Any], where: str) -> Height
         return None
     down = np.frombuffer(data, "<f8").reshape(int(rows), int(columns)).astype(np.float64)
     if not np.isfinite(down).all():
-        document.fail(where, "holds heights that are not finite")
+        document.fail(where, "has heights that are not finite")
     north, east = document.numbers(terrain, "origin", where, (0.0, 0.0))
     return HeightField(north, east, cell, down)
 

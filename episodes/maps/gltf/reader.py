@@ -103,7 +103,7 @@ def _grounded(scene: Scene, facts: extras.SceneFacts, spawn: Sequence[float] | N
     """Return a map whose ground is found in its geometry, split off what stands on it."""
     wanted = spawn if spawn is not None else facts.spawn_ned
     if wanted is None:
-        raise UsageError(f"map file '{document.source}' does not say where one can stand: give a spawn.")
+        raise UsageError(f"map file '{document.source}' has no start place. Give one with --spawn=NORTH,EAST.")
     north, east = _on_map(scene, wanted, document)
     named = [instance for instance in scene.instances if instance.kind == extras.GROUND]
     searched = named or [instance for instance in scene.instances if instance.solid and not instance.movable]
