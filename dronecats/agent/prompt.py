@@ -12,7 +12,7 @@ from dronecats.agent.action import Action, AxisOrder, Go
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.protocol import ACTIONS, HISTORY_LENGTH, POINT_SPAN
-from foundation.wording import counted
+from foundation.wording import counted, suggestion
 
 FIELDS = ("instruction", "point_fmt", "history_len", "history", "drones", "situation", "answer", "closing")
 NEEDED = ("instruction", "history")

@@ -63,7 +63,7 @@ def with_file(args: argparse.Namespace) -> argparse.Namespace:
     values: dict[str, Any] = {}
     if files:
         if len(args.episodes) > 1:
-            raise UsageError("a .toml file names the episodes: leave the others out, or name them in it")
+            raise UsageError("a .toml file cannot be combined with other episodes. Name them in the file")
         values = checked(files[0], toml_table(files[0], str(files[0])), tuple(FILE_OPTIONS))
         args.episodes = []
         values.setdefault("out", str(Path("runs") / files[0].stem))

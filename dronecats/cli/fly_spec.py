@@ -81,7 +81,8 @@ VEHICLE = (
         help="with --autopilot px4: command that starts your PX4 (default: wait for one)",
     ),
     Option(
-        name="keep_ulog", kind=bool, replay="as recorded", help="with --connect or --px4: keep PX4's log from on board"
+        name="keep_ulog", kind=bool, replay="as recorded",
+        help="with --connect or --px4: fetch PX4's log after the flight",
     ),
 )  # fmt: skip
 PILOT = (
@@ -202,7 +203,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 
     path = args.model.removeprefix(REPLAY)
     if args.connect:
-        raise UsageError("--model replay:RUN goes with --sitl; a connected vehicle flies --pilot recorded:FILE")
+        raise UsageError("--model replay:RUN goes with --sitl. For a connected vehicle use --pilot recorded:FILE")
     if stray := first_set(args, (option for option in OPTIONS if option.replay == "as recorded")):
         raise UsageError(f"{stray.flag} cannot change in a replay (--model replay:RUN). Leave it out")
     spec = recorded(Path(path))
@@ -260,9 +261,9 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
     from hil.link.envelope import Limits
 
     if args.world and args.target:
-        raise UsageError("--target goes without --world, whose truth is known; leave one of them out")
+        raise UsageError("--target does not go with --world, whose truth is known. Leave one of them out")
     if args.target_std is not None and not args.target:
-        raise UsageError("--target-std goes with --target; add it or leave it out")
+        raise UsageError("--target-std goes with --target. Add it, or leave --target-std out")
     key_of(args.sign)
     vehicle = Connected(
         url=args.connect,

@@ -72,7 +72,9 @@ def of_file(args: argparse.Namespace) -> StudyRequest:
     own = {key: typed(table[k], OWN_KEYS[key], str(path), key) for k, key in keys.items() if key in OWN_KEYS}
     of_bench = {key: value for key, value in table.items() if keys[key] not in OWN_KEYS}
     if factor := next((key for key in of_bench if key in FACTOR_KEYS), None):
-        raise UsageError(f"{path}: {factor} is a factor: put it under [factors], or a single level under [held]")
+        raise UsageError(
+            f"{path}: {factor} is a factor. Put its levels under [factors], or a single level under [held]"
+        )
     values = bench_spec.checked(path, of_bench, BENCH_KEYS, tuple(OWN_KEYS))
     values |= {key: own.pop(key) for key in ("cells", "maps", "seconds") if key in own}
     if args.episodes:  # names on the command line override the choice of the file, and the other way round

@@ -55,7 +55,7 @@ class SurveyedTarget:
                 f"a target at latitude {latitude:g}, longitude {longitude:g}, altitude {altitude} is nowhere"
             )
         if not 0.0 <= std_m <= 100.0:
-            raise UsageError(f"a target is surveyed to 0 to 100 m, got {std_m:g}")
+            raise UsageError(f"--target-std must be 0 to 100 m, got {std_m:g}")
 
     def as_json(self) -> dict[str, Any]:
         """Return it as JSON."""

@@ -91,9 +91,9 @@ def entrants(collection: Collection, *, pool_anyway: bool = False) -> tuple[Entr
             advice = "or count them together with --pool-anyway"
             if reason := refusal(members):
                 odd = ", ".join(str(run.folder) for run, _ in odd_runs(members)) or "it"
-                raise UsageError(f"{reason}; leave {odd} out and report it by itself, {advice}")
+                raise UsageError(f"{reason}. Leave {odd} out and report it by itself, {advice}")
             if reason := _repeated_flight(episodes):
-                raise UsageError(f"{reason}; leave one of them out, {advice}")
+                raise UsageError(f"{reason}. Leave one of them out, {advice}")
         entries.append(Entrant(_label(settings, list(runs)), settings, tuple(members), episodes))
     return tuple(sorted(entries, key=lambda entrant: not entrant.is_model))
 
@@ -150,7 +150,7 @@ def _repeated_flight(episodes: Iterable[ScoredEpisode]) -> str | None:
     for flight in episodes:
         before = seen.setdefault((flight.episode, flight.run.seed), flight)
         if before is not flight:
-            return f"{before.folder} and {flight.folder} are of one episode and of the same seed {flight.run.seed}"
+            return f"{before.folder} and {flight.folder} have the same episode and the same seed {flight.run.seed}"
     return None
 
 
@@ -160,8 +160,8 @@ def _check_record_ids(episodes: Iterable[ScoredEpisode]) -> None:
         before = seen.setdefault(flight.episode, flight)
         if flight.record_sha256 and before.record_sha256 and flight.record_sha256 != before.record_sha256:
             raise UsageError(
-                f"{before.folder} and {flight.folder} were flown after different records of the id '{flight.episode}':"
-                " they are different episodes, and no table can hold both"
+                f"{before.folder} and {flight.folder} have different records with the id '{flight.episode}', so"
+                " they are different episodes. Report them separately"
             )
 
 

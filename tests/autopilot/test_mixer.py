@@ -89,7 +89,7 @@ def test_what_is_cut_keeps_its_direction(name, roll, pitch, yaw, thrust):
 def test_geometry_that_cannot_fly_is_refused():
     x500 = AIRFRAMES["x500"]
     in_line = tuple(Rotor((0.1 * k, 0.0, 0.0), 1 if k % 2 else -1) for k in range(-2, 3))
-    with pytest.raises(UsageError, match="independently"):
+    with pytest.raises(UsageError, match="independent"):
         allocation(replace(x500, rotors=in_line))
     with pytest.raises(UsageError, match="rotors"):
         allocation(replace(x500, rotors=x500.rotors[:3]))

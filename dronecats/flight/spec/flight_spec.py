@@ -179,16 +179,20 @@ class FlightSpec:
         if self.envelope is None:
             raise UsageError("a vehicle that is not simulated needs an envelope. To change its limits: --envelope FILE")
         if self.disturbances != UNDISTURBED:
-            raise UsageError("disturbances go with simulated: what is connected has its own")
+            raise UsageError("disturbances go with --sitl. Leave them out")
         has_world = any(place is not None for place in (self.episode, self.record, self.map))
         if has_world != (connected.truth is not None):
-            raise UsageError("--world and --truth go together: the world is drawn from the true pose")
+            raise UsageError(
+                "--world needs --truth, because the world is drawn from the true pose. Give both, or neither"
+            )
         if has_world and (connected.camera or connected.calibration):
-            raise UsageError("--camera goes without --world, which draws the pictures itself; leave one of them out")
+            raise UsageError(
+                "--camera does not go with --world, which draws the pictures itself. Leave one of them out"
+            )
         if not has_world and not (connected.camera and self.instruction):
             raise UsageError("--connect needs --camera URL and --instruction TEXT, or --world EPISODE and --truth URL")
         if connected.authority.arm and connected.authority.dry:
-            raise UsageError("--dry-run moves nothing, so it goes without --arm")
+            raise UsageError("--dry-run moves nothing. Leave --arm out")
 
     def _check_simulated(self, simulated: Simulated) -> None:
         lockstep = simulated.speed is None

@@ -72,7 +72,7 @@ def read(path: Path) -> FlightSpec:
     where = f"--spec {path}"
     value = json_of(file_bytes(path, where, BYTES_MAX), where, BYTES_MAX, DEPTH_MAX)
     if isinstance(value, dict) and "versions" in value and "flight" not in value:
-        raise UsageError(f"{where} is of a run that an earlier version flew, which kept no flight in it")
+        raise UsageError(f"{where} is of an older version of dronecats, which did not write the flight")
     return from_json(value["flight"] if isinstance(value, dict) and "flight" in value else value, where)
 
 

@@ -76,7 +76,7 @@ def test_another_agent_flies_and_is_judged(tmp_path):
     assert (result["declarations"], result["false_declarations"]) == (1, 1)
     told = json.loads((tmp_path / "run" / "run.json").read_text())
     assert (told["agent"], told["flight"]["agent"]) == (IMPATIENT, IMPATIENT)
-    with pytest.raises(UsageError, match="option out"):  # two agents' flights are no one run
+    with pytest.raises(UsageError, match="--out"):  # two agents' flights are no one run
         fly(replace(spec, episode="residential-approaching-02", agent="paper"), tmp_path / "run", lambda line: None)
     (begin, *_, end) = (json.loads(line) for line in (tmp_path / "run" / EPISODE / "truth.jsonl").open())
     assert (begin["cap_s"], end["reason"]) == (20.0, "cap")

@@ -93,13 +93,13 @@ def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle)
     events: list[str] = []
     ended = stage(flying(vehicle), flying(stays_armed), end=lambda reason, error: events.append("the log is complete"))
     assert finish(ended, "decided", None, "land", events.append) is None  # it is no error of the flight
-    complete, (line,) = events.index("the log is complete"), [line for line in events if "not seen to end" in line]
+    complete, (line,) = events.index("the log is complete"), [line for line in events if "end of the landing" in line]
     assert complete < events.index(line)
     for words in ("drone 2", "score is not affected", "may still be armed"):
         assert words in line
     alone: list[str] = []
     finish(stage(flying(ScriptedVehicle())), "decided", None, "land", alone.append)
-    assert [line for line in alone if "not seen to end" in line and "drone" not in line]
+    assert [line for line in alone if "end of the landing" in line and "drone" not in line]
 
 
 def test_a_vehicle_that_cannot_be_told_to_land_costs_no_score_either(vehicle):
@@ -108,7 +108,7 @@ def test_a_vehicle_that_cannot_be_told_to_land_costs_no_score_either(vehicle):
 
     said: list[str] = []
     finish(stage(flying(vehicle), check_vehicles=gone), "decided", None, "land", said.append)
-    assert [line for line in said if "could not be told" in line and "score is not affected" in line]
+    assert [line for line in said if "cable is out" in line and "score is not affected" in line]
 
 
 def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):

@@ -96,7 +96,7 @@ def test_what_is_no_flight_is_refused(tmp_path, capsys):
         ({"seed": True}, "seed"),
         ({"pilot": None}, "pilot, model or outside"),
         ({"connected": {"url": "x"}}, "simulated or connected"),
-        ({"map": "blocks"}, "episode, record or map"),
+        ({"map": "blocks"}, "episode, record and map"),
         ({"simulated": {"autopilot": "ardupilot"}}, "autopilot"),
         ({"command": "chain"}, "command"),
         ({"scripted": "scripted:divide"}, "hierarchical"),

@@ -55,7 +55,7 @@ def test_only_a_flight_without_a_score_is_flown_again(tmp_path):
             with episode(run) as folder:
                 assert not (folder / layout.VERDICT).exists()
         else:
-            with pytest.raises(UsageError, match="already holds a flight"), episode(run):
+            with pytest.raises(UsageError, match="already has a flight"), episode(run):
                 pass
         assert kept(run) == ["e-01-1"] * is_again
 

@@ -137,4 +137,4 @@ def test_what_follows_lost_setpoints_is_read_from_the_vehicle(meet):
     autopilot, link = meet()
     assert read_failsafe(link) == "COM_OBL_RC_ACT = 0 (Position), after COM_OF_LOSS_T = 1 s"
     autopilot.parameters.clear()
-    assert "not told" in read_failsafe(link)
+    assert "unknown" in read_failsafe(link)
