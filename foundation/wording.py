@@ -42,7 +42,7 @@ def suggestion(word: str, names: Iterable[str], *, count: int = 3, cutoff: float
     """Return a question with the names that are similar to a word, or the list of all names if none is."""
     choices = list(names)
     near = nearest(word, choices, count, cutoff)
-    return did_you_mean(near) if near else f"choose one of {', '.join(choices)}"
+    return did_you_mean(near) if near else f"choose one of {', '.join(choices)}."
 
 
 LINE = "\n"  # the only allowed control character

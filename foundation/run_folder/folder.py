@@ -52,9 +52,7 @@ def create(
                     raise UsageError(f"{folder} already has a flight. Choose another folder with --out")
             before = run_configuration(run)
             if before is not None and differences(before, configuration):
-                raise UsageError(
-                    f"{run} is a run of another pilot or other settings; choose another folder (option out)"
-                )
+                raise UsageError(f"{run} is a run of another pilot or other settings. Choose another folder with --out")
             held.callback(_remove_unused, run)
             first()
             if again:

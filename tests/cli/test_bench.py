@@ -51,7 +51,7 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monke
         ([EASY, "--pilot", "oracle", "--cost-limit", "3"], "--cost-limit .*--model"),
         ([EASY, "--pilot", "oracle", "--commander", "scripted:divide"], "--commander .*--command hierarchical"),
         ([EASY, "--pilot", "oracle", "--command", "loud"], "--command .*flat, hierarchical, solo"),
-        ([EASY, "--pilot", "oracle", "--agent", "nobody"], "nobody.*paper, steady .*MODULE:NAME"),
+        ([EASY, "--pilot", "oracle", "--agent", "nobody"], "nobody.*paper, steady.*MODULE:NAME"),
         ([EASY, "--pilot", "oracle", "--agent", "json:nothing"], "--agent json:nothing "),
         (
             [EASY, "--pilot", "oracle", "--agent", "steady", "--command", "hierarchical"],

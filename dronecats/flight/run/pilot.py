@@ -98,7 +98,7 @@ def agent_maker(name: str) -> AgentMaker:
         raise UsageError(f"--agent {name} cannot be loaded: {error}") from None
     if not callable(maker):
         hint = f"{suggestion(name, SHIPPED, cutoff=0.6)} Your own agent is MODULE:NAME (docs/extending.md)"
-        raise UsageError(f"agent '{name}' is not known: {hint}")
+        raise UsageError(f"--agent '{name}' is not known: {hint}")
     made: AgentMaker = maker
     return made
 

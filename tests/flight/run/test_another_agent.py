@@ -54,9 +54,9 @@ def impatient(flight, model):
 @pytest.mark.parametrize(
     ("name", "why"),
     [
-        ("nobody", "--agent.*MODULE:NAME.*'nobody'"),
+        ("nobody", "--agent.*'nobody'.*MODULE:NAME"),
         ("json:nothing", "--agent json:nothing"),
-        ("json:__name__", "--agent.*MODULE:NAME.*'json:__name__'"),
+        ("json:__name__", "--agent.*'json:__name__'.*MODULE:NAME"),
     ],
 )
 def test_an_agent_that_there_is_not_is_refused_before_a_folder_is_made(tmp_path, name, why):
