@@ -104,7 +104,7 @@ class VerbParser(argparse.ArgumentParser):
     def examples(self) -> list[str]:
         """Return all example commands that begin with this parser's command."""
         lines = EXAMPLES.read_text(encoding="utf-8").splitlines()
-        return [line for line in lines if line.startswith(f"{self.prog} ")]
+        return [line for line in lines if f"{line} ".startswith(f"{self.prog} ")]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse, and end the program with a suggestion for an option that the command does not have."""
