@@ -64,19 +64,32 @@ class Camera(Protocol):
     def close(self) -> None: ...
 
 
-WIDTH_MAX = 640  # px; a wider frame is resized. Paper, "API Request Format"
+WIDTH_MAX = 640  # px; the model gets no wider picture. Paper, "API Request Format"
 QUALITY = 85  # of the JPEG
 
 
-def encode(image_rgb: NDArray[np.uint8]) -> bytes:
-    """Return the JPEG of an (H, W, 3) RGB image as the model gets it, aspect ratio kept."""
-    import cv2  # slow to import, and only some users of the geometry encode
+def reduced_size(width: int, height: int) -> tuple[int, int]:
+    """Return the (width, height), px, at which the model gets a picture of this size, aspect ratio kept."""
+    return (WIDTH_MAX, round(height * WIDTH_MAX / width)) if width > WIDTH_MAX else (width, height)
+
+
+def reduced(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return an (H, W, 3) RGB image at the size at which the model gets it."""
+    import cv2  # slow to import, and only some users of the geometry need it
 
     height, width = image_rgb.shape[:2]
-    if width > WIDTH_MAX:
-        size = (WIDTH_MAX, round(height * WIDTH_MAX / width))
-        image_rgb = cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA)  # area: small text is lost last
-    ok, data = cv2.imencode(".jpg", cv2.cvtColor(image_rgb, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if width <= WIDTH_MAX:
+        return image_rgb
+    size = reduced_size(width, height)
+    return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # area keeps small text
+
+
+def encode(image_rgb: NDArray[np.uint8]) -> bytes:
+    """Return the JPEG of an (H, W, 3) RGB image as the model gets it."""
+    import cv2
+
+    picture = cv2.cvtColor(reduced(image_rgb), cv2.COLOR_RGB2BGR)
+    ok, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
     if not ok:
         raise ValueError(f"an image of shape {image_rgb.shape} cannot be written as JPEG")
     return data.tobytes()

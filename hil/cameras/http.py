@@ -60,9 +60,8 @@ class Caller:
         return response
 
     def _send(self, read_s: float, params: dict[str, int] | None) -> httpx.Response:
-        request = self._http.build_request(
-            "GET", self._url, params=params, timeout=httpx.Timeout(read_s, connect=CONNECT_S)
-        )
+        url = self._url.copy_merge_params(params) if params else self._url  # `params=` would drop the address's own
+        request = self._http.build_request("GET", url, timeout=httpx.Timeout(read_s, connect=CONNECT_S))
         try:
             return self._http.send(request, stream=True, auth=self._auth or httpx.USE_CLIENT_DEFAULT)
         except httpx.HTTPError as error:

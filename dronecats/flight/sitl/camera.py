@@ -4,6 +4,7 @@ The logger hears of every frame that was taken.
 """
 
 import contextlib
+import dataclasses
 import errno
 import math
 import socket
@@ -27,7 +28,7 @@ from episodes.camera.optics.options import Optics
 from episodes.camera.renderer.renderer import Renderer
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
-from foundation.camera import CameraModel, Frame, camera_pose
+from foundation.camera import WIDTH_MAX, CameraModel, Frame, camera_pose, reduced, reduced_size
 from foundation.errors import CameraError, DronecatsError
 from foundation.frames import Vec3, quat_conjugate, quat_multiply
 from foundation.mavlink import Packer, dialect
@@ -35,13 +36,18 @@ from foundation.truth import KEPT, FrameTaken, NewestTruth, TruthSample, frame_m
 from hil.link.transport import bind_error
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
+GRAIN = 4  # samples of a pixel per direction of a reduced picture: as many as two pixels of the full one have
 STALE_S = 0.5  # samples farther apart say nothing about rates
 _warm: set[type] = set()  # the kinds of renderers that have drawn in this process
 _warm_lock = threading.Lock()
 
 
 class WorldCamera:
-    """Renders what each drone sees from where it really is. Fed with the bytes of the truth bus."""
+    """Renders what each drone sees from where it really is. Fed with the bytes of the truth bus.
+
+    Frames come at the size at which the model gets them, unless the camera's full size is asked for. A camera with
+    optics has a sensor: its picture is drawn in full, and then reduced.
+    """
 
     def __init__(
         self,
@@ -63,9 +69,8 @@ class WorldCamera:
         self.world, self.camera = world, camera
         self._announce = announce
         self._seed = (world.record.seed, seed)
-        self._renderer: Renderer | OpticalRenderer | None = None
-        if rendered:
-            self._renderer = OpticalRenderer(world.filmed, camera, optics) if optics else Renderer(world.filmed, camera)
+        self._rendered, self._optics = rendered, optics
+        self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # of full pictures or not, made when first needed
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
@@ -78,7 +83,7 @@ class WorldCamera:
     def feed(self, data: bytes) -> None:
         """Take bytes of the truth bus."""
         self._truth.feed(data)
-        if isinstance(self._renderer, OpticalRenderer):
+        if self._optics:
             self._remember()
 
     def _remember(self) -> None:
@@ -100,68 +105,83 @@ class WorldCamera:
     def warm_up(self) -> None:
         """Render once and drop the picture, so that the kernels are compiled, once for all cameras of a process."""
         with _warm_lock:
-            kind = type(self._renderer)
-            if kind in _warm:
+            kind = OpticalRenderer if self._optics else Renderer
+            if kind in _warm or not self._rendered:
                 return
             _warm.add(kind)
         spawn = self.world.scene.spawn_ned
         place = (spawn[0], spawn[1], spawn[2] - 2.0)
         with self._lock:
-            if self._renderer:
-                self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0)
+            self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0, full=False)
 
-    def newest(self, drone: int = 0) -> Frame:
+    def newest(self, drone: int = 0, *, full: bool = False) -> Frame:
         """Return a frame of the newest truth, of a fleet the newest that is known of all of it.
 
         Raises CameraError while nothing is known of the drone.
         """
         with self._lock:
-            return self._taken(drone, self._truth.together(drone))
+            return self._taken(drone, self._truth.together(drone), full)
 
-    def at(self, time_us: int, drone: int = 0) -> Frame:
+    def at(self, time_us: int, drone: int = 0, *, full: bool = False) -> Frame:
         """Return a frame of a moment ago (µs, vehicle clock): of the first truth at that time or after it.
 
         Raises CameraError while nothing is known of the drone.
         """
         with self._lock:
             samples = self._truth.at(drone, time_us)
-            if samples and isinstance(self._renderer, OpticalRenderer):
+            if samples and self._optics:
                 self._before[drone] = self._truth.before(samples[0]), samples[0]
-            return self._taken(drone, samples)
+            return self._taken(drone, samples, full)
 
-    def _taken(self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None) -> Frame:
+    def _taken(self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None, full: bool) -> Frame:
         """Return a frame of a sample and the others' of its time, and say that it was taken."""
         if samples is None:
             raise CameraError(f"the camera has received no pose of drone {drone + 1}")
         sample, fleet = samples
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
-        image = self._picture(sample, fleet, t_s, self._frames)
+        image = self._picture(sample, fleet, t_s, self._frames, full)
         taken = FrameTaken(drone, self._frames, sample.time_us)
         self._frames += 1
         self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
         return Frame(taken.frame_id, drone, taken.time_us, image)
 
     def _picture(
-        self, sample: TruthSample, fleet: Mapping[int, TruthSample], t_s: float, frame_id: int
+        self, sample: TruthSample, fleet: Mapping[int, TruthSample], t_s: float, frame_id: int, full: bool
     ) -> NDArray[np.uint8]:
         """Return the picture from `sample` with the other drones where they are and the target at `t_s`."""
-        if self._renderer is None:
+        if not self._rendered:
             return self._grey
-        if isinstance(self._renderer, Renderer):
+        renderer = self._renderer(full)
+        if isinstance(renderer, Renderer):
             pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
-            return self._renderer.picture(pose, self.world.moved(t_s, _after(fleet, 0.0)))
+            return renderer.picture(pose, self.world.moved(t_s, _after(fleet, 0.0)))
         rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
         motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
-        return self._renderer.picture(
+        picture = renderer.picture(
             motion,
             lambda t: self.world.moved(max(0.0, t), _after(fleet, t - t_s)),
             (*self._seed, sample.drone, frame_id),
         )
+        return picture if full else reduced(picture)
+
+    def _renderer(self, full: bool) -> Renderer | OpticalRenderer:
+        full = full or self._optics is not None or self.camera.width <= WIDTH_MAX
+        if full not in self._renderers:
+            camera, scene = self.camera, self.world.filmed
+            if self._optics:
+                self._renderers[full] = OpticalRenderer(scene, camera, self._optics)
+            elif full:
+                self._renderers[full] = Renderer(scene, camera)
+            else:
+                width, height = reduced_size(camera.width, camera.height)
+                small = dataclasses.replace(camera, width=width, height=height)
+                self._renderers[full] = Renderer(scene, small, grain=GRAIN)
+        return self._renderers[full]
 
     def close(self) -> None:
-        """Let the renderer's threads go; no frame is asked for afterwards."""
-        if self._renderer:
-            self._renderer.close()
+        """Let the renderers' threads go; no frame is asked for afterwards."""
+        for renderer in self._renderers.values():
+            renderer.close()
 
 
 def _after(drones: Mapping[int, TruthSample], seconds: float) -> dict[int, DronePose]:
@@ -197,7 +217,7 @@ IDLE_S = 600.0  # wall s from one request of a connection to the next: a model m
 
 
 class CameraPart:
-    """Part of a real-time flight. `/frame.bmp` is what the agent takes: nothing of the picture is lost on the wire."""
+    """Part of a real-time flight. The agent takes bitmaps: nothing of the picture is lost on the wire."""
 
     def __init__(self, config: CameraConfig) -> None:
         optics = optics_of(config.optics, "optics") if config.optics else None
@@ -214,7 +234,8 @@ class CameraPart:
         self._bus.send(data)
 
     def ready(self) -> dict[str, Any]:
-        return {"url": f"http://{HOST}:{self._server.server_port}/frame.bmp"}
+        url = f"http://{HOST}:{self._server.server_port}/frame.bmp"
+        return {"url": url, "reduced": f"{url}?width={WIDTH_MAX}"}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
@@ -305,8 +326,12 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
                 return
             try:
                 query = parse_qs(url.query)
-                drone = int(query.get("drone", ["0"])[0])
-                frame = camera.at(int(query["at"][0]), drone) if "at" in query else camera.newest(drone)
+                drone, width = int(query.get("drone", ["0"])[0]), int(query.get("width", [str(camera.camera.width)])[0])
+                full = width == camera.camera.width
+                if not full and width != WIDTH_MAX:
+                    raise ValueError(f"frames are {WIDTH_MAX} or {camera.camera.width} px wide, not {width}")
+                at = int(query["at"][0]) if "at" in query else None
+                frame = camera.newest(drone, full=full) if at is None else camera.at(at, drone, full=full)
             except (ValueError, DronecatsError) as error:
                 self._send(503, "text/plain", f"{error}\n".encode(), {})
                 return

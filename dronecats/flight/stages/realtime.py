@@ -95,7 +95,7 @@ class RealtimeStage:
                 telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in log),
             ),
         )
-        self.camera = HttpCamera(camera.ready(patience)["url"], lambda: self.links[0].time_us)
+        self.camera = HttpCamera(camera.ready(patience)["reduced"], lambda: self.links[0].time_us)
         self._logger.ready(patience)
         for copy in self._copies:
             copy.begin()
@@ -248,7 +248,7 @@ class WorldStage(VehicleStage):
             )
         else:
             self._logger = self._supervisor.start(ESTIMATE_LOGGER, EstimateLoggerConfig(folder=folder))
-        url = self._camera_process.ready(patience)["url"]
+        url = self._camera_process.ready(patience)["reduced"]
         camera = HttpCamera(url, lambda: link.time_us, max_age_s=frame_s)
         self.camera = PatientCamera(camera, FRAMES_S, lambda fault: notify(f"      holding: {fault}"))
         listening = self._logger.ready(patience)

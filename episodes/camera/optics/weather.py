@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.optics.options import Haze, SunPlace
-from episodes.camera.renderer.layout import depth_per_metre, eye_of
+from episodes.camera.renderer.layout import eye_of
 from episodes.maps.scene import Sun, sun_at
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3
@@ -75,6 +75,13 @@ def veil(rate_mm_h: float) -> float:
     return float(scale * rate_mm_h**exponent)
 
 
+def _depth_per_metre(camera: CameraModel) -> NDArray[np.float32]:
+    """Return (H, W): how far a metre along each pixel's ray reaches along the optical axis (its cosine)."""
+    x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
+    y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
+    return (1.0 / np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
+
+
 def path_in_layer(
     depth: NDArray[np.float32], pose: CameraPose, camera: CameraModel, height_m: float
 ) -> NDArray[np.float32]:
@@ -82,7 +89,7 @@ def path_in_layer(
 
     `depth` is planar (m, inf = sky). The path of a ray that neither leaves the layer nor hits anything is inf.
     """
-    eye, per_metre = eye_of(pose, camera), depth_per_metre(camera)
+    eye, per_metre = eye_of(pose, camera), _depth_per_metre(camera)
     x = (np.arange(camera.width) + 0.5 - eye.center_x) / eye.focal
     y = (np.arange(camera.height) + 0.5 - eye.center_y) / eye.focal
     up = -(eye.forward[2] + x[None, :] * eye.right[2] + y[:, None] * eye.down[2]) * per_metre

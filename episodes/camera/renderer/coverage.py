@@ -5,8 +5,9 @@ coordinates", 1997): the three edge functions of a triangle are linear in the pi
 behind the camera, so nothing is ever split at the near plane, which is a fourth linear function. Neighbours share the
 edge's coefficients exactly (with opposite signs), hence no gaps.
 
-The sample grid has two samples per pixel and direction. Sample (j, i) lies at (i / 2, j / 2) px: odd ones are pixel
-centres, which alone decide depth and ids; even ones lie on the borders between pixels and serve to smooth edges.
+The sample grid has `grain` samples per pixel and direction, an even number. Sample (j, i) lies at
+(i / grain, j / grain) px. The middle of each pixel is a sample, which alone decides depth and ids; the others, of which
+some lie on the borders between pixels, serve to smooth edges.
 """
 
 import math
@@ -61,13 +62,20 @@ def set_up(thread: int, threads: int, triangles: Triangles, eye: Eye, drawn: Dra
         seen = x + r >= NEAR_M and abs(y) - slope_x * x <= r * per_x and abs(z) - slope_y * x <= r * per_y
         drawn.chunk_seen[chunk] = seen
         if seen:
+            # a back is seen only from within, or where the near plane has cut the front away
+            dx = triangles.solid_center[chunk, 0] - eye.position[0]
+            dy = triangles.solid_center[chunk, 1] - eye.position[1]
+            dz = triangles.solid_center[chunk, 2] - eye.position[2]
+            apart = triangles.solid_radius[chunk] + 2.0 * NEAR_M * per_x * per_y
+            is_outside = dx * dx + dy * dy + dz * dz > apart * apart
             first = triangles.chunk_first[chunk]
             for t in range(first, first + triangles.chunk_count[chunk]):
-                _set_up_triangle(t, triangles.position, eye, drawn)
+                solid = triangles.solid[t] if is_outside else 0
+                _set_up_triangle(t, solid, triangles.position, eye, drawn)
 
 
 @njit(cache=True, nogil=True)
-def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
+def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye, drawn: Drawn) -> None:
     drawn.rows[t, 0] = 1
     drawn.rows[t, 1] = 0
     dx = float(position[t, 0, 0]) - eye.position[0]
@@ -94,15 +102,22 @@ def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Dra
     k = eye.center_x / eye.focal
     if (y0 > k * x0 and y1 > k * x1 and y2 > k * x2) or (-y0 > k * x0 and -y1 > k * x1 and -y2 > k * x2):
         return
-    rows = 4.0 * eye.center_y  # the last row of samples is 2 H
+    ax, ay, az = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
+    bx, by, bz = y2 * z0 - z2 * y0, z2 * x0 - x2 * z0, x2 * y0 - y2 * x0
+    cx, cy, cz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
+    volume = x0 * ax + y0 * ay + z0 * az
+    if volume == 0.0 or solid * volume > 0.0:
+        return  # seen exactly edge-on, or the back of a closed surface
+    grain = float(eye.grain)
+    rows = 2.0 * grain * eye.center_y  # the last row of samples is grain · H
     nearest = -1.0
     if min(x0, x1, x2) >= NEAR_M:
         v0, v1, v2 = z0 / x0, z1 / x1, z2 / x2
         low, high = min(v0, v1, v2), max(v0, v1, v2)
         h0, h1, h2 = y0 / x0, y1 / x1, y2 / x2
-        scale = 2.0 * eye.focal
-        left = math.ceil(scale * min(h0, h1, h2) + 2.0 * eye.center_x - 1e-6)
-        if left > math.floor(scale * max(h0, h1, h2) + 2.0 * eye.center_x + 1e-6):
+        scale = grain * eye.focal
+        left = math.ceil(scale * min(h0, h1, h2) + grain * eye.center_x - 1e-6)
+        if left > math.floor(scale * max(h0, h1, h2) + grain * eye.center_x + 1e-6):
             return  # slips between two columns of samples
         nearest = 1.0 / min(x0, x1, x2)
     else:
@@ -110,19 +125,13 @@ def _set_up_triangle(t: int, position: NDArray[np.float32], eye: Eye, drawn: Dra
         low, high = _widen(x0, z0, x1, z1, low, high)
         low, high = _widen(x1, z1, x2, z2, low, high)
         low, high = _widen(x2, z2, x0, z0, low, high)
-    top = math.ceil(max(2.0 * (eye.focal * low + eye.center_y) - 1e-6, 0.0))
-    bottom = math.floor(min(2.0 * (eye.focal * high + eye.center_y) + 1e-6, rows))
+    top = math.ceil(max(grain * (eye.focal * low + eye.center_y) - 1e-6, 0.0))
+    bottom = math.floor(min(grain * (eye.focal * high + eye.center_y) + 1e-6, rows))
     if top > bottom:
         return
 
-    ax, ay, az = y1 * z2 - z1 * y2, z1 * x2 - x1 * z2, x1 * y2 - y1 * x2
-    bx, by, bz = y2 * z0 - z2 * y0, z2 * x0 - x2 * z0, x2 * y0 - y2 * x0
-    cx, cy, cz = y0 * z1 - z0 * y1, z0 * x1 - x0 * z1, x0 * y1 - y0 * x1
-    volume = x0 * ax + y0 * ay + z0 * az
-    if volume == 0.0:
-        return  # seen exactly edge-on
     side = 1.0 if volume > 0.0 else -1.0
-    step = side * 0.5 / eye.focal
+    step = side / (grain * eye.focal)
     sx = side * eye.center_x / eye.focal
     sy = side * eye.center_y / eye.focal
     e = drawn.edges[t]
@@ -185,10 +194,10 @@ def draw_bands(
     inverse_depths: NDArray[np.float32],
     count_up: NDArray[np.float32],
 ) -> None:
-    """Write the nearest triangle (or NOTHING) of every sample in this thread's bands of `samples` (2 H + 1, 2 W + 1).
+    """Write the nearest triangle (or NOTHING) of every sample in this thread's bands.
 
-    Of two triangles at the same depth the first in the scene wins. `inverse_depths` (threads, 2 BAND, 2 W + 1) is room
-    for each thread; `count_up` (2 W + 1,) holds 0, 1, 2 …
+    `samples` is (grain · H + 1, grain · W + 1). Of two triangles at the same depth the first in the scene wins.
+    `inverse_depths` (threads, 2 BAND, grain · W + 1) is room for each thread, `count_up` (grain · W + 1,) holds 0, 1 …
     """
     bands = start.size - 1
     height = samples.shape[0]

@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from episodes.camera.renderer.textures import Atlas, build_atlas
 from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene
@@ -38,9 +40,10 @@ class Eye(NamedTuple):
     focal: float  # px
     center_x: float  # px, W / 2
     center_y: float  # px, H / 2
+    grain: int  # samples per pixel and direction, even
 
 
-def eye_of(pose: CameraPose, camera: CameraModel) -> Eye:
+def eye_of(pose: CameraPose, camera: CameraModel, grain: int = 2) -> Eye:
     """Return `pose` with its axes in NED and the pinhole of `camera`. Source: paper, "Back-projection"."""
     return Eye(
         position=as_floats(pose.position_ned),
@@ -50,14 +53,8 @@ def eye_of(pose: CameraPose, camera: CameraModel) -> Eye:
         focal=float(camera.focal_px),
         center_x=0.5 * camera.width,
         center_y=0.5 * camera.height,
+        grain=grain,
     )
-
-
-def depth_per_metre(camera: CameraModel) -> NDArray[np.float32]:
-    """Return (H, W): how far a metre along each pixel's ray reaches along the optical axis (its cosine)."""
-    x = (np.arange(camera.width) + 0.5 - 0.5 * camera.width) / camera.focal_px
-    y = (np.arange(camera.height) + 0.5 - 0.5 * camera.height) / camera.focal_px
-    return (1.0 / np.sqrt(1.0 + x[None, :] ** 2 + y[:, None] ** 2)).astype(np.float32)
 
 
 def as_floats(v: Vec3) -> Vec3:
@@ -79,10 +76,16 @@ class Triangles(NamedTuple):
     material: NDArray[np.int32]  # (T,) row of Surfaces
     instance: NDArray[np.int32]  # (T,) the instance's id
     plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece: no edge is smoothed between them
+    solid: NDArray[np.int8]  # (T,) of a closed surface, with its face outwards: 1, inwards: -1; 0: of an open one
     chunk_first: NDArray[np.int32]  # (C,) first triangle
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
+    solid_center: NDArray[np.float64]  # (C, 3) m, NED, of a sphere around all closed surfaces that the chunk is part of
+    solid_radius: NDArray[np.float64]  # (C,) m
+
+
+BY_CHUNK = ("chunk_first", "chunk_count", "chunk_center", "chunk_radius", "solid_center", "solid_radius")
 
 
 class Surfaces(NamedTuple):
@@ -104,6 +107,7 @@ class MovablePart:
     position: NDArray[np.float32]  # (n, 3, 3) m, FRD of the asset
     normal: NDArray[np.float32]  # (n, 3, 3) FRD of the asset
     face: NDArray[np.float32]  # (n, 3) FRD of the asset
+    solid_center: NDArray[np.float64]  # (c, 3) m, FRD of the asset, by chunk
 
 
 @dataclass(frozen=True)
@@ -135,6 +139,7 @@ def place(triangles: Triangles, part: MovablePart, position_ned: Vec3, turned: f
     far = np.maximum.reduceat((away**2).sum(axis=2).max(axis=1), starts)
     triangles.chunk_center[part.chunks] = center
     triangles.chunk_radius[part.chunks] = np.sqrt(far) * 1.0001 + 1e-3
+    triangles.solid_center[part.chunks] = part.solid_center @ turn + np.array(as_floats(position_ned))
 
 
 def place_all(layout: SceneArrays, moved: Moved) -> list[MovablePart]:
@@ -224,10 +229,13 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
         if id(mesh) not in laid_meshes:
             laid_meshes[id(mesh)] = _lay_mesh(mesh)
         of_mesh = laid_meshes[id(mesh)]
-        part = MovablePart(instance, rows, chunk_rows, of_mesh.position, of_mesh.normal, of_mesh.face)
+        part = MovablePart(
+            instance, rows, chunk_rows, of_mesh.position, of_mesh.normal, of_mesh.face, of_mesh.solid_center
+        )
         place(triangles, part, instance.position_ned, instance.turned)
         triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat
         triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
+        triangles.solid[rows], triangles.solid_radius[chunk_rows] = of_mesh.solid, of_mesh.solid_radius
         triangles.instance[rows] = instance.id
         if id(mesh) not in planes:
             planes[id(mesh)] = _flat_pieces(mesh, of_mesh.position, of_mesh.face)
@@ -252,17 +260,51 @@ class _LaidMesh:
     face: NDArray[np.float32]  # (T, 3)
     uv: NDArray[np.float32]  # (T, 3, 2)
     flat: NDArray[np.bool_]  # (T,)
+    solid: NDArray[np.int8]  # (T,)
+    solid_center: NDArray[np.float64]  # (C, 3) m, by chunk
+    solid_radius: NDArray[np.float64]  # (C,) m
 
 
 def _lay_mesh(mesh: Mesh) -> _LaidMesh:
     normal, uv = mesh.normals[mesh.triangles], mesh.uv[mesh.triangles]
+    solid, low, high = _closed_surfaces(mesh)
+    starts = np.arange(0, len(mesh.triangles), CHUNK)
+    low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
     return _LaidMesh(
+        solid=solid,
+        solid_center=0.5 * (low + high),
+        solid_radius=0.5 * np.linalg.norm(high - low, axis=1),
         position=mesh.vertices[mesh.triangles],
         normal=normal,
         face=face_normals(mesh),
         uv=uv - np.floor(uv.min(axis=1, keepdims=True)),  # small numbers keep their precision
         flat=(normal.max(axis=1) - normal.min(axis=1) < 1e-6).all(axis=1),
     )
+
+
+def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
+    """Return `Triangles.solid`, and the bounds (T, 3), m, of the connected surface that each triangle belongs to.
+
+    A surface is closed if every edge is passed as often one way as the other; its faces look outwards if the volume
+    within is positive. A triangle's back is never seen from outside such a surface.
+    """
+    places, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
+    corners = place.reshape(-1)[mesh.triangles]
+    begin, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    links = coo_array((np.where(begin < end, 1, -1), (np.minimum(begin, end), np.maximum(begin, end))))
+    links.resize(len(places), len(places))
+    count, surface_of = connected_components(links, directed=False)
+    links.sum_duplicates()
+    is_open = np.zeros(count, np.bool_)
+    is_open[surface_of[links.row[links.data != 0]]] = True
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, surface_of, places)
+    np.maximum.at(high, surface_of, places)
+    surface = surface_of[corners[:, 0]]
+    a, b, c = (places[corners[:, k]].astype(np.float64) for k in range(3))
+    volume = np.bincount(surface, np.einsum("ij,ij->i", a, np.cross(b, c)), count)
+    solid = np.where(is_open, 0, np.sign(volume)).astype(np.int8)
+    return solid[surface], low[surface], high[surface]
 
 
 def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
@@ -275,7 +317,7 @@ def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
     first = np.concatenate([before.chunk_first, np.array(starts, np.int32)])
     rows, chunks = filled - len(before.position), len(starts)
     columns = {
-        name: np.concatenate([old, np.zeros((chunks if name.startswith("chunk") else rows, *old.shape[1:]), old.dtype)])
+        name: np.concatenate([old, np.zeros((chunks if name in BY_CHUNK else rows, *old.shape[1:]), old.dtype)])
         for name, old in before._asdict().items()
     }
     return Triangles(**columns)._replace(
@@ -322,10 +364,13 @@ def _nothing() -> Laid:
         material=numbers,
         instance=numbers,
         plane=numbers,
+        solid=np.zeros(0, np.int8),
         chunk_first=numbers,
         chunk_count=numbers,
         chunk_center=np.zeros((0, 3)),
         chunk_radius=np.zeros(0),
+        solid_center=np.zeros((0, 3)),
+        solid_radius=np.zeros(0),
     )
     atlas: Atlas = build_atlas([])
     return Laid(SceneArrays(triangles, _surfaces([])[0], atlas, (), 0))

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
-from episodes.camera.renderer.layout import Laid, SceneArrays, depth_per_metre, eye_of, laid_out, lay_out, place_all
-from episodes.camera.renderer.shading import resolve_rows, shade_rows
+from episodes.camera.renderer.layout import Laid, SceneArrays, eye_of, laid_out, lay_out, place_all
+from episodes.camera.renderer.shading import Shot, measure_rows, resolve_rows, shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
 from episodes.camera.renderer.sky import daylight, display_table
 from episodes.maps.scene import Moved, Scene
@@ -21,7 +21,6 @@ from foundation.errors import UsageError
 from foundation.threads import once
 
 NOTHING_MOVED: Moved = MappingProxyType({})
-NO_DEPTH, NO_IDS = np.empty((0, 0), np.float32), np.empty((0, 0), np.int32)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,11 +39,13 @@ class Renderer:
     same for any number of threads. `render` may be called from several Python threads; they take turns.
     """
 
-    def __init__(self, scene: Scene, camera: CameraModel, threads: int = 2, shadow_cells: int = CELLS) -> None:
+    def __init__(
+        self, scene: Scene, camera: CameraModel, threads: int = 2, shadow_cells: int = CELLS, grain: int = 2
+    ) -> None:
         """Lay out the scene and draw the shadows of static instances.
 
-        `shadow_cells` is the number of cells per side of the shadow map. Raises UsageError for an impossible camera or
-        a scene whose ids repeat.
+        `shadow_cells` is the number of cells per side of the shadow map, `grain` that of the samples of a pixel per
+        direction, an even number. Raises UsageError for an impossible camera or a scene whose ids repeat.
         """
         if camera.width < 1 or camera.height < 1 or not 0.0 < camera.hfov_deg < 180.0:
             raise UsageError(
@@ -59,12 +60,15 @@ class Renderer:
         self._day = daylight(scene.sun)
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
-        self._sheet = _sheet(camera)
+        self._grain = grain
+        self._sheet = _sheet(camera, grain)
         self._table = display_table()
         self._threads = max(1, threads)
         columns = self._sheet.samples.shape[1]
         self._inverse_depths = np.empty((self._threads, 2 * BAND, columns), np.float32)
         self._count_up = np.arange(columns, dtype=np.float32)
+        self._mixed = np.empty((self._threads, columns), np.bool_)
+        self._shaded = np.empty((self._threads, 1, 3), np.float32)
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
 
     def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
@@ -75,43 +79,31 @@ class Renderer:
         instance that cannot be moved.
         """
         shape = (self.camera.height, self.camera.width)
-        depth = np.empty(shape, np.float32)
-        ids = np.empty(shape, np.int32)
-        return View(rgb=self._draw(pose, moved, depth, ids), depth=depth, ids=ids)
+        depth, ids = np.empty(shape, np.float32), np.empty(shape, np.int32)
+        return View(self._draw(pose, moved, (depth, ids)), depth, ids)
 
     def picture(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> NDArray[np.uint8]:
         """Return only the picture, (H, W, 3) sRGB, that `render` returns. Raises UsageError as it does."""
-        return self._draw(pose, moved, NO_DEPTH, NO_IDS)
+        return self._draw(pose, moved, None)
 
     def _draw(
-        self, pose: CameraPose, moved: Moved, depth: NDArray[np.float32], ids: NDArray[np.int32]
+        self, pose: CameraPose, moved: Moved, measures: tuple[NDArray[np.float32], NDArray[np.int32]] | None
     ) -> NDArray[np.uint8]:
-        """Return the picture; fill `depth` and `ids` where they have rows."""
-        eye = eye_of(pose, self.camera)
+        """Return the picture; fill `measures`, depth and ids."""
+        eye = eye_of(pose, self.camera, self._grain)
         rgb = np.empty((self.camera.height, self.camera.width, 3), np.uint8)
-        sheet = self._sheet
-        with sheet.turn:
-            triangles, drawn, samples, light = self._layout.triangles, self._drawn, sheet.samples, sheet.light
-            with self._shadows.cast(triangles, place_all(self._layout, moved)) as sun:
+        with self._sheet.turn:
+            layout, drawn, samples, light = self._layout, self._drawn, self._sheet.samples, self._sheet.light
+            triangles = layout.triangles
+            with self._shadows.cast(triangles, place_all(layout, moved)) as sun:
                 self._together(set_up, triangles, eye, drawn)
                 start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
                 self._together(draw_bands, drawn, start, items, samples, self._inverse_depths, self._count_up)
-                self._together(
-                    shade_rows,
-                    eye,
-                    drawn,
-                    triangles,
-                    self._layout.surfaces,
-                    self._layout.atlas,
-                    sun,
-                    self._day,
-                    sheet.per_metre,
-                    samples,
-                    light,
-                    depth,
-                    ids,
-                )
-                self._together(resolve_rows, samples, triangles.plane, light, self._table, rgb)
+                shot = Shot(eye, drawn, triangles, layout.surfaces, layout.atlas, sun, self._day, samples)
+                self._together(shade_rows, shot, light)
+                self._together(resolve_rows, shot, light, self._table, rgb, self._mixed, self._shaded)
+                if measures:
+                    self._together(measure_rows, shot, *measures)
         return rgb
 
     def close(self) -> None:
@@ -132,20 +124,18 @@ class Renderer:
 class _Sheet:
     """The buffers of a picture, used by one renderer at a time."""
 
-    samples: NDArray[np.int32]  # (2 H + 1, 2 W + 1) which triangle
+    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) which triangle
     light: NDArray[np.float32]  # (H, W, 3)
-    per_metre: NDArray[np.float32]  # (H, W), of `depth_per_metre`
     turn: threading.Lock = field(default_factory=threading.Lock)
 
 
 @once(2)
-def _sheet(camera: CameraModel) -> _Sheet:
-    """Return the buffers that all renderers of this process share for such a camera: 30 MB at 1280×720."""
+def _sheet(camera: CameraModel, grain: int) -> _Sheet:
+    """Return the buffers that all renderers of this process share for such a camera: 26 MB at 1280×720."""
     height, width = camera.height, camera.width
     return _Sheet(
-        samples=np.empty((2 * height + 1, 2 * width + 1), np.int32),
+        samples=np.empty((grain * height + 1, grain * width + 1), np.int32),
         light=np.empty((height, width, 3), np.float32),
-        per_metre=depth_per_metre(camera),
     )
 
 

@@ -1,10 +1,12 @@
 """The light of each pixel with its depth and id, and the picture with smooth edges.
 
-Shading computes the light that leaves the surface towards the camera. Resolving smooths edges by the samples around
-each pixel and encodes the light as sRGB.
+Shading computes the light that leaves the surface towards the camera, at the middle of each pixel. Resolving smooths
+edges by the samples around each pixel, shades those of surfaces that no middle nearby sees, and encodes the light as
+sRGB.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,140 +20,187 @@ from foundation.compiled import njit
 from foundation.frames import Vec3
 
 FRESH = 4  # px, a power of two
+UNSEEN = -2  # in place of a triangle: none yet
+SLIVER = 1e-7  # of the volume: rounding must not put a thin triangle at infinity
+
+
+class Shot(NamedTuple):
+    """A picture whose samples are known: what its shading reads."""
+
+    eye: Eye
+    drawn: Drawn
+    triangles: Triangles
+    surfaces: Surfaces
+    atlas: Atlas
+    sun: SunMap
+    day: Daylight
+    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) the triangle that each sees
+
+
+@njit(cache=True, nogil=True)
+def measure_rows(
+    thread: int,
+    threads: int,
+    shot: Shot,
+    depth: NDArray[np.float32],
+    ids: NDArray[np.int32],
+) -> None:
+    """Fill this thread's rows of `depth` (H, W, m) and `ids` (H, W) from the samples at the middles of the pixels."""
+    drawn, samples, instance = shot.drawn, shot.samples, shot.triangles.instance
+    height, width = depth.shape
+    grain, middle = shot.eye.grain, shot.eye.grain // 2
+    for y in range(thread, height, threads):
+        j = grain * y + middle
+        for x in range(width):
+            i = grain * x + middle
+            t = samples[j, i]
+            if t < 0:
+                depth[y, x] = np.inf
+                ids[y, x] = 0
+            else:
+                e, volume = drawn.edges[t], drawn.volume[t]
+                weights = (e[0] + e[3] + e[6]) * i + (e[1] + e[4] + e[7]) * j + (e[2] + e[5] + e[8])
+                depth[y, x] = volume / max(weights, SLIVER * volume)
+                ids[y, x] = instance[t]
 
 
 @njit(cache=True, nogil=True)
 def shade_rows(
     thread: int,
     threads: int,
-    eye: Eye,
-    drawn: Drawn,
-    triangles: Triangles,
-    surfaces: Surfaces,
-    atlas: Atlas,
-    sun: SunMap,
-    day: Daylight,
-    per_metre: NDArray[np.float32],
-    samples: NDArray[np.int32],
+    shot: Shot,
     light: NDArray[np.float32],
-    depth: NDArray[np.float32],
-    ids: NDArray[np.int32],
 ) -> None:
-    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), `depth` (H, W, m) and `ids` (H, W).
-
-    Only the sample at the middle of each pixel counts. Values of a triangle are computed when the row enters it, and
-    the footprint of its texture every FRESH pixels. `depth` and `ids` without rows are left out.
-    """
+    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), each pixel by the sample at its middle."""
     height, width = light.shape[:2]
-    measured = len(depth) > 0
-    per_px = 1.0 / eye.focal
-    e, uv, base = drawn.edges[0], triangles.uv[0], surfaces.color[0]  # of the triangle of the last pixel
-    volume = emission = gloss = facing_sun = slope_x = slope_y = bias = 0.0
-    fn = fe = fd = nn = ne = nd = 0.0
-    mix = doublings = m = 0
-    level = np.int64(0)
-    step_u = step_v = 0.0
-    texture, flat = -1, True
+    grain, middle = shot.eye.grain, shot.eye.grain // 2
     for y in range(thread, height, threads):
-        j = 2.0 * y + 1.0
-        ry = (y + 0.5 - eye.center_y) * per_px
-        last = -2
-        seen, shown = samples[2 * y + 1], light[y]
-        cosine = per_metre[y]
-        for x in range(width):
-            i = 2.0 * x + 1.0
-            rx = (x + 0.5 - eye.center_x) * per_px
-            dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
-            de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
-            dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
-            per = float(cosine[x])  # of the ray's length to its depth
-            t = seen[2 * x + 1]
-            if t < 0:
-                r, g, b = sky_color(day, dn * per, de * per, dd * per)
-                shown[x, 0], shown[x, 1], shown[x, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
-                if measured:
-                    depth[y, x] = np.inf
-                    ids[y, x] = 0
-                continue
+        row = grain * y + middle
+        seen, shown = shot.samples[row], light[y]
+        x = 0
+        while x < width:
+            t, first = seen[grain * x + middle], x
+            while x < width and seen[grain * x + middle] == t:
+                x += 1
+            _shade(t, row, grain * first + middle, shot, shown[first:x])
 
-            entered = t != last
-            if entered:
-                last = t
-                e = drawn.edges[t]
-                volume = drawn.volume[t]
-                m = triangles.material[t]
-                base = surfaces.color[m]
-                uv = triangles.uv[t]
-                texture = surfaces.texture[m]
-                emission = float(surfaces.emission[m])
-                gloss = float(surfaces.specular[m])
-                # both normals on the side of the viewer, whatever the order of the corners
-                fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
-                if fn * dn + fe * de + fd * dd > 0.0:
-                    fn, fe, fd = -fn, -fe, -fd
-                facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
-                slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
-                flat = triangles.flat[t]
-                if flat:
-                    nn, ne, nd = _toward(
-                        triangles.normal[t, 0, 0], triangles.normal[t, 0, 1], triangles.normal[t, 0, 2], fn, fe, fd
-                    )
-            w0 = e[0] * i + e[1] * j + e[2]
-            w1 = e[3] * i + e[4] * j + e[5]
-            w2 = e[6] * i + e[7] * j + e[8]
-            share = 1.0 / max(w0 + w1 + w2, 1e-7 * volume)  # rounding must not put a sliver at infinity
-            z = volume * share
-            if measured:
-                depth[y, x] = z
-                ids[y, x] = triangles.instance[t]
-            w0 *= share
-            w1 *= share
-            w2 *= share
 
-            r, g, b = float(base[0]), float(base[1]), float(base[2])
-            if texture >= 0:
-                u = w0 * uv[0, 0] + w1 * uv[1, 0] + w2 * uv[2, 0]
-                v = w0 * uv[0, 1] + w1 * uv[1, 1] + w2 * uv[2, 1]
-                if entered or x & (FRESH - 1) == 0:
-                    k = 2.0 * share  # two samples per pixel
-                    ux = k * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
-                    vx = k * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
-                    uy = k * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
-                    vy = k * (e[1] * (uv[0, 1] - v) + e[4] * (uv[1, 1] - v) + e[7] * (uv[2, 1] - v))
-                    level, mix, doublings, step_u, step_v = footprint(atlas, texture, ux, vx, uy, vy)
-                tr, tg, tb = texture_color(atlas, u, v, level, mix, doublings, step_u, step_v)
-                r *= tr
-                g *= tg
-                b *= tb
+@njit(cache=True, nogil=True, inline="always")
+def _shade(
+    t: int,
+    row: int,
+    first: int,
+    shot: Shot,
+    light: NDArray[np.float32],
+) -> None:
+    """Fill `light` (n, 3) with the light at n samples a pixel apart in a row, from the sample (row, first) on.
 
-            if not flat:
-                nn, ne, nd = _toward(
-                    w0 * triangles.normal[t, 0, 0] + w1 * triangles.normal[t, 1, 0] + w2 * triangles.normal[t, 2, 0],
-                    w0 * triangles.normal[t, 0, 1] + w1 * triangles.normal[t, 1, 1] + w2 * triangles.normal[t, 2, 1],
-                    w0 * triangles.normal[t, 0, 2] + w1 * triangles.normal[t, 1, 2] + w2 * triangles.normal[t, 2, 2],
-                    fn,
-                    fe,
-                    fd,
-                )
-            direct = 0.0
-            if facing_sun > 0.0:
-                direct = max(day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd, 0.0)
-                pn, pe, pd = eye.position[0] + z * dn, eye.position[1] + z * de, eye.position[2] + z * dd
-                direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
-            above = 0.5 - 0.5 * nd
-            below = 1.0 - above
-            lr = r * (day.sun[0] * direct + day.ambient[0] * above + day.bounce[0] * below + emission)
-            lg = g * (day.sun[1] * direct + day.ambient[1] * above + day.bounce[1] * below + emission)
-            lb = b * (day.sun[2] * direct + day.ambient[2] * above + day.bounce[2] * below + emission)
-            if gloss > 0.0:
-                lr, lg, lb = _polish(day, gloss, direct, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb)
+    They all see triangle `t`, or the sky if it is negative. The footprint of a texture is computed every FRESH pixels.
+    """
+    eye, drawn, triangles, surfaces, atlas, sun, day = (
+        shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.sun, shot.day
+    )  # fmt: skip
+    per_px = 1.0 / eye.focal
+    per_sample = 1.0 / eye.grain
+    j = float(row)
+    ry = (j * per_sample - eye.center_y) * per_px
+    if t < 0:
+        for x in range(len(light)):
+            rx = ((first + eye.grain * x) * per_sample - eye.center_x) * per_px
+            per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)
+            r, g, b = sky_color(
+                day,
+                (eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]) * per,
+                (eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]) * per,
+                (eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]) * per,
+            )
+            light[x, 0], light[x, 1], light[x, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
+        return
 
-            air = z * (1.0 / HAZE_LENGTH_M)  # and below with air / per, to the second order: exp(-air / per)
-            clear = per * per / (per * per + per * air + 0.5 * air * air)
-            lr = day.horizon[0] + (lr - day.horizon[0]) * clear
-            lg = day.horizon[1] + (lg - day.horizon[1]) * clear
-            lb = day.horizon[2] + (lb - day.horizon[2]) * clear
-            shown[x, 0], shown[x, 1], shown[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
+    e, uv, normal, volume = drawn.edges[t], triangles.uv[t], triangles.normal[t], drawn.volume[t]
+    m = triangles.material[t]
+    base, texture = surfaces.color[m], surfaces.texture[m]
+    emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
+    # both normals on the side of the viewer, whatever the order of the corners
+    rx = (first * per_sample - eye.center_x) * per_px
+    dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
+    de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
+    dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
+    fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
+    if fn * dn + fe * de + fd * dd > 0.0:
+        fn, fe, fd = -fn, -fe, -fd
+    facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
+    slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
+    flat = triangles.flat[t]
+    nn, ne, nd = fn, fe, fd
+    if flat:
+        nn, ne, nd = _toward(normal[0, 0], normal[0, 1], normal[0, 2], fn, fe, fd)
+    # a texture is read once for every two samples of a pixel each way, as finely as edges are smoothed
+    reads = eye.grain // 2
+    level, mix, doublings, step_u, step_v = np.int64(0), 0, 0, 0.0, 0.0
+    ux = vx = uy = vy = 0.0
+    for x in range(len(light)):
+        i = float(first + eye.grain * x)
+        rx = (i * per_sample - eye.center_x) * per_px
+        dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
+        de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
+        dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
+        per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)  # of the ray's length to its depth
+        w0 = e[0] * i + e[1] * j + e[2]
+        w1 = e[3] * i + e[4] * j + e[5]
+        w2 = e[6] * i + e[7] * j + e[8]
+        share = 1.0 / max(w0 + w1 + w2, SLIVER * volume)
+        z = volume * share
+        w0 *= share
+        w1 *= share
+        w2 *= share
+
+        r, g, b = float(base[0]), float(base[1]), float(base[2])
+        if texture >= 0:
+            u = w0 * uv[0, 0] + w1 * uv[1, 0] + w2 * uv[2, 0]
+            v = w0 * uv[0, 1] + w1 * uv[1, 1] + w2 * uv[2, 1]
+            if x & (FRESH - 1) == 0:
+                k = 2.0 * share  # two samples
+                ux = k * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
+                vx = k * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
+                uy = k * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
+                vy = k * (e[1] * (uv[0, 1] - v) + e[4] * (uv[1, 1] - v) + e[7] * (uv[2, 1] - v))
+                level, mix, doublings, step_u, step_v = footprint(atlas, texture, ux, vx, uy, vy)
+            tr, tg, tb = texture_color(
+                atlas, u, v, level, mix, doublings, step_u, step_v, ux, vx, uy, vy, reads
+            )  # fmt: skip
+            r *= tr
+            g *= tg
+            b *= tb
+
+        if not flat:
+            nn, ne, nd = _toward(
+                w0 * normal[0, 0] + w1 * normal[1, 0] + w2 * normal[2, 0],
+                w0 * normal[0, 1] + w1 * normal[1, 1] + w2 * normal[2, 1],
+                w0 * normal[0, 2] + w1 * normal[1, 2] + w2 * normal[2, 2],
+                fn,
+                fe,
+                fd,
+            )
+        direct = 0.0
+        if facing_sun > 0.0:
+            direct = max(day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd, 0.0)
+            pn, pe, pd = eye.position[0] + z * dn, eye.position[1] + z * de, eye.position[2] + z * dd
+            direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
+        above = 0.5 - 0.5 * nd
+        below = 1.0 - above
+        lr = r * (day.sun[0] * direct + day.ambient[0] * above + day.bounce[0] * below + emission)
+        lg = g * (day.sun[1] * direct + day.ambient[1] * above + day.bounce[1] * below + emission)
+        lb = b * (day.sun[2] * direct + day.ambient[2] * above + day.bounce[2] * below + emission)
+        if gloss > 0.0:
+            lr, lg, lb = _polish(day, gloss, direct, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb)
+
+        air = z * (1.0 / HAZE_LENGTH_M)  # and below with air / per, to the second order: exp(-air / per)
+        clear = per * per / (per * per + per * air + 0.5 * air * air)
+        lr = day.horizon[0] + (lr - day.horizon[0]) * clear
+        lg = day.horizon[1] + (lg - day.horizon[1]) * clear
+        lb = day.horizon[2] + (lb - day.horizon[2]) * clear
+        light[x, 0], light[x, 1], light[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
 
 
 @njit(cache=True, nogil=True)
@@ -218,68 +267,89 @@ def _polish(
 def resolve_rows(
     thread: int,
     threads: int,
-    samples: NDArray[np.int32],
-    plane: NDArray[np.int32],
+    shot: Shot,
     light: NDArray[np.float32],
     table: NDArray[np.uint8],
     rgb: NDArray[np.uint8],
+    mixed: NDArray[np.bool_],
+    shaded: NDArray[np.float32],
 ) -> None:
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
-    A pixel whose nine samples see one flat piece keeps its colour. Elsewhere each sample counts with the weight of a
-    tent one pixel wide on either side, and brings the colour of the pixel beside it that sees the same piece; a piece
-    that no neighbouring middle sees is left out.
+    A pixel whose samples all see one triangle keeps its colour; elsewhere it is the mean of its samples, of which
+    those on its border count half. A sample has the colour of the pixel on its side that sees the same flat piece, or
+    is shaded itself. `mixed` (threads, grain · W + 1) and `shaded` (threads, 1, 3) are room for each thread.
     """
     height, width = rgb.shape[:2]
+    samples, plane = shot.samples, shot.triangles.plane
+    grain, middle = shot.eye.grain, shot.eye.grain // 2
     scale, half = np.float32(STEPS / WHITE), np.float32(0.5)
+    edge = mixed[thread]
+    own = shaded[thread]
     for y in range(thread, height, threads):
-        j = 2 * y + 1
-        above, here, below = samples[j - 1], samples[j], samples[j + 1]
-        shaded, shown = light[y], rgb[y]
+        j = grain * y + middle
+        here, shown = samples[j], rgb[y]
+        _find_edges(samples[j - middle : j + middle + 1], middle, edge)
         for x in range(width):
-            i = 2 * x + 1
-            t = here[i]
-            same = (
-                above[i - 1] == t
-                and above[i] == t
-                and above[i + 1] == t
-                and here[i - 1] == t
-                and here[i + 1] == t
-                and below[i - 1] == t
-                and below[i] == t
-                and below[i + 1] == t
-            )
-            r = shaded[x, 0]
-            g = shaded[x, 1]
-            b = shaded[x, 2]
-            if not same:
-                piece = plane[t] if t >= 0 else -1
-                total = np.float32(4.0)
-                r *= total
-                g *= total
-                b *= total
-                for dy in range(-1, 2):
-                    for dx in range(-1, 2):
-                        if dx == 0 and dy == 0:
-                            continue
-                        s = samples[j + dy, i + dx]
-                        wanted = plane[s] if s >= 0 else -1
-                        qy, qx = y, x
-                        if wanted != piece:
-                            qy, qx = _find(samples, plane, wanted, y, x, dy, dx, height, width)
-                            if qy < 0:
-                                continue
-                        w = np.float32((2 - abs(dx)) * (2 - abs(dy)))
-                        r += w * light[qy, qx, 0]
-                        g += w * light[qy, qx, 1]
-                        b += w * light[qy, qx, 2]
-                        total += w
-                r /= total
-                g /= total
-                b /= total
+            first = grain * x
+            is_mixed = False
+            for i in range(first, first + grain + 1):
+                is_mixed |= edge[i]
+            r, g, b = light[y, x, 0], light[y, x, 1], light[y, x, 2]
+            if is_mixed:
+                centre = here[first + middle]
+                piece = plane[centre] if centre >= 0 else -1
+                before, before_own, weight = centre, UNSEEN, 0
+                cr, cg, cb = r, g, b
+                r = g = b = np.float32(0.0)
+                for dy in range(-middle, middle + 1):
+                    for dx in range(-middle, middle + 1):
+                        s = samples[j + dy, first + middle + dx]
+                        if s != before:
+                            before = s
+                            w = np.float32(weight)
+                            r += w * cr
+                            g += w * cg
+                            b += w * cb
+                            weight = 0
+                            wanted = plane[s] if s >= 0 else -1
+                            qy, qx = y, x
+                            if wanted != piece:
+                                qy, qx = _find(samples, plane, wanted, y, x, _sign(dy), _sign(dx), grain, height, width)
+                            if qy >= 0:
+                                cr, cg, cb = light[qy, qx, 0], light[qy, qx, 1], light[qy, qx, 2]
+                            else:
+                                if s != before_own:
+                                    before_own = s
+                                    _shade(s, j + dy, first + middle + dx, shot, own)
+                                cr, cg, cb = own[0, 0], own[0, 1], own[0, 2]
+                        weight += (1 if abs(dy) == middle else 2) * (1 if abs(dx) == middle else 2)
+                w, total = np.float32(weight), np.float32(4 * grain * grain)
+                r = (r + w * cr) / total
+                g = (g + w * cg) / total
+                b = (b + w * cb) / total
             shown[x, 0] = table[int(r * scale + half)]
             shown[x, 1] = table[int(g * scale + half)]
             shown[x, 2] = table[int(b * scale + half)]
+
+
+@njit(cache=True, nogil=True)
+def _find_edges(rows: NDArray[np.int32], middle: int, edge: NDArray[np.bool_]) -> None:
+    """Set `edge` (n,) where a column of `rows` (k, n) differs from its row `middle`, or that from its next sample."""
+    here = rows[middle]
+    last = len(here) - 1
+    for i in range(last):
+        edge[i] = here[i] != here[i + 1]
+    edge[last] = False
+    for k in range(len(rows)):
+        row = rows[k]
+        for i in range(last + 1):
+            edge[i] |= row[i] != here[i]
+
+
+@njit(cache=True, nogil=True)
+def _sign(d: int) -> int:
+    return (d > 0) - (d < 0)
 
 
 @njit(cache=True, nogil=True)
@@ -291,15 +361,16 @@ def _find(
     x: int,
     dy: int,
     dx: int,
+    grain: int,
     height: int,
     width: int,
 ) -> tuple[int, int]:
-    """Return the pixel beside the sample (dy, dx) of pixel (y, x) whose middle sees the piece `wanted`, or (-1, -1)."""
+    """Return the pixel beside (y, x), on the side (dy, dx), whose middle sees the piece `wanted`, or (-1, -1)."""
     for choice in range(3):
         qy = y + (dy if choice != 1 else 0)
         qx = x + (dx if choice != 2 else 0)
         if 0 <= qy < height and 0 <= qx < width:
-            s = samples[2 * qy + 1, 2 * qx + 1]
+            s = samples[grain * qy + grain // 2, grain * qx + grain // 2]
             if (plane[s] if s >= 0 else -1) == wanted:
                 return qy, qx
     return -1, -1

@@ -96,9 +96,9 @@ def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:
 def footprint(
     atlas: Atlas, texture: int, ux: float, vx: float, uy: float, vy: float
 ) -> tuple[np.int64, int, int, float, float]:
-    """Return (level, mix, doublings, step_u, step_v): how `texture_color` reads a pixel.
+    """Return (level, mix, doublings, step_u, step_v): how `texture_color` reads a texture.
 
-    (ux, vx) and (uy, vy) are the changes of (u, v) over one pixel to the right and down. The level is chosen by the
+    (ux, vx) and (uy, vy) are the changes of (u, v) over one read to the right and down. The level is chosen by the
     footprint's shorter axis and 2^doublings reads follow the longer one in steps of (step_u, step_v), so that a road
     seen at a grazing angle stays sharp across without shimmering along. `mix` of WEIGHT comes from the next level.
     """
@@ -125,37 +125,53 @@ def footprint(
 
 @njit(cache=True, nogil=True, inline="always")
 def texture_color(
-    atlas: Atlas, u: float, v: float, level: np.int64, mix: int, doublings: int, step_u: float, step_v: float
+    atlas: Atlas,
+    u: float,
+    v: float,
+    level: np.int64,
+    mix: int,
+    doublings: int,
+    step_u: float,
+    step_v: float,
+    ux: float,
+    vx: float,
+    uy: float,
+    vy: float,
+    reads: int,
 ) -> Vec3:
-    """Return the linear (r, g, b) at (u, v) for a `footprint`.
+    """Return the linear (r, g, b) around (u, v) for a `footprint`: the mean of `reads` × `reads` places.
 
-    Where one read is enough both levels are read, where there are several they take turns.
+    The places lie (ux, vx) and (uy, vy) apart; `reads` is a power of two. Where a place needs one read only, both
+    levels are read; where it needs several, they take turns.
     """
     texels, levels = atlas.texels, atlas.levels
     first, w, h = levels[level, 0], levels[level, 1], levels[level, 2]
+    upper = level + 1 if mix > 0 else level
+    first1, w1, h1 = levels[upper, 0], levels[upper, 1], levels[upper, 2]
+    pairs = 1 << max(doublings - 1, 0)
+    part = mix // (pairs * reads * reads)
+    rest = WEIGHT // (pairs * reads * reads) - part
+    # the second level's place: of a pair of reads the second, or the same
     if doublings == 0:
-        lanes = _bilinear(texels, first, w, h, u, v, WEIGHT - mix)
-        if mix > 0:
-            lanes += _bilinear(texels, levels[level + 1, 0], levels[level + 1, 1], levels[level + 1, 2], u, v, mix)
-    else:
-        pairs = 1 << (doublings - 1)
-        part = mix >> (doublings - 1)
-        rest = (WEIGHT >> (doublings - 1)) - part
-        tu = u - (pairs - 0.5) * step_u
-        tv = v - (pairs - 0.5) * step_v
-        lanes = np.uint64(0)
-        if part > 0:
-            first1, w1, h1 = levels[level + 1, 0], levels[level + 1, 1], levels[level + 1, 2]
+        step_u, step_v = 0.0, 0.0
+    back, start = 0.5 * (reads - 1), pairs - 0.5
+    ku, kv = u - back * (ux + uy) - start * step_u, v - back * (vx + vy) - start * step_v
+    lanes = np.uint64(0)
+    for _ in range(reads):
+        for _ in range(reads):
+            tu, tv = ku, kv
             for _ in range(pairs):
                 lanes += _bilinear(texels, first, w, h, tu, tv, rest)
-                lanes += _bilinear(texels, first1, w1, h1, tu + step_u, tv + step_v, part)
-                tu += 2.0 * step_u
-                tv += 2.0 * step_v
-        else:
-            for _ in range(pairs):
-                lanes += _bilinear(texels, first, w, h, tu, tv, rest)
-                tu += 2.0 * step_u
-                tv += 2.0 * step_v
+                tu += step_u
+                tv += step_v
+                if part > 0:
+                    lanes += _bilinear(texels, first1, w1, h1, tu, tv, part)
+                tu += step_u
+                tv += step_v
+            ku += ux
+            kv += vx
+        ku += uy - reads * ux
+        kv += vy - reads * vx
     k = 1.0 / (1023.0 * WEIGHT)
     r = k * np.int64(lanes >> LANE_2)
     g = k * np.int64((lanes >> LANE_1) & LANE_MASK)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from dronecats.flight.sitl import camera as camera_process
-from foundation.camera import Frame
+from foundation.camera import CameraModel, Frame
 from foundation.errors import UsageError
 
 HALF = b"GET /frame.bmp HTTP/1.1\r\nHost: 127"
@@ -20,11 +20,13 @@ HALF = b"GET /frame.bmp HTTP/1.1\r\nHost: 127"
 class Camera:
     """Has one black picture, which it gives once `is_ready` is set."""
 
+    camera = CameraModel()
+
     def __init__(self) -> None:
         self.is_ready = threading.Event()
         self.is_ready.set()
 
-    def newest(self, drone: int) -> Frame:
+    def newest(self, drone: int, *, full: bool) -> Frame:
         assert self.is_ready.wait(10.0)
         return Frame(drone=0, image_rgb=np.zeros((4, 4, 3), np.uint8), frame_id=1, time_us=2)
 

@@ -133,6 +133,27 @@ def test_agrees_with_rays_traced_by_embree(seed):
         assert (error < 1e-3 * np.maximum(1.0, view.depth.ravel()[both])).mean() > 0.9999
 
 
+def test_more_samples_change_neither_depth_nor_ids():
+    scene, pose = random_boxes(3), looking((-40, 5, -4), 10, -5, 3)
+    coarse, fine = (Renderer(scene, CAMERA, shadow_cells=64, grain=grain).render(pose) for grain in (2, 4))
+    np.testing.assert_array_equal(fine.ids, coarse.ids)
+    np.testing.assert_allclose(fine.depth, coarse.depth, rtol=1e-5)
+
+
+def test_a_closed_box_has_walls_for_an_eye_within():
+    """Backs of closed surfaces are left out only where they cannot be seen."""
+    room = instance(1, box_mesh(10.0, 8.0, 6.0), (0.0, 0.0, 0.0), movable=True)
+    renderer = Renderer(scene_of([room]), CAMERA, shadow_cells=64)
+    for north, distance in ((0.0, 5.0), (-4.99, 9.99), (-5.02, 10.02)):  # the last one: the near plane cuts the wall
+        view = renderer.render(looking((north, 0.0, -3.0)))
+        assert (view.ids == 1).all()
+        assert view.depth[45, 80] == pytest.approx(distance, abs=1e-3)
+    moved = renderer.render(looking((0.0, 0.0, -3.0)), {1: ((2.0, 0.0, 0.0), 0.0)})
+    assert moved.depth[45, 80] == pytest.approx(7.0, abs=1e-3)
+    outside = renderer.render(looking((-20.0, 0.0, -3.0)))
+    assert outside.depth[45, 80] == pytest.approx(15.0, abs=1e-3)
+
+
 def test_the_camera_sits_ahead_of_and_below_the_body():
     attitude = quat_from_euler(0.1, -0.2, 2.0)
     pose = camera_pose((1.0, 2.0, -3.0), attitude, CameraModel())

@@ -3,9 +3,11 @@
 import hashlib
 import threading
 
+import cv2
 import numpy as np
 import pytest
 
+from episodes import maps
 from episodes.camera.renderer import Renderer
 from episodes.camera.renderer.textures import build_atlas
 from episodes.maps.scene import Material
@@ -217,6 +219,17 @@ def test_edges_are_smoothed():
     )
     levels = np.unique(view.rgb[10:110, 30:130, 0])
     assert len(levels) > 12
+
+
+def test_a_picture_with_more_samples_is_the_larger_one_reduced():
+    scene = maps.build("blocks")
+    n, e, d = scene.spawn_ned
+    pose = looking((n, e, d - 3.0), 40.0, -5.0)
+    large = Renderer(scene, CameraModel(640, 360)).picture(pose)
+    reduced = cv2.resize(large, (320, 180), interpolation=cv2.INTER_AREA).astype(float)
+    small = CameraModel(320, 180)
+    coarse, fine = (np.abs(Renderer(scene, small, grain=grain).picture(pose) - reduced).mean() for grain in (2, 4))
+    assert fine < 0.7 * coarse
 
 
 def test_thread_count_changes_no_byte():

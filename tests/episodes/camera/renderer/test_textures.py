@@ -8,21 +8,22 @@ from episodes.camera.renderer.textures import LANE_1, LANE_2, LANE_MASK, WEIGHT,
 ATLAS = build_atlas([np.random.default_rng(5).integers(0, 256, (48, 96, 3), dtype=np.uint8)])
 
 
-def every_read(u, v, level, mix, doublings, step_u, step_v):
-    """Return the colour with every read made, also those without weight."""
+def every_read(places, level, mix, doublings, step_u, step_v):
+    """Return the mean colour of places (u, v) with every read made, also those without weight."""
 
     def read(of, at_u, at_v, weight):
         first, w, h = ATLAS.levels[of]
         return int(textures._bilinear(ATLAS.texels, first, w, h, at_u, at_v, weight))
 
-    upper = min(level + 1, len(ATLAS.levels) - 1)
-    if doublings == 0:
-        lanes = read(level, u, v, WEIGHT - mix) + read(upper, u, v, mix)
-    else:
-        pairs = 1 << (doublings - 1)
-        part = mix >> (doublings - 1)
-        rest = (WEIGHT >> (doublings - 1)) - part
-        tu, tv, lanes = u - (pairs - 0.5) * step_u, v - (pairs - 0.5) * step_v, 0
+    upper, lanes = min(level + 1, len(ATLAS.levels) - 1), 0
+    pairs = 1 << max(doublings - 1, 0)
+    part = mix // (pairs * len(places))
+    rest = WEIGHT // (pairs * len(places)) - part
+    for u, v in places:
+        if doublings == 0:
+            lanes += read(level, u, v, rest) + read(upper, u, v, part)
+            continue
+        tu, tv = u - (pairs - 0.5) * step_u, v - (pairs - 0.5) * step_v
         for _ in range(pairs):
             lanes += read(level, tu, tv, rest) + read(upper, tu + step_u, tv + step_v, part)
             tu, tv = tu + 2.0 * step_u, tv + 2.0 * step_v
@@ -40,6 +41,13 @@ def test_a_colour_is_that_of_every_read():
             for level in (0, 2, len(ATLAS.levels) - 2):
                 for _ in range(50):
                     u, v = draw.uniform(-3.0, 3.0, 2)
-                    step_u, step_v = draw.uniform(-0.2, 0.2, 2)
-                    found = texture_color(ATLAS, u, v, np.int64(level), mix, doublings, step_u, step_v)
-                    assert found == every_read(u, v, level, mix, doublings, step_u, step_v), (doublings, mix)
+                    (step_u, step_v), right, down = draw.uniform(-0.2, 0.2, (3, 2))
+                    how = np.int64(level), mix, doublings, step_u, step_v
+                    one = texture_color(ATLAS, u, v, *how, *right, *down, 1)
+                    assert one == every_read([(u, v)], *how), (doublings, mix)
+                    four = [
+                        (u + 0.5 * (i * right[0] + j * down[0]), v + 0.5 * (i * right[1] + j * down[1]))
+                        for i, j in ((-1, -1), (1, -1), (-1, 1), (1, 1))
+                    ]
+                    found = texture_color(ATLAS, u, v, *how, *right, *down, 2)
+                    np.testing.assert_allclose(found, every_read(four, *how), rtol=0.02, atol=0.002)
