@@ -1,13 +1,16 @@
 """Measures the time of a frame of the forward camera.
 
-    python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--short] [--peers --peers-dir DIR]
+    python -m benchmarks.render [--json] [--map NAME] [--repeat N] [--threads N] [--poses N] [--short]
+                                [--peers --peers-dir DIR]
 
-prints, for each shipped map in a process of its own, the median milliseconds per frame at 1280×720 and 640×360, of four
-drones that share one world at 640×360, and the resident memory in MB. `cpu_ms…` counts all processors, which says more
-than the wall where other programs run too; `…_per_loop` is that divided by `python_loop_ms`, which tells little of the
-machine (`benchmarks/machine.py`). The figures that stand first are the residential map's. `--peers` draws that map,
-from the same poses, with the software renderers of MuJoCo and PyBullet. `--short` only shows, in seconds, that every
-figure can be had: one round over the simplest map, which is then what the peers draw.
+prints, for each shipped map in a process of its own, the median milliseconds per frame at 1280×720 and 640×360, of the
+agent's picture until it is a JPEG, of those of four drones that share one world, and the resident memory in MB.
+`ssim…` compare the agent's picture with the frame of 1280×720 reduced to its size, over `--poses` places of the map.
+`cpu_ms…` counts all processors, which says more than the wall where other programs run too; `…_per_loop` is that
+divided by `python_loop_ms`, which tells little of the machine (`benchmarks/machine.py`). The figures that stand first
+are the residential map's. `--peers` draws that map, from the same poses, with the software renderers of MuJoCo and
+PyBullet. `--short` only shows, in seconds, that every figure can be had: one round over the simplest map, which is then
+what the peers draw.
 """
 
 import json
@@ -17,23 +20,28 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import psutil
+from numpy.typing import NDArray
 
 from benchmarks import render_peers
 from benchmarks.machine import Machine, benchmark_parser
 from benchmarks.render_export import export
+from dronecats.flight.sitl.camera import GRAIN
 from episodes import maps
 from episodes.camera.renderer import Renderer
 from episodes.maps.scene import Scene
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, encode, reduced
 from foundation.frames import quat_from_euler
 
 MAPS = ("residential", "campus", "blocks")
 SIMPLEST = "blocks"
-FIRST = ("ms_1280x720", "ms_640x360", "ms_fleet4_640x360", "cpu_ms_1280x720_per_loop", "rss_mb")
+FIRST = ("ms_1280x720", "ms_640x360", "ms_agent", "ms_fleet4_agent", "cpu_ms_agent_per_loop", "ssim_mean", "rss_mb")
 FLEET = 4
 VIEWS = 8  # headings over which a figure is taken
 LARGE, SMALL = CameraModel(1280, 720), CameraModel(640, 360)
@@ -46,31 +54,60 @@ def headings(scene: Scene, count: int, height: float = 6.0) -> list[CameraPose]:
     return [CameraPose((n, e, d - height), quat_from_euler(0.0, -0.08, turn)) for turn in turns]
 
 
-def frame_ms(renderer: Renderer, poses: list[CameraPose], repeat: int) -> tuple[float, float]:
+def frame_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repeat: int) -> tuple[float, float]:
     """Return the median time of one frame over `repeat` rounds of `poses`: by the wall, and by all processors (ms)."""
-    renderer.render(poses[0])
+    draw(poses[0])
     walls, cpus = [], []
     for _ in range(repeat):
         for pose in poses:
             wall, cpu = time.perf_counter(), time.process_time()
-            renderer.render(pose)
+            draw(pose)
             walls.append(1e3 * (time.perf_counter() - wall))
             cpus.append(1e3 * (time.process_time() - cpu))
     return statistics.median(walls), statistics.median(cpus)
 
 
-def fleet_ms(renderer: Renderer, poses: list[CameraPose], repeat: int) -> float:
+def fleet_ms(draw: Callable[[CameraPose], object], poses: list[CameraPose], repeat: int) -> float:
     """Return the median time of one frame of each pose (ms), one after the other."""
     rounds = []
     for _ in range(repeat):
         begun = time.perf_counter()
         for pose in poses:
-            renderer.render(pose)
+            draw(pose)
         rounds.append(1e3 * (time.perf_counter() - begun))
     return statistics.median(rounds)
 
 
-def measure(name: str, repeat: int, threads: int) -> dict[str, float | int]:
+def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> float:
+    """Return the mean structural similarity of two RGB pictures, of their grey.
+
+    Source: Wang et al., "Image quality assessment: from error visibility to structural similarity", 2004, with its
+    window (Gaussian, 11 px, 1.5 px) and constants.
+    """
+    x, y = (cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY).astype(np.float64) for picture in (a, b))
+    mean_x, mean_y, xx, yy, xy = (cv2.GaussianBlur(v, (11, 11), 1.5) for v in (x, y, x * x, y * y, x * y))
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    both = mean_x * mean_y
+    alike = (2 * both + c1) * (2 * (xy - both) + c2)
+    spread = (mean_x**2 + mean_y**2 + c1) * (xx - mean_x**2 + yy - mean_y**2 + c2)
+    return float((alike / spread).mean())
+
+
+def places(scene: Scene, count: int) -> list[CameraPose]:
+    """Return poses from 1.5 to 20 m above the ground around the map's free place, drawn at random from a fixed seed."""
+    rng = np.random.default_rng(1)
+    poses = []
+    for k in range(count):
+        height = (1.5, 3.0, 8.0, 20.0)[k % 4]
+        n, e, _ = (float(at) for at in scene.spawn_ned + np.append(rng.normal(scale=8.0, size=2), 0.0))
+        d = float(scene.spawn_ned[2]) - height
+        down = -0.3 if height > 10.0 else 0.0
+        roll, pitch, yaw = rng.normal(scale=0.03), rng.normal(down, 0.08), rng.uniform(0.0, 2.0 * math.pi)
+        poses.append(CameraPose((n, e, d), quat_from_euler(float(roll), float(pitch), float(yaw))))
+    return poses
+
+
+def measure(name: str, repeat: int, threads: int, compared_poses: int) -> dict[str, float | int]:
     """Return the figures of one map. Raises UsageError for a map that does not exist."""
     scene = maps.build(name)
     poses = headings(scene, VIEWS)
@@ -79,22 +116,35 @@ def measure(name: str, repeat: int, threads: int) -> dict[str, float | int]:
     large = Renderer(scene, LARGE, threads)
     large.render(poses[0])
     ready_s = time.perf_counter() - begun
-    ms_large, cpu_large = frame_ms(large, poses, repeat)
+    ms_large, cpu_large = frame_ms(large.render, poses, repeat)
     rss_mb = psutil.Process().memory_info().rss / 1e6
-    large.close()
     small = Renderer(scene, SMALL, threads)
-    ms_small, cpu_small = frame_ms(small, poses, repeat)
-    ms_fleet = fleet_ms(small, headings(scene, FLEET, 4.0), 2 * repeat)
+    ms_small, cpu_small = frame_ms(small.render, poses, repeat)
     small.close()
+    agents = Renderer(scene, SMALL, threads, grain=GRAIN)
+
+    def jpeg(pose: CameraPose) -> bytes:
+        return encode(agents.picture(pose))
+
+    ms_agent, cpu_agent = frame_ms(jpeg, poses, repeat)
+    ms_fleet = fleet_ms(jpeg, headings(scene, FLEET, 4.0), 2 * repeat)
+    alike = [ssim(agents.picture(pose), reduced(large.picture(pose))) for pose in places(scene, compared_poses)]
+    large.close()
+    agents.close()
     machine.look()
     return {
         "ms_1280x720": round(ms_large, 1),
         "ms_640x360": round(ms_small, 1),
-        "ms_fleet4_640x360": round(ms_fleet, 1),
+        "ms_agent": round(ms_agent, 1),
+        "ms_fleet4_agent": round(ms_fleet, 1),
         "cpu_ms_1280x720": round(cpu_large, 1),
         "cpu_ms_640x360": round(cpu_small, 1),
+        "cpu_ms_agent": round(cpu_agent, 1),
         "cpu_ms_1280x720_per_loop": machine.per_loop(cpu_large),
         "cpu_ms_640x360_per_loop": machine.per_loop(cpu_small),
+        "cpu_ms_agent_per_loop": machine.per_loop(cpu_agent),
+        "ssim_mean": round(statistics.mean(alike), 4),
+        "ssim_min": round(min(alike), 4),
         "python_loop_ms": round(machine.loop_ms, 1),
         "rss_mb": round(rss_mb),
         "ready_s": round(ready_s, 1),
@@ -103,10 +153,10 @@ def measure(name: str, repeat: int, threads: int) -> dict[str, float | int]:
     }
 
 
-def measured_apart(name: str, repeat: int, threads: int) -> dict[str, Any]:
+def measured_apart(name: str, repeat: int, threads: int, compared_poses: int) -> dict[str, Any]:
     """Return the figures of one map, taken in a process that has never seen another: memory is per process."""
     command = [sys.executable, "-m", "benchmarks.render", "--json", "--map", name]
-    command += ["--repeat", str(repeat), "--threads", str(threads)]
+    command += ["--repeat", str(repeat), "--threads", str(threads), "--poses", str(compared_poses)]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=True)
     return dict(json.loads(done.stdout)["maps"][name])
 
@@ -122,7 +172,9 @@ def compared(name: str, folder: Path, repeat: int, threads: int) -> dict[str, An
         def ours() -> dict[str, float]:
             figures = {}
             for (w, h), renderer in renderers.items():
-                figures[f"ms_{w}x{h}"], figures[f"cpu_ms_{w}x{h}"] = frame_ms(renderer, poses, max(1, repeat // 2))
+                figures[f"ms_{w}x{h}"], figures[f"cpu_ms_{w}x{h}"] = frame_ms(
+                    renderer.render, poses, max(1, repeat // 2)
+                )
             return figures
 
         peers = render_peers.compare(folder, Path(kept), ours)
@@ -136,17 +188,18 @@ def main() -> None:
     parser.add_argument("--map", metavar="NAME", help="this map alone")
     parser.add_argument("--repeat", type=int, default=4, help="rounds over the poses")
     parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--poses", type=int, default=40, help="places where the agent's picture is compared")
     parser.add_argument("--peers", action="store_true", help="draw with MuJoCo and PyBullet as well")
     parser.add_argument("--peers-dir", type=Path, default=Path("peers"), metavar="DIR", help="their environments")
     args = parser.parse_args()
-    repeat, drawn = max(1, args.repeat), MAPS[0]
+    repeat, poses, drawn = max(1, args.repeat), max(1, args.poses), MAPS[0]
     if args.short:
-        repeat, args.map, drawn = 1, SIMPLEST, SIMPLEST
+        repeat, poses, args.map, drawn = 1, 2, SIMPLEST, SIMPLEST
     machine = Machine()
     if args.map:
-        by_map = {args.map: measure(args.map, repeat, args.threads)}
+        by_map = {args.map: measure(args.map, repeat, args.threads, poses)}
     else:
-        by_map = {name: measured_apart(name, repeat, args.threads) for name in MAPS}
+        by_map = {name: measured_apart(name, repeat, args.threads, poses) for name in MAPS}
     first = next(iter(by_map.values()))
     figures: dict[str, Any] = {
         **{name: first[name] for name in FIRST},

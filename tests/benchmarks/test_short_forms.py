@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 # which the others are made of: no command
 PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers", "render_export"}
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
-MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "fleet4_640x360")}
+MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "agent", "fleet4_agent")}
 
 
 def printed(module: str, *arguments: str) -> list[dict[str, Any]]:
@@ -89,7 +89,8 @@ def test_agent():
 def test_render(tmp_path):
     (found,) = printed("render", "--peers", "--peers-dir", str(tmp_path))
     assert_figures(found, MILLISECONDS | {"rss_mb"})
-    assert_figures(found["maps"]["blocks"], MILLISECONDS | {"cpu_ms_1280x720_per_loop", "cpu_ms_640x360_per_loop"})
+    more = {"cpu_ms_1280x720_per_loop", "cpu_ms_agent_per_loop", "ssim_mean"}
+    assert_figures(found["maps"]["blocks"], MILLISECONDS | more)
     assert found["machine"]["python_loop_ms"] > 0.0
     assert {peer["note"].split(":")[0] for peer in found["peers"].values()} == {"absent"}
 
