@@ -63,7 +63,7 @@ def test_a_client_chooses_the_width_of_its_frames(world):
 
     def shape(query):
         data = urllib.request.urlopen(url + query, timeout=60.0).read()
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR).shape
+        return np.asarray(cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)).shape
 
     try:
         assert shape("") == shape("?width=1280&drone=1") == (720, 1280, 3)

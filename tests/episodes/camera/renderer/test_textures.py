@@ -43,11 +43,11 @@ def test_a_colour_is_that_of_every_read():
                     u, v = draw.uniform(-3.0, 3.0, 2)
                     (step_u, step_v), right, down = draw.uniform(-0.2, 0.2, (3, 2))
                     how = np.int64(level), mix, doublings, step_u, step_v
-                    one = texture_color(ATLAS, u, v, *how, *right, *down, 1)
+                    one = texture_color(ATLAS, u, v, *how, right[0], right[1], down[0], down[1], 1)
                     assert one == every_read([(u, v)], *how), (doublings, mix)
                     four = [
                         (u + 0.5 * (i * right[0] + j * down[0]), v + 0.5 * (i * right[1] + j * down[1]))
                         for i, j in ((-1, -1), (1, -1), (-1, 1), (1, 1))
                     ]
-                    found = texture_color(ATLAS, u, v, *how, *right, *down, 2)
+                    found = texture_color(ATLAS, u, v, *how, right[0], right[1], down[0], down[1], 2)
                     np.testing.assert_allclose(found, every_read(four, *how), rtol=0.02, atol=0.002)
