@@ -119,7 +119,7 @@ def test_a_fraction_that_is_none_is_refused():
         (4, ["D"], "D = ABC.*'D'"),
         (4, ["D ="], "D = ABC.*'D ='"),
         (4, ["CD = AB"], "D = ABC.*'CD = AB'"),
-        (4, ["D = ABZ"], "'ABZ'.* f0, f1, f2, f3, .* ABCD"),
+        (4, ["D = ABZ"], "'ABZ'.* .f0, f1, f2, f3.* ABCD"),
         (4, ["D = AD"], "'D = AD'"),
         (4, ["D = AAB"], "'D = AAB'"),
         (4, ["D = AB", "D = AC"], "'D = AC'"),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
 from episodes.camera.renderer.layout import Laid, SceneArrays, eye_of, laid_out, lay_out, place_all
-from episodes.camera.renderer.shading import Shot, measure_rows, resolve_rows, shade_rows
+from episodes.camera.renderer.shading import ShadingInput, measure_rows, resolve_rows, shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
 from episodes.camera.renderer.sky import daylight, display_table
 from episodes.maps.scene import Moved, Scene
@@ -99,7 +99,7 @@ class Renderer:
                 self._together(set_up, triangles, eye, drawn)
                 start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
                 self._together(draw_bands, drawn, start, items, samples, self._inverse_depths, self._count_up)
-                shot = Shot(eye, drawn, triangles, layout.surfaces, layout.atlas, sun, self._day, samples)
+                shot = ShadingInput(eye, drawn, triangles, layout.surfaces, layout.atlas, sun, self._day, samples)
                 self._together(shade_rows, shot, light)
                 self._together(resolve_rows, shot, light, self._table, rgb, self._mixed, self._shaded)
                 if measures:

@@ -24,7 +24,7 @@ UNSEEN = -2  # in place of a triangle: none yet
 SLIVER = 1e-7  # of the volume: rounding must not put a thin triangle at infinity
 
 
-class Shot(NamedTuple):
+class ShadingInput(NamedTuple):
     """A picture whose samples are known: what its shading reads."""
 
     eye: Eye
@@ -41,7 +41,7 @@ class Shot(NamedTuple):
 def measure_rows(
     thread: int,
     threads: int,
-    shot: Shot,
+    shot: ShadingInput,
     depth: NDArray[np.float32],
     ids: NDArray[np.int32],
 ) -> None:
@@ -68,7 +68,7 @@ def measure_rows(
 def shade_rows(
     thread: int,
     threads: int,
-    shot: Shot,
+    shot: ShadingInput,
     light: NDArray[np.float32],
 ) -> None:
     """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), each pixel by the sample at its middle."""
@@ -90,7 +90,7 @@ def _shade(
     t: int,
     row: int,
     first: int,
-    shot: Shot,
+    shot: ShadingInput,
     light: NDArray[np.float32],
 ) -> None:
     """Fill `light` (n, 3) with the light at n samples a pixel apart in a row, from the sample (row, first) on.
@@ -267,7 +267,7 @@ def _polish(
 def resolve_rows(
     thread: int,
     threads: int,
-    shot: Shot,
+    shot: ShadingInput,
     light: NDArray[np.float32],
     table: NDArray[np.uint8],
     rgb: NDArray[np.uint8],

@@ -83,10 +83,9 @@ def test_each_says_what_it_is() -> None:
         assert roster.check(f"blind:{name}") == f"blind:{name}", name
 
 
-def test_an_unknown_one_is_refused_with_all_that_there_are() -> None:
-    with pytest.raises(UsageError) as refused:
+def test_an_unknown_one_is_refused_and_the_nearest_is_suggested() -> None:
+    with pytest.raises(UsageError, match="spiral'"):
         roster.check("blind:spirall")
-    assert all(name in str(refused.value) for name in NAMES)
     with pytest.raises(UsageError):
         roster.check("spiral")
 
