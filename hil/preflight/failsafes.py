@@ -54,7 +54,8 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
         reason = "the vehicle would follow the sticks, even a throttle that is down; with Hold it stays in place"
     else:
         reason = "without stick input the vehicle sinks to the ground in that mode; with Hold it stays in place"
-    return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}: {reason.partition(';')[0]}", reason)
+    effect = reason.partition(";")[0]
+    return _mend("COM_OBL_RC_ACT", value, 5, f"{lost}. {effect[0].upper()}{effect[1:]}", reason)
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
