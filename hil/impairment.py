@@ -30,22 +30,32 @@ def _cut_words(cuts: tuple[tuple[float, float], ...]) -> str:
 class Impairment:
     """One direction of a wire. The defaults are a perfect one. A unit is a frame."""
 
-    loss: float = number(0.0, "loss", "share of frames that never arrive", high=1.0, words=LOST)
+    loss: float = number(0.0, "loss", "share of MAVLink frames that never arrive", high=1.0, words=LOST)
     delay_s: float = number(
-        0.0, "delay", "time that every frame takes", high=60.0, unit="s", words="a delay of {value:g} s", first=True
+        0.0,
+        "delay",
+        "time that every MAVLink frame takes",
+        high=60.0,
+        unit="s",
+        words="a delay of {value:g} s",
+        first=True,
     )
     jitter_s: float = number(
         0.0,
         "jitter",
-        "random delay up to this, added to the delay; the order stays",
+        "largest random delay, added to the constant delay; the order of the frames stays",
         high=60.0,
         unit="s",
         words="jitter of {value:g} s",
         first=True,
     )
-    duplicate: float = number(0.0, "duplicate", "share of frames that arrive twice", high=1.0, words=DOUBLED)
+    duplicate: float = number(0.0, "duplicate", "share of MAVLink frames that arrive twice", high=1.0, words=DOUBLED)
     reorder: float = number(
-        0.0, "reorder", f"share of frames that arrive {LATE_S:g} s late and out of order", high=1.0, words=REORDERED
+        0.0,
+        "reorder",
+        f"share of MAVLink frames that arrive {LATE_S:g} s late and out of order",
+        high=1.0,
+        words=REORDERED,
     )
     corrupt: float = number(
         0.0, "corrupt", "share of bytes that arrive changed", high=1.0, words="{percent:g} % of bytes wrong"

@@ -158,20 +158,24 @@ _FACTORS = (
     _word("agent", "`paper`, or another of the agents", lambda flight, level: replace(flight, agent=str(level))),
     _word("command", "how a fleet is commanded", lambda flight, level: replace(flight, **command_fields(str(level))),
           words=COMMANDS),
-    _latency("latency", "the time of every reply", FIXED, 0, _put_alone(FIXED), sets=REPLY_TIME),
-    _word(POLICY, "the time of replies, as in `--latency`", _put_policy, sets=REPLY_TIME),
-    _latency("rate", "the rate of replies", RATE, 0, _put_alone(RATE), sets=REPLY_TIME, low=SLOWEST_HZ),
-    _latency("jitter_cv", "the scatter of reply times at that rate, deviation over mean", JITTER, 1, _put_jitter(1)),
+    _latency("latency", "the same time for every reply", FIXED, 0, _put_alone(FIXED), sets=REPLY_TIME),
+    _word(POLICY, "a policy for the time of replies, as in `--latency`, for example `lognormal:0.5,0.6`", _put_policy,
+          sets=REPLY_TIME),
+    _latency("rate", "replies per second", RATE, 0, _put_alone(RATE), sets=REPLY_TIME, low=SLOWEST_HZ),
     _latency(
-        "jitter_rho", "the correlation of one reply's time with the next one's", JITTER, 2, _put_jitter(2),
+        "jitter_cv", "scatter of reply times around 1 / `rate`: standard deviation divided by mean", JITTER, 1,
+        _put_jitter(1),
+    ),
+    _latency(
+        "jitter_rho", "correlation of the times of successive replies", JITTER, 2, _put_jitter(2),
         refines="jitter_cv",
     ),
-    _latency("rate_cap", "the highest rate of replies", CAP, 0, _put_part(f"{CAP}:{{}}"), low=SLOWEST_HZ),
+    _latency("rate_cap", "highest number of replies per second", CAP, 0, _put_part(f"{CAP}:{{}}"), low=SLOWEST_HZ),
     _latency(
         "reply_stall_share", "share of replies that hang, for 1 s unless reply_stall_length is set", STALL, 0,
         _put_part(f"{STALL}:{{}},1"), refines="reply_stall_length",
     ),
-    _latency("reply_stall_length", "duration of a hang", STALL, 1, _put_stall_length, refines="reply_stall_share"),
+    _latency("reply_stall_length", "duration of each hang", STALL, 1, _put_stall_length, refines="reply_stall_share"),
     *(_disturbance(level) for _, _, level in disturbances.LEVELS),
 )  # fmt: skip
 FACTORS: Mapping[str, Factor] = {factor.name: factor for factor in _FACTORS}

@@ -250,65 +250,67 @@ class VehicleFaults:
             words=_wind_words,
             option=DisturbanceOption(
                 name="wind", metavar="N,E", help="m/s that the air moves north and east, for example --wind=-4,3",
-                more="together 30 at most",
+                more="the speed is at most 30",
                 read=lambda text: {"wind_ned": (*_pair("wind", text, "N,E in m/s, for example 4,-3"), 0.0)},
             ),
             levels=(
                 DisturbanceLevel(
-                    **WIND, help="steady and level; towards the north unless `wind_towards` says", put=_blow,
+                    **WIND, help="steady horizontal wind; it blows towards the north unless `wind_towards` is set",
+                    put=_blow,
                     get=lambda part: _speed(part.wind_ned),
                 ),
                 DisturbanceLevel(
                     name="wind_towards", high=360.0, unit="°",
-                    help="direction to which the wind blows; 0 is north, 90 east",
+                    help="direction towards which the wind blows; 0 is north, 90 east",
                     put=_turn, refines="wind", beside=True,
                 ),
             ),
         ),
     )  # fmt: skip
     gusts_w20: float = _disturbance(
-        0.0, "gusts", "Dryden gusts (MIL-F-8785C) of this wind 20 ft above the ground", high=30.0,
+        0.0, "gusts", "Dryden gusts (MIL-F-8785C); the value is the wind speed 20 ft above the ground", high=30.0,
         unit="m/s", words="gusts of a wind of {value:g} m/s at 20 ft", metavar="W20",
         more="7.7 is light, 15.4 moderate, 23 severe",
     )  # fmt: skip
     payload_kg: float = _disturbance(
         0.0, "payload", "mass of a load for which the autopilot is not tuned", high=20.0, unit="kg",
         words="a payload of {value:g} kg", metavar="KG",
-        more="halfway down the legs, with its inertia; gains and hover thrust stay those of the bare airframe",
+        more="the load hangs halfway down the legs; gains and hover thrust remain those of the bare airframe",
     )  # fmt: skip
     gps_delay_s: float = _disturbance(
         0.0, "gps_delay", "how much older GPS fixes are than their time stamps", high=1.4, unit="s",
         words="fixes are {value:g} s older than they say", metavar="S",
-        more="the autopilot does not correct for it, so its estimate lags behind the motion",
+        more="the autopilot does not correct for the delay, so its estimate lags behind the motion",
     )  # fmt: skip
     gps_noise: float = _disturbance(
         1.0, "gps_noise", "factor on the position and velocity errors of GPS fixes", high=100.0, unit="×",
         words="GPS noise × {value:g}", metavar="X",
-        more="fixes jump at the start of the episode, since slow errors grow too; the reported accuracy stays",
+        more="the factor begins with the episode and also multiplies slow errors, so the position jumps at that time; "
+        "the accuracy that the GPS reports stays the same",
     )  # fmt: skip
     estimator_noise: float = _disturbance(
         1.0, "sensor_noise", "factor on noise and drift of gyroscope, accelerometer, compass and barometer",
         high=100.0, unit="×", words="sensor noise × {value:g}", metavar="X",
-        more="the barometer jumps at the start of the episode",
+        more="the factor begins with the episode, so the height of the barometer jumps at that time",
     )  # fmt: skip
     setpoint_hz: float | None = _disturbance(  # None: 20. Below 2 Hz a PX4 leaves offboard
         None, "setpoint_rate", "how often the agent sends its setpoint", low=2.0, high=50.0, unit="Hz",
         words="{value:g} setpoints a second", metavar="HZ",
-        more="in vehicle time; default 20; above 20, telemetry has this rate too",
+        more="in vehicle time; the default is 20; if the rate is above 20, telemetry comes at the same rate",
     )  # fmt: skip
     stalled: float = _disturbance(
-        0.0, "stall_share", "share of seconds in which the host stalls the simulator", high=1.0,
+        0.0, "stall_share", "share of the seconds at whose start the host stalls the simulator", high=1.0,
         words="the simulator stands still for {owner.stall_s:g} s in {percent:g} % of seconds", real_time=True,
         refines="stall_length",
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
-            help="stall the simulator for S seconds at the start of a share P of the seconds",
-            more="P in vehicle time, S in wall time; real time only",
+            help="at the start of each second, stall the simulator with probability P, for S seconds",
+            more="the seconds that begin are those of vehicle time; S is wall time; real time only",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip
     stall_s: float = _disturbance(
-        0.5, "stall_length", "length of each of these stalls", high=10.0, unit="s", words="", real_time=True,
+        0.5, "stall_length", "length of each stall of the simulator", high=10.0, unit="s", words="", real_time=True,
         refines="stall_share",
     )  # fmt: skip
 

@@ -92,12 +92,14 @@ METRICS = (
     ),
     Metric(
         name="drones_beside", title="Declared at a look-alike", unit="count", level="episode", better="less",
-        definition="number of other drones that declared within the radius of a look-alike's centre",
+        definition="number of drones without a declaration that qualifies, but with a declaration within the radius of"
+        " a look-alike's centre",
         paper=COMMAND, of=_outcome_count("look-alike"),
     ),
     Metric(
         name="drones_elsewhere", title="Declared elsewhere", unit="count", level="episode", better="less",
-        definition="number of other drones that declared",
+        definition="number of drones that declared, but without a declaration that qualifies or is within the radius of"
+        " a look-alike's centre",
         paper=COMMAND, of=_outcome_count("elsewhere"),
     ),
     Metric(
@@ -107,23 +109,23 @@ METRICS = (
     ),
     Metric(
         name="identical_share", title="Coordinate copying", unit="ratio", level="episode", better="less",
-        definition="share of the steps with a go for all drones in which all points are equal",
+        definition="of the steps in which all drones got a go: share with the same point for all drones",
         paper=COMMAND, of=_commanding_value("identical_share"),
     ),
     Metric(
         name="one_candidate_share", title="All at one candidate", unit="ratio", level="episode", better="less",
-        definition="share of the steps with a go for all drones in which all approach the same candidate",
+        definition="of the steps in which all drones got a go: share in which all drones approached the same candidate",
         paper=COMMAND, of=one_candidate_share,
     ),
     Metric(
         name="candidates_neared", title="Candidates neared", unit="count", level="episode", better="more",
         value_type=int,
-        definition="number of candidates that a drone was sent to, including the target",
+        definition="number of candidates (the target and its look-alikes) that at least one drone approached",
         paper=COMMAND, of=_commanding_value("candidates_neared"),
     ),
     Metric(
         name="spread_m", title="Spread", unit="m", level="episode", better=None,
-        definition="mean distance between any two places that drones are sent to in a step; median over the steps",
+        definition="mean distance between any two places that drones are sent to in one step; median over the steps",
         paper=COMMAND, of=_commanding_value("spread_m"),
     ),
 )  # fmt: skip

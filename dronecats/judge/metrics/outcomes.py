@@ -123,7 +123,7 @@ METRICS = (
     ),
     Metric(
         name="min_distance_box_m", title="Min. distance to the box", unit="m", level="episode", better="less",
-        definition="smallest distance to the target's box, at the images",
+        definition="smallest distance to the target's box at the times of the images",
         paper="Metrics", of=min_distance_box,
     ),
     Metric(
@@ -164,7 +164,8 @@ METRICS = (
     Metric(
         name="hits", title="Hits", unit="count", level="episode", better="less",
         value_type=int,
-        definition="number of times that a drone hit something; in one contact, each thing counts once",
+        definition="number of times that a drone began to touch something; if it touches several things in one contact,"
+        " each thing counts once",
         paper="", of=_contact("hits"),
     ),
     Metric(

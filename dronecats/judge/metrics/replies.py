@@ -75,38 +75,38 @@ METRICS = (
     Metric(
         name="questions", title="Steps", unit="count", level="episode", better=None,
         value_type=int,
-        definition="number of replies within the cap; a reply for several drones counts once",
+        definition="number of replies within the cap, one for each step; a reply for several drones counts once",
         paper="Commanding Several Drones",
         of=lambda flight: sum(step.counts and step.is_question for step in flight.steps),
     ),
     Metric(
         name="median_latency_s", title="Latency (median)", unit="s", level="episode", better="less",
-        definition="median of latency_s over the questions",
+        definition="median of latency_s over the replies",
         paper=THROUGHPUT, of=lambda flight: median(question_values(flight, "latency_s")),
     ),
     Metric(
         name="rate_hz_5", title="Control rate (5 %)", unit="Hz", level="episode", better=None,
-        definition="5 % quantile of rate_hz over the questions",
+        definition="5 % quantile of rate_hz over the replies",
         paper=THROUGHPUT, of=lambda flight: quantile(question_values(flight, "rate_hz"), 0.05),
     ),
     Metric(
         name="rate_hz_50", title="Control rate (median)", unit="Hz", level="episode", better=None,
-        definition="median of rate_hz over the questions",
+        definition="median of rate_hz over the replies",
         paper=THROUGHPUT, of=lambda flight: median(question_values(flight, "rate_hz")),
     ),
     Metric(
         name="rate_hz_95", title="Control rate (95 %)", unit="Hz", level="episode", better=None,
-        definition="95 % quantile of rate_hz over the questions",
+        definition="95 % quantile of rate_hz over the replies",
         paper=THROUGHPUT, of=lambda flight: quantile(question_values(flight, "rate_hz"), 0.95),
     ),
     Metric(
         name="all_tokens_in", title="Tokens in (all)", unit="count", level="episode", better="less",
-        definition="sum of tokens_in over the questions",
+        definition="sum of tokens_in over the replies",
         paper="Serving and Decoding", of=_token_sum("tokens_in"),
     ),
     Metric(
         name="all_tokens_out", title="Tokens out (all)", unit="count", level="episode", better="less",
-        definition="sum of tokens_out over the questions",
+        definition="sum of tokens_out over the replies",
         paper="Serving and Decoding", of=_token_sum("tokens_out"),
     ),
     Metric(

@@ -81,9 +81,10 @@ HEADER = """# Leaderboard
 
 After this page you can read the ranking, verify an entry and submit your own.
 
-The figures are percentages of successful flights. SR is the success rate over all episodes of the entry, with its
-[95 % interval](report.md#how-sure-it-is). Compare only entries of the same suite with the same settings, for example
-with the same `latency`.
+The figures are percentages of successful flights. *SR* is the success rate over all episodes of the entry, with its
+[95 % interval](report.md#how-sure-it-is). *Flights* is the number of flights of each episode. *Scored* is the
+number of all flights with a score. Compare only entries of the same suite with the same settings, for example with the
+same `latency`.
 """
 HOW_TO = """## Submit an entry
 
@@ -115,7 +116,8 @@ dronecats verify entry.tar.xz
 | 2 | the file is not an archive of this kind |
 | 4 | something differs |
 
-   To check the truth of a lockstep flight too, [fly it again from its replies](models.md#replay-a-flight).
+   `verify` cannot check that the poses in `truth.jsonl` were flown. To check the poses of a lockstep flight,
+   [fly it again from its replies](models.md#replay-a-flight).
 
 3. Write the output of `dronecats verify FILE --json` to a file in `docs/leaderboard/`. Then make this page:
 
@@ -129,11 +131,11 @@ dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md
 | file | content |
 | --- | --- |
 | `manifest.json` | pilot, suite, reasons for *partial*, digest of the settings, SHA-256 and size of every file |
-| `runs/NN/run.json` | the settings of a flight of the suite |
-| `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`, and `commander.jsonl` or `estimate.jsonl` |
+| `runs/NN/run.json` | the settings of run NN, which has one flight of each of its episodes |
+| `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`; also `commander.jsonl` and `estimate.jsonl` if the run has them |
 
-Images and telemetry are omitted; `--with-frames` includes the images. Keys become `***`, and absolute paths lose their
-folders. The same runs give the same archive.
+`submit` leaves out images and telemetry; `--with-frames` includes the images. It replaces keys by `***`, and absolute paths by
+the name of their file. The same runs give the same archive.
 """  # noqa: E501  # tables
 ABOUT_PILOTS = (
     "These pilots show how hard the episodes are. Some know the place of the target, others never look at an image.\n"
@@ -168,7 +170,7 @@ def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
 
 def _table(title: str, entries: Sequence[Verification]) -> str:
     cells = [cell for cell in CELLS if any(cell in entry.cells for entry in entries)]
-    columns = (words("Entry"), *map(numbers, ("Flights", *(HEADS[cell] for cell in cells), "SR", "of", "95 %")))
+    columns = (words("Entry"), *map(numbers, ("Flights", *(HEADS[cell] for cell in cells), "SR", "Scored", "95 %")))
     ordered = sorted(entries, key=lambda entry: (-(_rate(entry.cells.values()) or 0.0), entry.name))
     table = table_of(columns, (_cells(entry, cells) for entry in ordered))
     return as_markdown(replace(table, title=title), level=3)
