@@ -20,6 +20,7 @@ from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.threads import once
 
+OWN_SAMPLES = 4  # per pixel, in a row of pixels: samples that are shaded themselves
 NOTHING_MOVED: Moved = MappingProxyType({})
 
 
@@ -67,8 +68,11 @@ class Renderer:
         columns = self._sheet.samples.shape[1]
         self._inverse_depths = np.empty((self._threads, 2 * BAND, columns), np.float32)
         self._count_up = np.arange(columns, dtype=np.float32)
-        self._mixed = np.empty((self._threads, columns), np.bool_)
-        self._shaded = np.empty((self._threads, 1, 3), np.float32)
+        self._edges = np.empty((self._threads, columns), np.bool_)
+        self._places = np.empty((self._threads, OWN_SAMPLES * camera.width, 3), np.int32)
+        self._own = np.empty((self._threads, OWN_SAMPLES * camera.width, 3), np.float32)
+        self._weights = np.empty((self._threads, OWN_SAMPLES * camera.width), np.float32)
+        self._means = np.empty((self._threads, camera.width, 3), np.float32)
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
 
     def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
@@ -100,8 +104,9 @@ class Renderer:
                 start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
                 self._together(draw_bands, drawn, start, items, samples, self._inverse_depths, self._count_up)
                 shot = ShadingInput(eye, drawn, triangles, layout.surfaces, layout.atlas, sun, self._day, samples)
-                self._together(shade_rows, shot, light)
-                self._together(resolve_rows, shot, light, self._table, rgb, self._mixed, self._shaded)
+                self._together(shade_rows, shot, light, self._places)
+                room = self._edges, self._places, self._own, self._weights, self._means
+                self._together(resolve_rows, shot, light, self._table, rgb, *room)
                 if measures:
                     self._together(measure_rows, shot, *measures)
         return rgb

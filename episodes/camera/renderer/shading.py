@@ -66,86 +66,69 @@ def measure_rows(
 
 @njit(cache=True, nogil=True)
 def shade_rows(
-    thread: int,
-    threads: int,
-    shot: ShadingInput,
-    light: NDArray[np.float32],
+    thread: int, threads: int, shot: ShadingInput, light: NDArray[np.float32], places: NDArray[np.int32]
 ) -> None:
-    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), each pixel by the sample at its middle."""
+    """Fill this thread's rows of `light` (H, W, 3 linear, 0 … WHITE), each pixel by the sample at its middle.
+
+    `places` (threads, n ≥ W, 3) is room for each thread.
+    """
     height, width = light.shape[:2]
     grain, middle = shot.eye.grain, shot.eye.grain // 2
+    row = places[thread, :width]
     for y in range(thread, height, threads):
-        row = grain * y + middle
-        seen, shown = shot.samples[row], light[y]
-        x = 0
-        while x < width:
-            t, first = seen[grain * x + middle], x
-            while x < width and seen[grain * x + middle] == t:
-                x += 1
-            _shade(t, row, grain * first + middle, shot, shown[first:x])
+        for x in range(width):
+            row[x, 0], row[x, 1] = grain * y + middle, grain * x + middle
+        _shade(shot, row, light[y])
 
 
-@njit(cache=True, nogil=True, inline="always")
-def _shade(
-    t: int,
-    row: int,
-    first: int,
-    shot: ShadingInput,
-    light: NDArray[np.float32],
-) -> None:
-    """Fill `light` (n, 3) with the light at n samples a pixel apart in a row, from the sample (row, first) on.
+@njit(cache=True, nogil=True)
+def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
+    """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, anything).
 
-    They all see triangle `t`, or the sky if it is negative. The footprint of a texture is computed every FRESH pixels.
+    Values of a triangle are computed where it differs from that of the sample before, and the footprint of its texture
+    at least every FRESH samples.
     """
-    eye, drawn, triangles, surfaces, atlas, sun, day = (
-        shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.sun, shot.day
+    eye, drawn, triangles, surfaces, atlas, sun, day, samples = (
+        shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.sun, shot.day, shot.samples
     )  # fmt: skip
-    per_px = 1.0 / eye.focal
-    per_sample = 1.0 / eye.grain
-    j = float(row)
-    ry = (j * per_sample - eye.center_y) * per_px
-    if t < 0:
-        for x in range(len(light)):
-            rx = ((first + eye.grain * x) * per_sample - eye.center_x) * per_px
-            per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)
-            r, g, b = sky_color(
-                day,
-                (eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]) * per,
-                (eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]) * per,
-                (eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]) * per,
-            )
-            light[x, 0], light[x, 1], light[x, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
-        return
-
-    e, uv, normal, volume = drawn.edges[t], triangles.uv[t], triangles.normal[t], drawn.volume[t]
-    m = triangles.material[t]
-    base, texture = surfaces.color[m], surfaces.texture[m]
-    emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
-    # both normals on the side of the viewer, whatever the order of the corners
-    rx = (first * per_sample - eye.center_x) * per_px
-    dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
-    de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
-    dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
-    fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
-    if fn * dn + fe * de + fd * dd > 0.0:
-        fn, fe, fd = -fn, -fe, -fd
-    facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
-    slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
-    flat = triangles.flat[t]
-    nn, ne, nd = fn, fe, fd
-    if flat:
-        nn, ne, nd = _toward(normal[0, 0], normal[0, 1], normal[0, 2], fn, fe, fd)
+    per_px, per_sample = 1.0 / eye.focal, 1.0 / eye.grain
     # a texture is read once for every two samples of a pixel each way, as finely as edges are smoothed
     reads = eye.grain // 2
+    e, uv, normal, base = drawn.edges[0], triangles.uv[0], triangles.normal[0], surfaces.color[0]
+    volume = emission = gloss = facing_sun = slope_x = slope_y = bias = 0.0
+    fn = fe = fd = nn = ne = nd = 0.0
+    texture, flat, last = -1, True, UNSEEN
     level, mix, doublings, step_u, step_v = np.int64(0), 0, 0, 0.0, 0.0
     ux = vx = uy = vy = 0.0
-    for x in range(len(light)):
-        i = float(first + eye.grain * x)
+    for k in range(len(places)):
+        j, i = float(places[k, 0]), float(places[k, 1])
         rx = (i * per_sample - eye.center_x) * per_px
+        ry = (j * per_sample - eye.center_y) * per_px
         dn = eye.forward[0] + rx * eye.right[0] + ry * eye.down[0]
         de = eye.forward[1] + rx * eye.right[1] + ry * eye.down[1]
         dd = eye.forward[2] + rx * eye.right[2] + ry * eye.down[2]
         per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)  # of the ray's length to its depth
+        t = samples[places[k, 0], places[k, 1]]
+        if t < 0:
+            r, g, b = sky_color(day, dn * per, de * per, dd * per)
+            light[k, 0], light[k, 1], light[k, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
+            continue
+        entered = t != last
+        if entered:
+            last = t
+            e, uv, normal, volume = drawn.edges[t], triangles.uv[t], triangles.normal[t], drawn.volume[t]
+            m = triangles.material[t]
+            base, texture = surfaces.color[m], surfaces.texture[m]
+            emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
+            # both normals on the side of the viewer, whatever the order of the corners
+            fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
+            if fn * dn + fe * de + fd * dd > 0.0:
+                fn, fe, fd = -fn, -fe, -fd
+            facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
+            slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
+            flat = triangles.flat[t]
+            if flat:
+                nn, ne, nd = _toward(normal[0, 0], normal[0, 1], normal[0, 2], fn, fe, fd)
         w0 = e[0] * i + e[1] * j + e[2]
         w1 = e[3] * i + e[4] * j + e[5]
         w2 = e[6] * i + e[7] * j + e[8]
@@ -159,12 +142,12 @@ def _shade(
         if texture >= 0:
             u = w0 * uv[0, 0] + w1 * uv[1, 0] + w2 * uv[2, 0]
             v = w0 * uv[0, 1] + w1 * uv[1, 1] + w2 * uv[2, 1]
-            if x & (FRESH - 1) == 0:
-                k = 2.0 * share  # two samples
-                ux = k * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
-                vx = k * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
-                uy = k * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
-                vy = k * (e[1] * (uv[0, 1] - v) + e[4] * (uv[1, 1] - v) + e[7] * (uv[2, 1] - v))
+            if entered or k & (FRESH - 1) == 0:
+                two = 2.0 * share  # samples
+                ux = two * (e[0] * (uv[0, 0] - u) + e[3] * (uv[1, 0] - u) + e[6] * (uv[2, 0] - u))
+                vx = two * (e[0] * (uv[0, 1] - v) + e[3] * (uv[1, 1] - v) + e[6] * (uv[2, 1] - v))
+                uy = two * (e[1] * (uv[0, 0] - u) + e[4] * (uv[1, 0] - u) + e[7] * (uv[2, 0] - u))
+                vy = two * (e[1] * (uv[0, 1] - v) + e[4] * (uv[1, 1] - v) + e[7] * (uv[2, 1] - v))
                 level, mix, doublings, step_u, step_v = footprint(atlas, texture, ux, vx, uy, vy)
             tr, tg, tb = texture_color(
                 atlas, u, v, level, mix, doublings, step_u, step_v, ux, vx, uy, vy, reads
@@ -200,7 +183,7 @@ def _shade(
         lr = day.horizon[0] + (lr - day.horizon[0]) * clear
         lg = day.horizon[1] + (lg - day.horizon[1]) * clear
         lb = day.horizon[2] + (lb - day.horizon[2]) * clear
-        light[x, 0], light[x, 1], light[x, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
+        light[k, 0], light[k, 1], light[k, 2] = min(lr, WHITE), min(lg, WHITE), min(lb, WHITE)
 
 
 @njit(cache=True, nogil=True)
@@ -271,24 +254,27 @@ def resolve_rows(
     light: NDArray[np.float32],
     table: NDArray[np.uint8],
     rgb: NDArray[np.uint8],
-    mixed: NDArray[np.bool_],
-    shaded: NDArray[np.float32],
+    edges: NDArray[np.bool_],
+    places: NDArray[np.int32],
+    own: NDArray[np.float32],
+    weights: NDArray[np.float32],
+    means: NDArray[np.float32],
 ) -> None:
     """Write this thread's rows of `rgb` (H, W, 3) from `light` (H, W, 3 linear, 0 … WHITE) and `display_table`.
 
     A pixel whose samples all see one triangle keeps its colour; elsewhere it is the mean of its samples, of which
     those on its border count half. A sample has the colour of the pixel on its side that sees the same flat piece, or
-    is shaded itself. `mixed` (threads, grain · W + 1) and `shaded` (threads, 1, 3) are room for each thread.
+    is shaded itself, at most n of them in a row of pixels. `edges` (threads, grain · W + 1), `places` (threads, n, 3),
+    `own` (threads, n, 3), `weights` (threads, n) and `means` (threads, W, 3) are room for each thread.
     """
     height, width = rgb.shape[:2]
     samples, plane = shot.samples, shot.triangles.plane
     grain, middle = shot.eye.grain, shot.eye.grain // 2
-    scale, half = np.float32(STEPS / WHITE), np.float32(0.5)
-    edge = mixed[thread]
-    own = shaded[thread]
+    scale, half, per_weight = np.float32(STEPS / WHITE), np.float32(0.5), np.float32(0.25 / (grain * grain))
+    edge, mean, pending, weight_of = edges[thread], means[thread], places[thread], weights[thread]
     for y in range(thread, height, threads):
-        j = grain * y + middle
-        here, shown = samples[j], rgb[y]
+        j, count = grain * y + middle, 0
+        here = samples[j]
         _find_edges(samples[j - middle : j + middle + 1], middle, edge)
         for x in range(width):
             first = grain * x
@@ -299,38 +285,42 @@ def resolve_rows(
             if is_mixed:
                 centre = here[first + middle]
                 piece = plane[centre] if centre >= 0 else -1
-                before, before_own, weight = centre, UNSEEN, 0
+                before, before_own, is_known = centre, UNSEEN, True
                 cr, cg, cb = r, g, b
                 r = g = b = np.float32(0.0)
                 for dy in range(-middle, middle + 1):
                     for dx in range(-middle, middle + 1):
                         s = samples[j + dy, first + middle + dx]
+                        weight = (1 if abs(dy) == middle else 2) * (1 if abs(dx) == middle else 2) * per_weight
                         if s != before:
                             before = s
-                            w = np.float32(weight)
-                            r += w * cr
-                            g += w * cg
-                            b += w * cb
-                            weight = 0
                             wanted = plane[s] if s >= 0 else -1
                             qy, qx = y, x
                             if wanted != piece:
                                 qy, qx = _find(samples, plane, wanted, y, x, _sign(dy), _sign(dx), grain, height, width)
-                            if qy >= 0:
+                            is_known = qy >= 0 or count == len(pending)
+                            if is_known:
+                                qy, qx = (qy, qx) if qy >= 0 else (y, x)
                                 cr, cg, cb = light[qy, qx, 0], light[qy, qx, 1], light[qy, qx, 2]
-                            else:
-                                if s != before_own:
-                                    before_own = s
-                                    _shade(s, j + dy, first + middle + dx, shot, own)
-                                cr, cg, cb = own[0, 0], own[0, 1], own[0, 2]
-                        weight += (1 if abs(dy) == middle else 2) * (1 if abs(dx) == middle else 2)
-                w, total = np.float32(weight), np.float32(4 * grain * grain)
-                r = (r + w * cr) / total
-                g = (g + w * cg) / total
-                b = (b + w * cb) / total
-            shown[x, 0] = table[int(r * scale + half)]
-            shown[x, 1] = table[int(g * scale + half)]
-            shown[x, 2] = table[int(b * scale + half)]
+                            elif s != before_own:
+                                before_own = s
+                                pending[count, 0], pending[count, 1], pending[count, 2] = j + dy, first + middle + dx, x
+                                weight_of[count] = 0.0
+                                count += 1
+                        if is_known:
+                            r += weight * cr
+                            g += weight * cg
+                            b += weight * cb
+                        else:
+                            weight_of[count - 1] += weight
+            mean[x, 0], mean[x, 1], mean[x, 2] = r, g, b
+        _shade(shot, pending[:count], own[thread, :count])
+        for k in range(count):
+            for c in range(3):
+                mean[pending[k, 2], c] += weight_of[k] * own[thread, k, c]
+        for x in range(width):
+            for c in range(3):
+                rgb[y, x, c] = table[int(min(mean[x, c], WHITE) * scale + half)]
 
 
 @njit(cache=True, nogil=True)
