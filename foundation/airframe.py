@@ -9,12 +9,13 @@ from msgspec import Meta
 from foundation.frames import GRAVITY, Vec3
 from foundation.sensors import MAX_ROTORS
 
-MAX_CONTACTS = 16  # what the compiled records hold
+MAX_CONTACTS = 16  # contact points in the records of the compiled physics (`vehicles/records.py`)
 LARGE = 1e12  # no constant of an aircraft is larger
 
 Positive = Annotated[float, Meta(gt=0.0, lt=LARGE)]
 NotNegative = Annotated[float, Meta(ge=0.0, lt=LARGE)]
-PartCount = Annotated[int, Meta(gt=0, lt=1000)]
+CellCount = Annotated[int, Meta(gt=0, lt=1000)]
+MavType = Annotated[int, Meta(gt=0, lt=1000)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +28,7 @@ class Rotor:
 
 @dataclass(frozen=True, slots=True)
 class RotorCurve:
-    """What every rotor of the airframe does with a speed command.
+    """The response of every rotor of the airframe to a speed command.
 
     An actuator command u in [0, 1] is a fraction of `speed_max`: thrust = thrust_coefficient · (u · speed_max)².
     """
@@ -41,14 +42,14 @@ class RotorCurve:
     inertia: Positive  # kg·m², rotor and bell about the spin axis
     radius_m: Positive  # m
     drag_coefficient: NotNegative  # N / ((rad/s)·(m/s)), in-plane (blade) drag
-    rotating_kg: NotNegative = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: it does not shake
+    rotating_kg: NotNegative = 0.0  # kg, propeller and bell, whose imbalance shakes the frame; 0: no shaking
 
 
 @dataclass(frozen=True, slots=True)
 class Battery:
     """A LiPo pack."""
 
-    cells: PartCount
+    cells: CellCount
     capacity_ah: Positive
     resistance_ohm: NotNegative  # whole pack
     avionics_w: NotNegative  # constant draw beside the rotors
@@ -68,16 +69,16 @@ class Airframe:
     # m, feet and other points that touch the ground
     contact_points_frd: Annotated[tuple[Vec3, ...], Meta(min_length=3, max_length=MAX_CONTACTS)]
     battery: Battery
-    mav_type: PartCount = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
+    mav_type: MavType = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
 
     @property
     def thrust_max(self) -> float:
-        """N, all rotors at full speed."""
+        """Thrust (N) of all rotors at full speed."""
         return len(self.rotors) * self.curve.thrust_coefficient * self.curve.speed_max**2
 
     @property
     def hover_speed(self) -> float:
-        """rad/s, of each rotor in still air."""
+        """Speed (rad/s) of each rotor at hover in still air."""
         return math.sqrt(self.mass_kg * GRAVITY / (len(self.rotors) * self.curve.thrust_coefficient))
 
     def balanced(self) -> "Airframe":
@@ -86,5 +87,5 @@ class Airframe:
 
     @property
     def standing_m(self) -> float:
-        """m, of the body's origin above the level ground on which it stands."""
+        """Height (m) of the body's origin above the level ground on which the vehicle stands."""
         return max(down for _, _, down in self.contact_points_frd)

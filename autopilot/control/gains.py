@@ -1,6 +1,7 @@
 """The records of the control loops, and their gains and limits under PX4's names and units.
 
-CONTROL_PARAMS has the gains and limits, CONTROL_STATE the values that are kept between two milliseconds.
+CONTROL_PARAMS holds the gains and limits. CONTROL_STATE holds the values that the loops keep from one step to the next;
+a step is one millisecond.
 """
 
 import math
@@ -49,36 +50,40 @@ CONTROL_PARAMS = np.dtype(
         ("airmode", "i8"),  # 1: thrust may rise to keep roll and pitch
         ("rotors", "i8"),
         ("mix", "f8", (MAX_ROTORS, 4)),  # rotor thrust fraction per normalised roll, pitch, yaw torque and thrust
-        ("rotor_thrust_min", "f8"),  # 0 … 1, fraction of a rotor's full thrust it gives at idle
+        ("rotor_thrust_min", "f8"),  # 0 … 1, thrust of an idling rotor as a fraction of its full thrust
     ],
     align=True,
 )
 
 CONTROL_STATE = np.dtype(
     [
-        ("landed", "i8"),  # input: 1 lets the integrals rest while armed rotors stand on the ground
+        ("landed", "i8"),  # input: 1 while the armed vehicle stands on the ground; the integrals then rest
         ("time_us", "i8"),  # inertial sample last acted on
         ("outer_time_us", "i8"),  # when the position and velocity loops last ran
         ("attitude_time_us", "i8"),
         ("kind", "i8"),  # setpoint kind of the last tick
         ("velocity_reference", "f8", (3,)),  # m/s, smoothed velocity setpoint
-        ("acceleration_reference", "f8", (3,)),  # m/s², its derivative
-        ("velocity_expected", "f8", (3,)),  # m/s, what the reference makes of a vehicle with the lag it has
-        ("acceleration_expected", "f8", (3,)),  # m/s², its derivative
+        ("acceleration_reference", "f8", (3,)),  # m/s², derivative of velocity_reference
+        ("velocity_expected", "f8", (3,)),  # m/s, velocity of a vehicle that follows the reference with velocity_lag
+        ("acceleration_expected", "f8", (3,)),  # m/s², derivative of velocity_expected
         ("velocity_integral", "f8", (3,)),  # m/s²
-        ("free_integral", "f8", (3,)),  # m/s², that it took while the velocity followed
-        ("tried_integral", "f8", (3,)),  # m/s², when the push that is being tried began
-        ("tried_error", "f8"),  # m/s, velocity error then
-        ("blocked_s", "f8"),  # s since pushing was found to do nothing; 0: it does
-        ("blocked_way", "f8", (3,)),  # unit, NED, where that push pointed
-        ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations without those that the rotors make, filtered
-        ("unexplained_slow", "f8", (6,)),  # what of it is slow, such as wind
+        ("free_integral", "f8", (3,)),  # m/s², velocity_integral while the velocity followed its setpoint, low-passed
+        (
+            "tried_integral",
+            "f8",
+            (3,),
+        ),  # m/s², velocity_integral before its latest increase, whose effect is being tested
+        ("tried_error", "f8"),  # m/s, velocity error at that time
+        ("blocked_s", "f8"),  # s since a larger integral was found to move nothing, as at a wall; 0: not blocked
+        ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
+        ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered
+        ("unexplained_slow", "f8", (6,)),  # the slow part of `unexplained`, such as wind
         ("torque_filtered", "f8", (3,)),  # normalised, as the rotors follow it
         ("untouched_s", "f8"),  # s since the last knock
         ("acceleration_filtered", "f8", (3,)),  # m/s², NED, measured
-        ("yaw_reference", "f8"),  # rad, with the lag of the yaw rate in it
-        ("yaw_rate_expected", "f8"),  # rad/s, its derivative
-        ("yaw_rate_reference", "f8"),  # rad/s
+        ("yaw_reference", "f8"),  # rad, yaw setpoint of the attitude loop; follows yaw_rate_expected
+        ("yaw_rate_expected", "f8"),  # rad/s, derivative of yaw_reference: yaw_rate_reference with yaw_lag
+        ("yaw_rate_reference", "f8"),  # rad/s, smoothed yaw rate setpoint
         ("attitude_setpoint", "f8", (4,)),
         ("thrust_setpoint", "f8"),
         ("rates_setpoint", "f8", (3,)),
@@ -89,7 +94,7 @@ CONTROL_STATE = np.dtype(
         ("torque_scale", "f8", (3,)),  # 0 … 1, achieved over wanted
         ("hover_thrust", "f8"),  # 0 … 1, running estimate
         ("thrust_filtered", "f8"),  # 0 … 1, collective as the rotors follow it
-        ("not_finite", "i8"),  # times a result was not a number and the fallback flew
+        ("not_finite", "i8"),  # number of steps whose result was not a number, so that the fallback flew
     ],
     align=True,
 )
@@ -158,11 +163,11 @@ GAINS: dict[str, GainField] = {
 
 
 def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.void:
-    """Return one CONTROL_PARAMS record: gains from the design, limits as PX4's defaults where it has them.
+    """Return one CONTROL_PARAMS record: gains from the design, limits at PX4's defaults where it has them.
 
-    Two differ from PX4 1.15 on purpose. MPC_JERK_MAX is 40 instead of 8 m/s³, because a real PX4 does not smooth
-    offboard velocity setpoints at all and reaches 1.4 of 2 m/s in half a second. MPC_YAWRAUTO_MAX is
-    60 °/s, the rate at which the paper's rotation is flown.
+    Two limits differ from PX4 1.15 on purpose. MPC_JERK_MAX is 40 instead of 8 m/s³: a real PX4 does not smooth
+    offboard velocity setpoints at all, and half a second after a setpoint of 2 m/s it flies 1.4 m/s. MPC_YAWRAUTO_MAX
+    is 60 °/s, the yaw rate of the paper's rotations.
     """
     params: np.void = np.zeros(1, CONTROL_PARAMS)[0]
     for name in ("attitude_p", "velocity_p", "velocity_i", "velocity_d", "position_p"):
@@ -199,16 +204,16 @@ def default_parameters(gains: Gains, allocation: Allocation, rotors: int) -> np.
 
 
 def read(params: np.void, name: str) -> float:
-    """Return the value of a PX4 parameter in PX4's unit. Raises UsageError for one the cascade does not have."""
+    """Return the value of a PX4 parameter in PX4's unit. Raises UsageError for an unknown parameter."""
     gain = _gain(name)
     value = params[gain.field]
     return float(value[gain.axes[0]] if gain.axes else value) / gain.factor
 
 
 def write(params: np.void, name: str, value: float) -> float:
-    """Set a PX4 parameter, given in PX4's unit, and return the value that holds: bounded to its range.
+    """Set a PX4 parameter, given in PX4's unit, and return the value that is set: `value` within the parameter's range.
 
-    Raises UsageError for a parameter that the cascade does not have or a value that is not a number.
+    Raises UsageError for an unknown parameter, or for a value that is not finite.
     """
     gain = _gain(name)
     if not math.isfinite(value):

@@ -1,6 +1,6 @@
 """The flight logs: one ULog file from arming to disarming (SDLOG_MODE), and the folder of these files.
 
-A log holds the telemetry's own numbers.
+A log holds the same values that the autopilot sends as telemetry.
 """
 
 import contextlib
@@ -78,29 +78,29 @@ class LogDirectory:
             logs.append(LogFile(len(logs), path, stat.st_size, max(int(stat.st_mtime), 0)))
         return logs
 
-    def make_room(self, most: int) -> None:
-        """Remove the oldest logs so that there are `most` with the next one; 0: remove none.
+    def make_room(self, limit: int) -> None:
+        """Remove the oldest logs, so that there are at most `limit` when the next one has begun; 0 removes none.
 
-        PX4's SDLOG_DIRS_MAX counts folders; here every log stands in one folder and counts by itself.
+        PX4's SDLOG_DIRS_MAX, which gives `limit`, counts folders. Here all logs are in one folder, so it counts logs.
         """
-        for log in self.logs()[: 1 - most or None] if most > 0 else ():
+        for log in self.logs()[: 1 - limit or None] if limit > 0 else ():
             if log.path != self.active:
                 with contextlib.suppress(OSError):
                     log.path.unlink()
 
     def erase(self) -> None:
-        """Remove every log but the one being written, as far as the disk lets it."""
+        """Remove every log except the one being written. Files that the disk does not remove stay."""
         for log in self.logs():
             if log.path != self.active:
                 with contextlib.suppress(OSError):
                     log.path.unlink()
 
 
-FLUSH_US = 500_000  # what a kill may cost
+FLUSH_US = 500_000  # µs between two writes to the disk: a killed process loses at most this much of the log
 SYSTEM = "DroneCATS"
 
-# SDLOG_MODE
-DISABLED, FROM_BOOT, FROM_BOOT_ON = -1, 1, 2
+# Values of SDLOG_MODE. With any other value, a log runs from arming to disarming.
+DISABLED, BOOT_TO_DISARMING, BOOT_TO_SHUTDOWN = -1, 1, 2
 
 
 @dataclass(slots=True)
@@ -109,12 +109,12 @@ class _Logged:
 
     topic: Topic
     packer: ulog.DataPacker
-    stamp: int = 0  # of the last sample
+    stamp: int = 0  # of the last logged sample
 
 
 @dataclass(slots=True)
 class _Group:
-    """Topics that are due together."""
+    """Topics that are logged at the same rate and times."""
 
     interval_us: int
     due_us: int
@@ -122,16 +122,16 @@ class _Group:
 
 
 class FlightLogWriter:
-    """Call `tick` once per tick of the autopilot. A disk that refuses costs data, never the flight.
+    """Writes the flight log. Call `tick` once per tick of the autopilot.
 
-    `failed` tells the reason of the last refusal, None while all is well; `lost` counts the samples that did not fit
-    their fields.
+    If the disk does not take the data, they are lost and the flight goes on. `failed` is the reason of the last such
+    error, None without one. `unpacked` counts the samples that are not logged because a value does not fit its field.
     """
 
     def __init__(self, vehicle: TelemetrySource, directory: LogDirectory) -> None:
         self.directory = directory
         self.failed: str | None = None
-        self.lost = 0
+        self.unpacked = 0
         self._vehicle = vehicle
         self._sources = Sources(
             vehicle,
@@ -144,15 +144,15 @@ class FlightLogWriter:
             for rate in sorted({topic.rate_hz for topic in TABLE}, reverse=True)
         ]
         self._state_group = next(g for g in self._groups if any(x.topic.name == "vehicle_status" for x in g.members))
-        self._shown: tuple[Any, ...] | None = None
+        self._shown: tuple[Any, ...] | None = None  # the state that was logged last
         self._was_armed = False
         self._file: int | None = None
         self._size = 0  # bytes of whole messages in the file
         self._pending = bytearray()
         self._flush_due_us = 0
-        self._lost_since_us: int | None = None
+        self._dropout_since_us: int | None = None
         self._parameters: dict[str, int | float] = {}
-        self._closed = False  # until the next arming, or boot
+        self._suspended = False  # the log has ended or failed: no new one begins before the next arming or boot
 
     @property
     def path(self) -> Path | None:
@@ -162,20 +162,20 @@ class FlightLogWriter:
     def tick(self) -> None:
         """Begin, continue or end the log."""
         armed, mode = self._vehicle.commander.armed, self._vehicle.parameters["SDLOG_MODE"]
-        wanted = mode != DISABLED and (armed or mode in (FROM_BOOT, FROM_BOOT_ON))
+        wanted = mode != DISABLED and (armed or mode in (BOOT_TO_DISARMING, BOOT_TO_SHUTDOWN))
         if self._file is None:
             if not wanted:
-                self._closed = False
-            elif not self._closed:
+                self._suspended = False
+            elif not self._suspended:
                 self._begin()
             if self._file is None:
                 return
         self._write_due()
         just_disarmed = self._was_armed and not armed
         self._was_armed = armed
-        if not wanted or (just_disarmed and mode == FROM_BOOT):
+        if not wanted or (just_disarmed and mode == BOOT_TO_DISARMING):
             self.close()
-            self._closed = wanted
+            self._suspended = wanted
         elif self._vehicle.state.time_us >= self._flush_due_us:
             self._flush()
 
@@ -196,11 +196,11 @@ class FlightLogWriter:
     def _begin(self) -> None:
         path = self.directory.next_path()
         self.directory.make_room(int(self._vehicle.parameters["SDLOG_DIRS_MAX"]))
-        self.failed, self._lost_since_us, self._size, self._was_armed = None, None, 0, False
+        self.failed, self._dropout_since_us, self._size, self._was_armed = None, None, 0, False
         try:
             self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644)
         except OSError as error:
-            self.failed, self._closed = error.strerror, True
+            self.failed, self._suspended = error.strerror, True
             return
         self.directory.active = path
         now = self._vehicle.state.time_us
@@ -215,7 +215,7 @@ class FlightLogWriter:
         self._flush()
         if self.failed is not None:  # a log without its head cannot be read
             self.close()
-            self._closed = True
+            self._suspended = True
             path.unlink(missing_ok=True)
 
     def _definitions(self) -> Iterator[bytes]:
@@ -268,11 +268,11 @@ class FlightLogWriter:
             return
         try:
             self._pending += logged.packer.pack((now, *values))
-        except (struct.error, OverflowError):  # a number beyond its field
-            self.lost += 1
+        except (struct.error, OverflowError):  # a number that its field cannot hold
+            self.unpacked += 1
 
     def _flush(self) -> None:
-        """Write what has gathered. A refusal loses it, and the loss is marked as soon as the disk takes data again."""
+        """Write the pending data. Data that the disk does not take are lost; the next write that succeeds marks it."""
         assert self._file is not None
         now = self._vehicle.state.time_us
         self._flush_due_us = now + FLUSH_US
@@ -282,17 +282,17 @@ class FlightLogWriter:
                 self._pending += ulog.parameter(name, value)
         data = bytes(self._pending)
         self._pending.clear()
-        if self._lost_since_us is not None:
-            data = ulog.dropout((now - self._lost_since_us) // 1000) + data
+        if self._dropout_since_us is not None:
+            data = ulog.dropout((now - self._dropout_since_us) // 1000) + data
         try:
             if os.write(self._file, data) != len(data):
                 raise OSError(28, "the disk is full")
             self._size += len(data)
-            self._lost_since_us = None
+            self._dropout_since_us = None
         except OSError as error:
             self.failed = error.strerror
-            if self._lost_since_us is None:
-                self._lost_since_us = now - FLUSH_US
+            if self._dropout_since_us is None:
+                self._dropout_since_us = now - FLUSH_US
             with contextlib.suppress(OSError):  # no half message at the end
                 os.ftruncate(self._file, self._size)
                 os.lseek(self._file, self._size, os.SEEK_SET)

@@ -45,11 +45,11 @@ VEHICLE = (
     ),
     Option(
         name="world", metavar="EPISODE", vehicle="--connect",
-        help="draw this episode or map for a vehicle that simulates itself",
+        help="draw this episode or map for a vehicle in a simulator of its own, such as PX4 SITL",
     ),
     Option(
         name="truth", metavar="URL", vehicle="--connect",
-        help="with --world: source of the true poses; of a PX4 udpin://127.0.0.1:19410",
+        help="with --world: source of the true poses; for PX4 SITL udpin://127.0.0.1:19410",
     ),
     Option(name="arm", kind=bool, vehicle="--connect", help="arm and take off after you confirm"),
     Option(name="dry_run", kind=bool, vehicle="--connect", help="ask the pilot and draw its actions, but move nothing"),
@@ -95,7 +95,7 @@ PILOT = (
         help=f"a row of `dronecats models list`, replay:RUN, or PROVIDER/NAME; providers: {', '.join(PROVIDERS)}",
     ),
     *MODEL,
-    *ACCOUNTS,
+    *ACCOUNTS,  # limits of cost and tokens, and the cache of replies
     Option(
         name="ledger", kind=Path, metavar="FILE", help="with --model: add the cost of this run to this file",
         beside_spec=True,
@@ -235,7 +235,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
 
 
 def replay_line(args: argparse.Namespace, flight: str) -> str:
-    """Return a sentence about what a replay takes from the recorded flight, and which options change it."""
+    """Return a sentence on the values that a replay takes from the recorded flight, and on those that change."""
     changed = [o.flag for o in OPTIONS if o.replay == "may change" and is_set(getattr(args, o.name))]
     exceptions = f", but with another {', '.join(changed)}" if changed else ""
     return f"Replay of {flight}, with its replies, episode, vehicle, clock, latency and seed{exceptions}"
@@ -288,7 +288,7 @@ def _connected(args: argparse.Namespace) -> "FlightSpec":
 
 
 def _read(args: argparse.Namespace) -> "FlightSpec":
-    """Return the flight of a file, with the options that may stand beside --spec."""
+    """Return the flight of a file, with the options that may be combined with --spec."""
     from dronecats.flight.spec.spec_file import hidden, read
 
     stray = next((name for name, value in vars(args).items() if name not in BESIDE_SPEC and is_set(value)), None)
@@ -306,7 +306,9 @@ def _read(args: argparse.Namespace) -> "FlightSpec":
     if args.camera and spec.connected:
         spec = replace(spec, connected=replace(spec.connected, camera=args.camera))
     if not spec.replay and (missing := hidden(spec)):
-        raise UsageError(f"--spec {args.spec} has a hidden part in an address, perhaps a key. Add {missing[0]}")
+        raise UsageError(
+            f"--spec {args.spec} does not hold the whole address, because a part of it may be a key. Add {missing[0]}"
+        )
     if spec.simulated and not (spec.episode or spec.record or spec.map):
         raise UsageError(f"--spec {args.spec} has several episodes. Name one with --episode")
     return spec
@@ -329,7 +331,7 @@ def _of_pilot(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the fields of a flight for the command of a fleet."""
+    """Return the fields of a flight that define how its fleet is commanded: command, commander, scripted."""
     from dronecats.agent.models.rows import model_of as row_or_name
     from dronecats.agent.models.spec import provider_of
     from dronecats.pilots import roster
@@ -340,7 +342,7 @@ def commanded_by(args: argparse.Namespace) -> dict[str, Any]:
     if args.commander:
         fields["commander"] = commander = row_or_name(args.commander, args.commander_url)
         has_url = commander.base_url is not None or provider_of(commander.provider).base_url is not None
-        if args.command == "hierarchical" and not has_url:  # otherwise the flight raises for the commander
+        if args.command == "hierarchical" and not has_url:  # with another --command, FlightSpec raises
             raise UsageError(f"--commander {commander.title} needs --commander-url http://HOST:PORT/v1")
     return fields
 

@@ -1,4 +1,4 @@
-"""The actions as text: those of the prompt's history are parsed, those of a reply are written.
+"""Actions as text: parses those of the prompt's history, and writes those of a reply.
 
 The agent's prompt has one line `Command: …` and a history in the compact form of the logs (paper, appendix "Execution",
 History). A reply is one JSON object per drone (paper, section "Action Space").
@@ -14,7 +14,7 @@ from foundation.protocol import ACTIONS, FINISHED, GO, NEAR_SCALE, POINT_SPAN, R
 Pilot = Callable[[str, list[bytes]], str]  # (prompt, JPEGs in picture order) → reply
 
 LEVEL_PX = 360.0  # row of the horizon in the history's pixels: 1280 × 720
-SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # of a `go`; the margin survives the rounding
+SHORTEST_DEPTH_M = STRIDE_MIN_M / NEAR_SCALE + 0.01  # depth of the shortest `go`; 1 cm more, because depths are rounded
 
 _COMMAND = re.compile(r"^[ \t]*Command:[ \t]*(.+?)[ \t]*$", re.MULTILINE)
 _NUMBER = r"(-?\d+(?:\.\d+)?(?:e-?\d+)?)"
@@ -41,18 +41,19 @@ class Briefing:
     """The command and the history of one prompt."""
 
     command: str  # the instruction; '' if the prompt has no command line
-    history: tuple[tuple[PastAction, ...], ...]  # one per drone that has a history, oldest action first
+    # one entry per drone of the prompt, in picture order and oldest action first; () for a drone without actions
+    history: tuple[tuple[PastAction, ...], ...]
 
     def past(self, drone: int) -> tuple[PastAction, ...]:
-        """Return the history of one drone, by its place in the picture order; () if it has none."""
+        """Return the history of the drone at this place in the picture order, from 0; () if it has none."""
         return self.history[drone] if 0 <= drone < len(self.history) else ()
 
 
 def read_prompt(prompt: str) -> Briefing:
-    """Return the command and the histories of a prompt. Never raises: what is missing is empty.
+    """Return the command and the histories of a prompt. Never raises; a missing part is empty.
 
-    Each of several drones has its history under a line with its number ("Drone 2"). The pictures are in the order of
-    the numbers.
+    In the prompt of several drones, each history stands under a line with the drone's number ("Drone 2"), even if it
+    is empty. The pictures are in the order of the numbers.
     """
     commands = _COMMAND.findall(prompt)
     sections: dict[int, list[PastAction]] = {}
@@ -106,14 +107,15 @@ def join(replies: list[str]) -> str:
 
 
 def short_stride_m(travel_m: float) -> float:
-    """Return the length (m) of the next short stride of a way of `travel_m`.
+    """Return the length (m) of the next short stride towards a place that is `travel_m` away.
 
-    A short stride has 1.2 m to 1.8 m. A longer way is halved, so that the last stride is not too short to be flown.
+    A short stride is 1.2 m to 1.8 m long. A longer distance is halved first, so that the last stride is not too short
+    to be flown.
     """
     longest = NEAR_SCALE * STRIDE_MAX_M
     return min(max(travel_m if travel_m <= longest else 0.5 * travel_m, STRIDE_MIN_M), longest)
 
 
 def depth_of_stride(stride_m: float) -> float:
-    """Return the depth (m) of a `go` that is flown as a stride of this length, and of 1.2 m at least."""
+    """Return the depth (m) of a `go` that is flown as a stride of this length, but at least as one of 1.2 m."""
     return max(stride_m, STRIDE_MIN_M) / NEAR_SCALE + 0.01

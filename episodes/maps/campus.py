@@ -19,16 +19,16 @@ from foundation.terrain import HeightField
 
 ORIGIN = (52.204300, 0.119400, 21.0)  # geodetic latitude, longitude (degrees) and height (m) of the plaza's middle
 MAY, HOUR = 135, 10.4  # day of the year and true solar hour
-STEP_M = 1.0  # between the waypoints of a lane: the ground bends less than a millimetre in between
-SPOT_GRID_M = 4.0  # between the free places that are looked at
-SPOT_CLEAR_M = 1.6  # from the edge of anything that stands
+STEP_M = 1.0  # m between the waypoints of a lane: the ground bends less than a millimetre in between
+SPOT_GRID_M = 4.0  # m between the points that are checked for free space
+SPOT_CLEAR_M = 1.6  # m, least distance of a free place from any object
 PlacedMesh = tuple[str, Mesh, float, float, float]  # kind, mesh, north, east, yaw in rad
 
 Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # north, east, yaw, low and high corner
 
 
-def _movers() -> dict[str, Mesh]:
-    """Return the standing counterparts of moving targets: each kind in one paint."""
+def _standing_movers() -> dict[str, Mesh]:
+    """Return one standing object for each kind of moving target. All objects of a kind have the same paint."""
     return {
         "delivery-robot": service_vehicles.delivery_robot("white"),
         "person": people.person("grey"),
@@ -37,8 +37,8 @@ def _movers() -> dict[str, Mesh]:
 
 
 def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
-    """Yield everything on the campus but its halls, in the order that numbers the names."""
-    makers, movers = assets.FIXTURES, _movers()
+    """Yield all objects of the campus except the halls. Their order gives the numbers in the names of instances."""
+    makers, movers = assets.FIXTURES, _standing_movers()
     yield "fountain", campus_fixtures.fountain(3), *campus_plan.TIERED, 0.0
     for kind, north, east, facing in campus_plan.FIXTURES:
         mesh = movers[kind] if kind in movers else makers[kind]()
@@ -56,7 +56,7 @@ def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
 
 
 def _shrubs(rng: np.random.Generator) -> Iterator[PlacedMesh]:
-    """Yield shrubs before the blind corners of the halls, wherever no fixture stands there."""
+    """Yield shrubs along the front of each hall, four from either corner, except near a fixture."""
     taken = np.array([(north, east) for _, north, east, _ in campus_plan.FIXTURES])
     for plan, north, east, facing in campus_plan.HALLS:
         yaw = math.radians(facing)
@@ -91,7 +91,7 @@ def build(seed: int = 1) -> Scene:
         instances.append(Instance(len(instances) + 1, use, "ground", mesh, (0.0, 0.0, 0.0)))
     for plan, north, east, facing in campus_plan.HALLS:
         yaw = math.radians(facing)
-        out = plan.depth / 2 + 2.0  # the ground before the door gives the level
+        out = plan.depth / 2 + 2.0  # the hall stands at the level of the ground before its door
         down = terrain.at(north + math.cos(yaw) * out, east + math.sin(yaw) * out)
         add("hall", buildings.hall(plan), north, east, down, yaw)
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
@@ -111,13 +111,13 @@ def build(seed: int = 1) -> Scene:
 
 
 def landmarks() -> tuple[Landmark, ...]:
-    """Return the unique instances that can tell other things apart."""
+    """Return the landmarks: unique instances by which an instruction can tell similar things apart."""
     return tuple(Landmark(name, phrase) for name, phrase in campus_plan.LANDMARKS)
 
 
 @lru_cache(maxsize=4)
 def places(seed: int = 1) -> Places:
-    """Return the free ground and the ways of the campus; they do not depend on the seed, since its plants stay put."""
+    """Return the free places, lanes and landmarks. They do not depend on the seed, which moves no plant."""
     terrain = campus_ground.terrain()
     lanes = tuple(
         Lane(name, tuple((n, e, round(terrain.at(n, e), 4)) for n, e in _stepped(corners)), campus_plan.LANE_WIDTH_M)
@@ -127,7 +127,7 @@ def places(seed: int = 1) -> Places:
 
 
 def _stepped(corners: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
-    """Return the corners with points between them, no two more than STEP_M apart."""
+    """Return the corners and points between them, so that neighbours are at most STEP_M apart."""
     points = [corners[0]]
     for (n0, e0), (n1, e1) in itertools.pairwise(corners):
         count = math.ceil(math.hypot(n1 - n0, e1 - e0) / STEP_M)
@@ -147,7 +147,7 @@ def _spots(terrain: HeightField, seed: int) -> Iterator[Spot]:
 
 
 def _blocks(seed: int) -> Iterator[Block]:
-    """Yield (north, east, yaw, low, high) of the box around the foot of everything that stands."""
+    """Yield (north, east, yaw, low, high) of the box around the foot of each object."""
     for kind, mesh, north, east, yaw in _placed_meshes(seed):
         if kind in ("tree", "conifer"):
             half = np.array((0.5, 0.5)) if kind == "tree" else np.array((2.2, 2.2))

@@ -1,7 +1,7 @@
 """The ground of the campus: one gently rolling surface, cut along the edges of plazas and walks.
 
-Areas are convex polygons of (north, east) in metres, counter-clockwise as seen with north up and east to the left,
-i.e. in the axes of the plan read as (x, y). The cuts keep the surface: drawn ground and height field agree everywhere.
+Areas are convex polygons of (north, east) in metres. Their corners are counter-clockwise if north is drawn as x, to the
+right, and east as y, upwards. The cuts do not change the surface: drawn ground and height field agree everywhere.
 """
 
 import math
@@ -19,7 +19,7 @@ from foundation.terrain import HeightField
 REACH = 95.0  # m, half extent of the height field; beyond it the ground keeps the height of its edge
 CELL = 0.5  # m, of the height field
 LATTICE = 2.5  # m, of the drawn surface; a multiple of CELL
-FAR = (120.0, 170.0, 260.0, 430.0)  # m, where the drawn surface goes on beyond REACH
+FAR = (120.0, 170.0, 260.0, 430.0)  # m, grid lines of the drawn surface beyond REACH
 RISE = 0.008  # m per m: the campus climbs gently to the north
 MOUNDS = (  # north, east, height, spread in m: all in lawns
     (27.0, -13.0, 0.55, 5.0),
@@ -110,7 +110,7 @@ def _looks() -> dict[str, tuple[Material, float]]:
 
 
 def _rolling(north: Array, east: Array) -> Array:
-    """Return the NED z (m) from which the nodes of the surface are taken."""
+    """Return the NED z (m) of the smooth ground. The nodes of the drawn surface lie on it; the triangles are flat."""
     n, e = np.clip(north, -REACH, REACH), np.clip(east, -REACH, REACH)
     up = RISE * n
     for middle_n, middle_e, height, spread in MOUNDS:
@@ -120,14 +120,14 @@ def _rolling(north: Array, east: Array) -> Array:
 
 @cache
 def _lattice() -> tuple[Array, Array]:
-    """Return the lines (N,) m that cut the ground both ways, and the NED z (N, N) of its nodes."""
+    """Return the grid lines (N,) in m, the same for north and east, and the NED z (N, N) of the nodes in m."""
     near = np.arange(-REACH, REACH + LATTICE / 2, LATTICE)
     lines = np.concatenate([-np.array(FAR[::-1]), near, np.array(FAR)])
     return lines, _rolling(lines[:, None], lines[None, :])
 
 
-def height(north: Array, east: Array) -> Array:
-    """Return the NED z (m) of the surface that is drawn, at points of any one shape."""
+def surface_z(north: Array, east: Array) -> Array:
+    """Return the NED z (m) of the drawn surface at points; `north` and `east` have the same shape, which may be any."""
     lines, z = _lattice()
     i = np.clip(np.searchsorted(lines, north, side="right") - 1, 0, len(lines) - 2)
     j = np.clip(np.searchsorted(lines, east, side="right") - 1, 0, len(lines) - 2)
@@ -141,11 +141,11 @@ def terrain() -> HeightField:
     """Return the height field of the surface."""
     line = np.arange(-REACH, REACH + CELL / 2, CELL)
     north, east = np.broadcast_arrays(line[:, None], line[None, :])
-    return HeightField(-REACH, -REACH, CELL, height(north, east))
+    return HeightField(-REACH, -REACH, CELL, surface_z(north, east))
 
 
 def use_at(north: float, east: float) -> str:
-    """Return the use of the ground at a point: one of AREAS', or 'lawn'."""
+    """Return the use of the ground at a point: that of the first area which contains it, or 'lawn'."""
     for area in AREAS:
         ring = zip(area.ring, (*area.ring[1:], area.ring[0]), strict=True)
         if all((n1 - n0) * (east - e0) - (e1 - e0) * (north - n0) >= 0.0 for (n0, e0), (n1, e1) in ring):
@@ -154,7 +154,7 @@ def use_at(north: float, east: float) -> str:
 
 
 def ground() -> list[tuple[str, Mesh]]:
-    """Return the ground as one mesh per use of it."""
+    """Return the ground as (use, mesh), one mesh for each use."""
     looks = _looks()
     rest = _triangles()
     pieces: dict[str, list[tuple[Array, float]]] = {}
@@ -179,8 +179,9 @@ def _triangles() -> Array:
 
 def _part(tri: Array, yaw: float, look: Material, tile: float) -> g.MeshPart:
     """Return triangles in plan as a part that lies on the surface, textured in plan along `yaw`."""
-    up = -height(tri[..., 0], tri[..., 1])
-    # authored in FLU: forward north, left west; turned over by the change of hand, hence the reversal
+    up = -surface_z(tri[..., 0], tri[..., 1])
+    # Corners of a part are FLU: forward is north, left is west. Changing the sign of east mirrors the triangles, so the
+    # order of their corners is reversed.
     corners = np.stack([tri[..., 0], -tri[..., 1], up], axis=2)[:, ::-1]
     part = g.soup(corners, look, 25.0, tile)
     n, e, c, s = part.corners[..., 0], -part.corners[..., 1], math.cos(yaw), math.sin(yaw)
@@ -188,7 +189,7 @@ def _part(tri: Array, yaw: float, look: Material, tile: float) -> g.MeshPart:
 
 
 def _cut(tri: Array, ring: tuple[tuple[float, float], ...]) -> tuple[Array, Array]:
-    """Return the triangles (T, 3, 2) cut along a convex ring: those inside, those outside."""
+    """Cut triangles (T, 3, 2) along a convex ring; return the pieces inside and the pieces outside."""
     corners = np.array(ring)
     beyond = (tri.max(axis=1) <= corners.min(axis=0)).any(axis=1) | (tri.min(axis=1) >= corners.max(axis=0)).any(axis=1)
     outside, inside = [tri[beyond]], tri[~beyond]
@@ -199,7 +200,7 @@ def _cut(tri: Array, ring: tuple[tuple[float, float], ...]) -> tuple[Array, Arra
 
 
 def _split(tri: Array, a: Array, b: Array) -> tuple[Array, Array]:
-    """Return triangles split by the line a → b: the pieces on its left, the pieces on its right."""
+    """Split triangles by the line a → b; return the pieces on its left and the pieces on its right."""
     way = (b - a) / np.linalg.norm(b - a)
     side = way[0] * (tri[..., 1] - a[1]) - way[1] * (tri[..., 0] - a[0])
     side[np.abs(side) < 1e-9] = 0.0
@@ -210,9 +211,12 @@ def _split(tri: Array, a: Array, b: Array) -> tuple[Array, Array]:
 
 
 def _crossed(tri: Array, side: Array) -> tuple[Array, Array]:
-    """Return the pieces left and right of the line of triangles that it crosses; `side` (T, 3) is positive left."""
+    """Split triangles that all cross the line; return the pieces on its left and the pieces on its right.
+
+    `side` (T, 3) is the distance (m) of each corner from the line, positive on its left.
+    """
     positive = side > 0.0
-    one_left = positive.sum(axis=1) == 1  # one corner lies left and the others do not, or the other way round
+    one_left = positive.sum(axis=1) == 1  # True: only one corner is left of the line. False: only one is right of it
     lone = np.where(one_left, positive.argmax(axis=1), (side < 0.0).argmax(axis=1))
     row, order = np.arange(len(tri))[:, None], (lone[:, None] + np.arange(3)) % 3
     (a, b, c), (sa, sb, sc) = tri[row, order].transpose(1, 0, 2), side[row, order].T[..., None]
@@ -225,6 +229,6 @@ def _crossed(tri: Array, side: Array) -> tuple[Array, Array]:
 
 
 def _solid(tri: Array) -> Array:
-    """Return the triangles without those that a cut through a corner left without area."""
+    """Return the triangles that have an area. A cut through a corner makes triangles without area."""
     u, v = tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0]
     return tri[np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]) > 1e-12]

@@ -12,7 +12,6 @@ import numpy as np
 
 from episodes.maps import residential_plan as plan
 from episodes.maps.assets import houses, street, vehicles
-from episodes.maps.assets import street as plants
 from episodes.maps.residential_ground import ground, markings
 from episodes.maps.residential_plan import (
     CORNER,
@@ -30,16 +29,16 @@ from episodes.maps.residential_plan import (
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
 from foundation.terrain import HeightField
 
-KERB = 2.8  # m from the centre line to the middle of what is parked along the kerb
-ON_DRIVE = 10.5  # m from the centre line to the middle of what is parked on a drive
-BAY = 6.2  # m of kerb for one vehicle
+KERBSIDE_OUT = 2.8  # m from the centre line to the middle of a vehicle that is parked along the kerb
+DRIVE_OUT = 10.5  # m from the centre line to the middle of a vehicle that is parked on a drive
+BAY = 6.2  # m, length of kerb for one vehicle
 
 ORIGIN = (47.397742, 8.545594, 488.0)  # PX4's usual SITL home
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Furnishing:
-    """One object beside the houses and its place."""
+    """One outdoor object that is not a house, and its place."""
 
     kind: str
     mesh: Mesh
@@ -50,18 +49,21 @@ class Furnishing:
 
 @dataclass(frozen=True, slots=True)
 class Parked:
-    """A parked car, in a neutral paint so that a target's colour is its own."""
+    """A parked car. Its paint is neutral, so that no parked car has the colour of a target."""
 
     kind: str
     paint: str
     street: Street
-    along: float  # m
-    out: float  # m of the centre line, to the east or north
+    along: float  # m along the street
+    out: float  # m from the centre line; positive to the east of a street that runs north, else to the north
     yaw: float  # rad
 
 
 def heading(way: Street, side: int) -> float:
-    """Return the yaw (rad) of traffic on the right, on one side of a street."""
+    """Return the yaw (rad) of traffic on one side of a street, where vehicles drive on the right.
+
+    `side` is +1 east or north of the centre line, and -1 on the other side.
+    """
     if way.north:
         return 0.0 if side > 0 else math.pi
     return -math.pi / 2 if side > 0 else math.pi / 2
@@ -83,7 +85,7 @@ def bays(homes: tuple[Plot, ...]) -> list[tuple[Street, float, int]]:
 
 
 def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
-    """Return the parked cars: those of the main street are always the same, the others the seed's."""
+    """Return the parked cars. Those of the main street are always the same; the seed decides the others."""
     cars = [
         Parked("sedan", "grey", MAIN, -20.0, 2.9, 0.0),
         Parked("hatchback", "white", MAIN, 24.0, 2.9, 0.0),
@@ -104,14 +106,14 @@ def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
             kind, paint = kinds[int(rng.integers(4))], paints[int(rng.integers(4))]
         else:
             continue
-        out = plot.side * (11.1 if plot.street is MAIN else ON_DRIVE)
+        out = plot.side * (11.1 if plot.street is MAIN else DRIVE_OUT)
         aside = 0.2 if plot.street is MAIN else 0.0
         cars.append(Parked(kind, paint, plot.street, plot.drive + aside, out, plot.yaw + math.pi))
     for way, side, count in ((SECOND, -1, 2), (UPPER, 1, 2), (LOWER, -1, 1)):
         free = [along for s, along, k in bays(homes) if s is way and k == side]
         for along in rng.choice(free, count, replace=False):
             kind, paint = kinds[int(rng.integers(5))], paints[int(rng.integers(4))]
-            cars.append(Parked(kind, paint, way, float(along), side * (KERB + 0.1), heading(way, side)))
+            cars.append(Parked(kind, paint, way, float(along), side * (KERBSIDE_OUT + 0.1), heading(way, side)))
     return cars
 
 
@@ -122,12 +124,12 @@ def _cars(homes: tuple[Plot, ...], seed: int) -> Iterator[Furnishing]:
 
 
 def _fence(
-    plot: Plot, low: tuple[float, float], high: tuple[float, float], ground: HeightField
+    plot: Plot, low: tuple[float, float], high: tuple[float, float], terrain: HeightField
 ) -> Iterator[Furnishing]:
     """Yield a board fence between two points (along, out) of a plot, stepped where the ground rises along it."""
     (n0, e0), (n1, e1) = plot.at(*low), plot.at(*high)
     length = math.hypot(n1 - n0, e1 - e0)
-    rise = max(ground.at(n0, e0), ground.at(n1, e1)) - min(ground.at(n0, e0), ground.at(n1, e1))
+    rise = max(terrain.at(n0, e0), terrain.at(n1, e1)) - min(terrain.at(n0, e0), terrain.at(n1, e1))
     count = max(1, math.ceil(rise / 0.12))
     for k in range(count):
         share = (k + 0.5) / count
@@ -137,26 +139,27 @@ def _fence(
         )
 
 
-def _fences(plot: Plot, homes: tuple[Plot, ...], ground: HeightField) -> Iterator[Furnishing]:
+def _fences(plot: Plot, homes: tuple[Plot, ...], terrain: HeightField) -> Iterator[Furnishing]:
     """Yield the fences at the back and sides of a garden; two gardens share one fence."""
-    beside = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
-    block = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
-    for way in (1, -1):
-        if way == -1 and -20 in beside:
-            continue  # the neighbour's
-        if block and (way > 0) == (plot.along < 0.0):
-            continue  # the back fence of the main street's plots
-        edge = plot.along + way * 9.7
-        yield from _fence(plot, (edge, 18.0), (edge, DEPTH), ground)
+    neighbours = {round(o.along - plot.along) for o in homes if o.street is plot.street and o.side == plot.side}
+    # the garden lies between the two streets that run east, so one of its sides meets the gardens of another street
+    is_inner = plot.street.dead and plot.along < 107.0 and abs(plot.at(0.0, DEPTH)[0]) < 60.0
+    for direction in (1, -1):
+        if direction == -1 and -20 in neighbours:
+            continue  # the neighbour's plot yields this fence
+        if is_inner and (direction > 0) == (plot.along < 0.0):
+            continue  # the back fence of the gardens of the other street stands here
+        edge = plot.along + direction * 9.7
+        yield from _fence(plot, (edge, 18.0), (edge, DEPTH), terrain)
     if plot.street is not SECOND or plot.side > 0:
-        yield from _fence(plot, (plot.along - 9.7, DEPTH), (plot.along + 9.7, DEPTH), ground)
+        yield from _fence(plot, (plot.along - 9.7, DEPTH), (plot.along + 9.7, DEPTH), terrain)
 
 
-def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, ground: HeightField) -> Iterator[Furnishing]:
+def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, terrain: HeightField) -> Iterator[Furnishing]:
     """Yield the plants and objects of one plot."""
     rng = np.random.default_rng((seed, plot.number // 2, plot.side + 1) if plot.street is MAIN else (seed, plot.number))
-    middle, drive, plan = plot.along, plot.drive, plot.plan
-    off = float(np.sign(middle - drive))  # the way from the drive to the rest of the front lawn
+    middle, drive, house_plan = plot.along, plot.drive, plot.plan
+    off = float(np.sign(middle - drive))  # direction along the street from the drive to the rest of the front lawn
     along_street = plot.yaw + math.pi / 2
 
     def put(kind: str, mesh: Mesh, along: float, out: float, yaw: float) -> Furnishing:
@@ -165,29 +168,29 @@ def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, ground: HeightField)
     species = ("oak", "maple", "birch")[int(rng.integers(3))]
     if rng.random() < (0.62 if plot.street is MAIN else 0.3):
         height = (6.4, 7.2, 8.0)[int(rng.integers(3))]
-        tree = plants.tree(species, height, 1 + int(rng.integers(2)))
+        tree = street.tree(species, height, 1 + int(rng.integers(2)))
         yield put("tree", tree, middle + 5.0 * off + rng.uniform(-1, 1), rng.uniform(9.8, 10.6), rng.uniform(0, 6))
     back = float(rng.uniform(-6, 6)) + middle
-    fir = plants.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + int(rng.integers(2)))
+    fir = street.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + int(rng.integers(2)))
     deep, turn = rng.uniform(27, 30), rng.uniform(0, 6)
     if plot.street is MAIN or plot.number // 2 % 2:
         yield put("conifer", fir, back, deep, turn)
-    beside = any(o.along == middle + 20.0 for o in homes if o.street is plot.street)
-    if rng.random() < (0.6 if plot.street is MAIN else 0.4) and beside:
-        yield put("hedge", plants.hedge(3.6, 1.1, 0.7, 2 + plot.number // 2 % 6), middle + 9.7, 11.6, plot.yaw)
-    yield from _fences(plot, homes, ground)
+    has_neighbour = any(o.along == middle + 20.0 for o in homes if o.street is plot.street)
+    if rng.random() < (0.6 if plot.street is MAIN else 0.4) and has_neighbour:
+        yield put("hedge", street.hedge(3.6, 1.1, 0.7, 2 + plot.number // 2 % 6), middle + 9.7, 11.6, plot.yaw)
+    yield from _fences(plot, homes, terrain)
     near, far = sorted((middle + 9.0 * off, drive + (DRIVE_HALF + 0.4) * off))
     kind = (plot.number // 2 + plot.side) % 3 if plot.street is MAIN else int(rng.integers(6))
     if kind == 0:
         yield put("fence", street.picket_fence(far - near), (near + far) / 2, 7.35, along_street)
     elif kind == 4:
-        hedge = plants.hedge(round(far - near, 1), 0.8, 0.6, 1 + plot.number % 3)
+        hedge = street.hedge(round(far - near, 1), 0.8, 0.6, 1 + plot.number % 3)
         yield put("hedge", hedge, (near + far) / 2, 7.6, along_street)
-    door, wide = plot.house + plot.left * houses.door_y(plan), max(plan.porch, 1.6) / 2 + 0.8
-    wall = plan.width / 2 - 0.9
+    door, wide = plot.house + plot.left * houses.door_y(house_plan), max(house_plan.porch, 1.6) / 2 + 0.8
+    wall = house_plan.width / 2 - 0.9
     for k, a in enumerate(np.linspace(plot.house - wall, plot.house + wall, 6 if plot.street is MAIN else 4)):
         if abs(a - door) > wide:
-            bush = plants.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1)
+            bush = street.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1)
             yield put("bush", bush, a, FRONT - 0.75, rng.uniform(0, 6))
     yield put("mailbox", street.mailbox(), drive + off * (DRIVE_HALF + 0.7), 4.75, plot.yaw)
     if rng.random() < 0.5:
@@ -195,7 +198,7 @@ def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, ground: HeightField)
 
 
 def _lamps(homes: tuple[Plot, ...]) -> Iterator[Furnishing]:
-    """Yield lamps on alternate sides of each street, out of the way of drives."""
+    """Yield the lamps of each street, none of them before a drive."""
     lamp = street.lamp()
     for k, n in enumerate(np.arange(-55.0, 56.0, 22.0)):
         side = -1 if k % 2 else 1
@@ -205,7 +208,7 @@ def _lamps(homes: tuple[Plot, ...]) -> Iterator[Furnishing]:
         for k, along in enumerate(runs.tolist()):
             side = -1 if k % 2 else 1
             if not way.north:
-                side = 1 if way is UPPER else -1  # the other side is cut by junctions
+                side = 1 if way is UPPER else -1  # junctions interrupt the other side
             drives = [o.drive for o in homes if o.street is way and o.side == side]
             while any(abs(along - d) < DRIVE_HALF + 1.2 for d in drives):
                 along += 0.5
@@ -214,7 +217,7 @@ def _lamps(homes: tuple[Plot, ...]) -> Iterator[Furnishing]:
 
 
 def _signs() -> Iterator[Furnishing]:
-    """Yield street-name posts at the junctions, a hydrant, and barriers where the arms end."""
+    """Yield street-name posts at the junctions, two hydrants, and barriers at the ends of Hill Road and Mill Road."""
     yield Furnishing("hydrant", street.hydrant(), 3.0, -4.9, math.pi / 2)
     yield Furnishing("hydrant", street.hydrant(), -30.5, 68.9, -math.pi / 2)
     for way in (MAIN, SECOND):
@@ -224,45 +227,45 @@ def _signs() -> Iterator[Furnishing]:
             yield Furnishing("street-sign", post, cross.middle + inward * 6.2, way.middle - 6.2, 0.0)
     for way in STREETS:
         if way.dead:
-            for end, s in zip(way.ends, (-1, 1), strict=True):
-                north, east = way.at(end + 1.0 * s, 0.0)
+            for end, outward in zip(way.ends, (-1, 1), strict=True):
+                north, east = way.at(end + 1.0 * outward, 0.0)
                 yield Furnishing("barrier", street.barrier(7.4), north, east, 0.0)
 
 
 def _backdrop(seed: int) -> Iterator[Furnishing]:
     """Yield trees and woods beyond the gardens, so that no view ends in a bare horizon."""
     rng = np.random.default_rng((seed, 77))
-    firs = [plants.conifer(h, 1) for h in (9.0, 11.0, 7.0)]
+    firs = [street.conifer(h, 1) for h in (9.0, 11.0, 7.0)]
     for east, side in ((-32.0, -1), (96.0, 1)):
         for n in np.arange(-84.0, 85.0, 28.0).tolist():
             place = (n + rng.uniform(-4, 4), east + side * rng.uniform(4, 9) + (16.0 * side if abs(n) > 35.0 else 0.0))
             fir = firs[int(rng.integers(3))]
             yield Furnishing("conifer", fir, float(place[0]), float(place[1]), float(rng.uniform(0, 6)))
     for n in (-24.0, 20.0):
-        tree = plants.tree("maple", 8.0, 1)
+        tree = street.tree("maple", 8.0, 1)
         yield Furnishing("tree", tree, n, -40.0 - float(rng.uniform(0, 6)), float(rng.uniform(0, 6)))
     for k, n in enumerate((-96.0, -32.0, 32.0, 96.0)):
-        yield Furnishing("wood", plants.wood(66.0, 10.0, 1 + k % 2), n, -84.0, 0.0)
-        yield Furnishing("wood", plants.wood(66.0, 10.0, 2 - k % 2), n, 148.0, 0.0)
+        yield Furnishing("wood", street.wood(66.0, 10.0, 1 + k % 2), n, -84.0, 0.0)
+        yield Furnishing("wood", street.wood(66.0, 10.0, 2 - k % 2), n, 148.0, 0.0)
     for end in (-1, 1):
         for k, e in enumerate((-56.0, 8.0, 72.0, 136.0)):
-            yield Furnishing("wood", plants.wood(66.0, 10.0, 1 + k % 2), end * 130.0, e, math.pi / 2)
+            yield Furnishing("wood", street.wood(66.0, 10.0, 1 + k % 2), end * 130.0, e, math.pi / 2)
         for e in np.arange(-36.0, 110.0, 36.0).tolist():
             fir = firs[int(rng.integers(3))]
             north, east = end * rng.uniform(108, 118), e + rng.uniform(-8, 8)
             yield Furnishing("conifer", fir, float(north), float(east), float(rng.uniform(0, 6)))
 
 
-def furnishings(homes: tuple[Plot, ...], seed: int, ground: HeightField) -> tuple[Furnishing, ...]:
-    """Return all objects beside the houses, in a fixed order."""
+def furnishings(homes: tuple[Plot, ...], seed: int, terrain: HeightField) -> tuple[Furnishing, ...]:
+    """Return all outdoor objects except the houses, in a fixed order."""
     gardens: list[Furnishing] = []
     for plot in homes:
-        gardens += _garden(plot, homes, seed, ground)
+        gardens += _garden(plot, homes, seed, terrain)
     return (*gardens, *_lamps(homes), *_signs(), *_cars(homes, seed), *_backdrop(seed))
 
 
 def build(seed: int = 1) -> Scene:
-    """Return the neighbourhood. `seed` varies houses, planting and most parked cars; roads and plots stay."""
+    """Return the neighbourhood. `seed` varies houses, plants and most parked cars; roads and plots do not change."""
     homes = plan.plots(seed)
     terrain = plan.terrain(homes)
     instances: list[Instance] = []

@@ -9,7 +9,7 @@ import numpy as np
 
 from episodes.maps import residential_plan as plan
 from episodes.maps.geometry import Array
-from episodes.maps.residential import KERB, Furnishing, bays, furnishings, heading
+from episodes.maps.residential import KERBSIDE_OUT, Furnishing, bays, furnishings, heading
 from episodes.maps.residential_plan import LOWER, MAIN, SECOND, UPPER, Plot, Street
 from episodes.maps.scene import Lane, Places, Spot
 from foundation.frames import Vec3
@@ -69,7 +69,7 @@ def _footprints(meshes: Sequence[Furnishing]) -> _Boxes:
 def _spots(homes: tuple[Plot, ...]) -> Iterator[tuple[str, float, float, float]]:
     """Yield (place, north, east, yaw) of every spot, taken or not."""
     for way, along, side in bays(homes):
-        yield "kerb", *way.at(along, side * KERB), heading(way, side)
+        yield "kerb", *way.at(along, side * KERBSIDE_OUT), heading(way, side)
     for way, side in ((UPPER, -1), (LOWER, 1)):
         for along in (22.0, 42.0):
             yield "bus stop", *way.at(along, side * 2.6), heading(way, side)

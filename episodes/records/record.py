@@ -25,7 +25,7 @@ VERSION: Final = 1
 CELLS = ("approaching", "searching", "tracking", "search-and-track", "commanding")
 MOVING = ("tracking", "search-and-track")
 HIDDEN = ("searching", "search-and-track")
-STATIONARY = ("quadrotor", "sign")  # assets on a stand or on posts
+STATIONARY = ("quadrotor", "sign")  # assets that cannot move, because they are on a stand or on posts
 
 MAX_POSITION_M = 1000.0
 MAX_SPEED_MPS = 10.0
@@ -49,7 +49,7 @@ SCHEMA_FILE = Path(__file__).with_name("record.schema.json")
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SHARED = {"seed": RecordSeed, "yaw": Yaw, "vector": MapPlace, "name": MapName}
 PLACED = {"asset": {"$ref": "#/$defs/asset"}}
-SHAPES: list[dict[str, Any]] = [  # of a target: what it has, what it has not
+SHAPES: list[dict[str, Any]] = [  # of a target: the fields that each kind must have, and those that it must not have
     {"title": "placed, standing", "has": ("paint", "position_ned", "yaw_deg"), "not": ("path", "native")},
     {"title": "placed, on a path", "has": ("paint", "path"), "not": ("position_ned", "yaw_deg", "native")},
     {"title": "native to the map", "has": ("native", "position_ned", "yaw_deg"),
@@ -62,7 +62,7 @@ def _about(description: str) -> Meta:
 
 
 def _choice(words: Iterable[str]) -> Meta:
-    """Return the rule of a text that the loader compares with these words."""
+    """Return the rule that a text is one of these words, for the schema; the loader checks it in `_faults`."""
     return Meta(extra_json_schema={"enum": list(words)})
 
 
@@ -87,8 +87,8 @@ class TargetRecord:
     """Placed on the map, standing or on a path; or native: an instance that the map brings."""
 
     asset: Annotated[MapName, _about("Of a native target, the kind of the instance.")]  # else one of `assets.names()`
-    paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None of a native target
-    # on its plates or its board
+    paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None if the target is native
+    # the text on the licence plates or on the board
     inscription: (
         Annotated[
             str,
@@ -102,7 +102,8 @@ class TargetRecord:
     position_ned: MapPlace | None = None  # m, origin of the asset: on the ground under its middle
     yaw_deg: Yaw | None = None
     path: Path3D | None = None
-    native: Annotated[MapName, _about("The name of the instance.")] | None = None  # the pose repeats where it stands
+    # position_ned and yaw_deg repeat the pose of this instance on the map
+    native: Annotated[MapName, _about("The name of the instance.")] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +141,7 @@ class EpisodeRecord:
         float, Meta(ge=0.0, le=360.0, description="Compass bearing of that centre from the first drone.")
     ]
     visible_at_start: bool
-    seed: RecordSeed  # of everything random in the flight
+    seed: RecordSeed  # of all random values in the flight
     candidates: Annotated[
         tuple[TargetRecord, ...],
         Meta(max_length=MAX_CANDIDATES, description="Look-alikes of the target; commanding episodes only."),
@@ -152,7 +153,7 @@ class EpisodeRecord:
 
 
 def _plain(value: Any) -> Any:
-    """Return dataclasses as dicts without their empty optional fields, tuples as lists."""
+    """Return a dataclass as a dict without its empty optional fields, and a tuple as a list."""
     if hasattr(value, "__dataclass_fields__"):
         pairs = ((name, getattr(value, name)) for name in value.__dataclass_fields__)
         return {name: _plain(v) for name, v in pairs if v is not None and not (name == "candidates" and not v)}
@@ -194,25 +195,29 @@ def _faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
 def _text_faults(field: str, text: str) -> Iterator[tuple[str, str]]:
     if not text.strip():
         yield field, "is blank"
-    if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in text):  # line breaks among them
+    if any(unicodedata.category(c) in ("Cc", "Cs", "Zl", "Zp") for c in text):  # line breaks are control characters too
         yield field, "contains control characters"
 
 
 def _target_faults(at: str, target: TargetRecord) -> Iterator[tuple[str, str]]:
-    """Yield the faults of a target: placed, on a path and native targets have different fields."""
+    """Yield the faults of a target: fields that its kind must not have, missing fields, and wrong values.
+
+    The kinds are native, placed on a path, and placed without a path.
+    """
     for name in ("asset", "inscription", "native"):
         yield from _text_faults(f"{at}.{name}", getattr(target, name) or "-")
     absent: tuple[str, ...] = ()
     needed: tuple[str, ...] = ("position_ned", "yaw_deg")
     if target.native is not None:
-        absent, reason = ("paint", "inscription", "path"), "'native': what the map brings keeps its look and its place"
+        absent = ("paint", "inscription", "path")
+        reason = "but a native target keeps the look and the place that it has on the map"
     else:
         needed = ("paint", *needed)
         if target.path is not None:
-            absent, needed, reason = needed[1:], needed[:1], "'path', which already says where the target is"
+            absent, needed, reason = needed[1:], needed[:1], "but the path of the target already sets its pose"
     for name in absent:
         if getattr(target, name) is not None:
-            yield f"{at}.{name}", f"stands beside {reason}"
+            yield f"{at}.{name}", f"is given, {reason}"
     for name in needed:
         if getattr(target, name) is None:
             yield f"{at}.{name}", "is missing"
@@ -226,7 +231,7 @@ def _target_faults(at: str, target: TargetRecord) -> Iterator[tuple[str, str]]:
 
 
 def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
-    """Yield contradictions to the cell: about motion, visibility and look-alikes."""
+    """Yield the fields that contradict the cell: motion, visibility at the start, and look-alikes."""
     moving, commanding = record.target.path is not None, record.cell == "commanding"
     if record.cell in MOVING and not moving:
         yield "target.path", f"is missing: the target of a {record.cell} episode moves"
@@ -235,8 +240,12 @@ def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
     if record.visible_at_start == (record.cell in HIDDEN):
         value = str(record.visible_at_start).lower()
         yield "visible_at_start", f"is {value}, which contradicts the cell '{record.cell}'"
-    if commanding and not (record.candidates and record.target.inscription):
-        yield "candidates", "or 'target.inscription' is missing: a commanding episode needs both"
+    for name, is_missing in (
+        ("candidates", not record.candidates),
+        ("target.inscription", not record.target.inscription),
+    ):
+        if commanding and is_missing:
+            yield name, "is missing: a commanding episode needs 'candidates' and 'target.inscription'"
     if not commanding and record.candidates:
         yield "candidates", f"is given, but a {record.cell} episode has one target only"
     if commanding and record.target.native is not None:
@@ -257,7 +266,7 @@ def schema() -> dict[str, Any]:
     record = tables.pop("EpisodeRecord")
     shared = {name: _strict(msgspec.json.schema(kind)) for name, kind in SHARED.items()}
     definitions = {name: _folded(_strict(tables[kind.__name__]), shared) for name, kind in TABLES.items()}
-    definitions["start"].pop("description")  # which `starts` has
+    definitions["start"].pop("description")  # the field `starts` has the same description
     definitions["target"]["oneOf"] = [_shape(**shape) for shape in SHAPES]
     top = _folded(_strict(record), shared)
     return {
@@ -293,7 +302,7 @@ def _strict(schema: Any) -> Any:
         plain.pop("type", None)
         if len(plain["enum"]) == 1:
             plain["const"] = plain.pop("enum")[0]
-    if plain.pop("prefixItems", None):  # all of a vector's items are alike
+    if plain.pop("prefixItems", None):  # all items of a vector have the same schema
         plain["items"] = _strict(schema["prefixItems"][0])
     if plain.get("type") == "object":
         plain.pop("title", None)

@@ -1,6 +1,7 @@
-"""The safety envelope: where and how fast a vehicle may be sent. Each limit acts before it is reached, never after.
+"""The safety envelope: where and how fast a vehicle may be sent. Each limit acts before the vehicle reaches it.
 
-Pure, but for `load`: a setpoint, the state and the limits in, the setpoint that may be flown and what was limited out.
+All functions except `load` are pure. They take a setpoint, the state and the limits. They return the setpoint that may
+be flown, and the names of the limits that changed it.
 Speeds towards a limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows
 its setpoint with half a second's lag comes to rest short of it.
 """
@@ -20,12 +21,12 @@ from foundation.typed_file import replaced, toml_table
 from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
-PLACE_GAIN = 1.0  # 1/s; how fast a PX4 flies to a place, per metre: MPC_XY_P 0.95, MPC_Z_P 1
-GAIN = 0.5  # 1/s; a real PX4 follows a step of velocity to nine tenths within a second
+PLACE_GAIN = 1.0  # 1/s, speed per metre of distance at which a PX4 flies to a place: MPC_XY_P 0.95, MPC_Z_P 1
+GAIN = 0.5  # 1/s, speed per metre to a limit; a real PX4 follows a step of velocity to nine tenths within a second
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
-BACK_MAX = 0.5  # m/s, at which a vehicle that is beyond a limit is brought back
-TOUCHING_M = 1e-3  # m
-STALE_US = 500_000  # µs without a position after which none is believed
+BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
+TOUCHING_M = 1e-3  # m: a line this near to a corner touches it
+STALE_US = 500_000  # µs without a new position, after which the last one is not used
 
 LARGE = 1e12  # no limit is larger
 
@@ -42,22 +43,24 @@ class Limits:
     """The limits of the envelope. Heights and distances are from home."""
 
     ceiling_m: Positive = 30.0
-    floor_m: Number = 0.7  # while flying the agent's setpoints; take-off and landing are the autopilot's
+    floor_m: Number = 0.7  # for the agent's setpoints only; the autopilot takes off and lands by itself
     radius_m: Positive = 100.0  # horizontal
     speed: Positive = 1.5  # m/s, horizontal; the paper's controller asks for at most 1.2
     climb: Positive = 1.2  # m/s, up or down
     yaw_rate: Positive = 1.2  # rad/s; the paper's 60°/s is 1.05
-    margin_m: Positive = 1.0  # short of every limit across the ground at which the vehicle is to stand still
-    height_margin_m: Positive = 0.3  # the same of ceiling and floor
+    margin_m: Positive = 1.0  # distance from each horizontal limit at which the vehicle stops
+    height_margin_m: Positive = 0.3  # the same for ceiling and floor
     battery_min: Positive | None = 0.25  # 0 … 1; None: not watched
     flight_time_max_s: Positive | None = 900.0  # since the agent took over; None: not watched
-    frame_s: Positive = 1.0  # s: on a frame that is older nothing is decided; the vehicle holds until a newer one comes
-    heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat after which nothing moves
-    exclusions: tuple[Polygon, ...] = ()  # that may not be entered, at any height
-    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # likewise; see `placed`
+    frame_s: Positive = (
+        1.0  # s, highest age of a camera frame for a decision; the vehicle holds until a newer one comes
+    )
+    heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat, after which the vehicle has to stand still
+    exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
+    exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same in degrees; see `placed`
 
 
-SIMULATED = Limits(  # wider than any episode: nothing of the benchmark touches them
+SIMULATED = Limits(  # wider than any episode, so no flight of the benchmark reaches one
     ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=40.0, climb=40.0, yaw_rate=3.5,
     battery_min=None, flight_time_max_s=None,
 )  # fmt: skip
@@ -100,7 +103,7 @@ def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | N
 
 
 def unwatched(state: VehicleState, limits: Limits) -> str | None:
-    """Return the limit that cannot be watched and the reason, None when all can be."""
+    """Return a text on the limit that cannot be checked and the reason, None if all can be checked."""
     if limits.battery_min is not None and state.battery_remaining is None:
         return f"battery_min = {limits.battery_min:g} cannot be checked, because the autopilot sends no battery level"
     return None
@@ -109,9 +112,9 @@ def unwatched(state: VehicleState, limits: Limits) -> str | None:
 def admit(
     setpoint: OffboardSetpoint, state: VehicleState, home_ned: Vec3, limits: Limits, time_us: int, behind_us: int = 0
 ) -> Admitted:
-    """Return the setpoint as the envelope admits it. `state` needs position, velocity and attitude.
+    """Return the setpoint that may be flown instead of `setpoint`. `state` needs position, velocity and attitude.
 
-    A position is no staler for the `behind_us` by which all telemetry is known to come late.
+    `behind_us` is the known delay of all telemetry. It does not count towards the age at which a position is stale.
     """
     assert state.position_ned is not None
     assert state.euler is not None
@@ -168,9 +171,11 @@ def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) 
 
 
 def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
-    """A place beyond a limit is put back inside, one in or behind an exclusion is given up for where the vehicle is.
+    """Return the admitted setpoint for a place.
 
-    A place so far off that the autopilot would race there is flown to at the limits' speed.
+    A place beyond a limit is moved inside. If a place is in or behind an exclusion, its north and east are replaced by
+    those of the vehicle. If the autopilot would fly to the place faster than the limits allow, a velocity towards it
+    replaces the place.
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))
@@ -202,7 +207,7 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
 
 
 def _towards(room_m: float, margin_m: float) -> float:
-    """Return the speed (m/s) allowed towards a limit that is `room_m` away; negative beyond it: back."""
+    """Return the speed (m/s) allowed towards a limit that is `room_m` away. Within the margin it is negative: back."""
     return max(-BACK_MAX, GAIN * (room_m - margin_m))
 
 
@@ -215,7 +220,7 @@ def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
     for polygon in limits.exclusions:
         within = contains(polygon, (at[0], at[1]))
         edges = [_edge((at[0], at[1]), a, b) for a, b in zip(polygon, (*polygon[1:], polygon[0]), strict=True)]
-        if within:  # out by the nearest edge
+        if within:  # the vehicle has to leave by the nearest edge
             (n, e), room = min(edges, key=lambda edge: edge[1])
             walls.append(("exclusion", (-n, -e), -room))
         else:
@@ -224,7 +229,7 @@ def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
 
 
 def _edge(at: Corner, a: Corner, b: Corner) -> tuple[Corner, float]:
-    """Return the direction from `at` to the nearest point of the edge a–b, and its distance."""
+    """Return the direction (unit vector) from `at` to the nearest point of the edge a–b, and the distance in m."""
     along = (b[0] - a[0], b[1] - a[1])
     length = along[0] ** 2 + along[1] ** 2
     share = ((at[0] - a[0]) * along[0] + (at[1] - a[1]) * along[1]) / length if length else 0.0
@@ -235,7 +240,7 @@ def _edge(at: Corner, a: Corner, b: Corner) -> tuple[Corner, float]:
 
 
 def crosses(a: Corner, b: Corner, polygon: Sequence[Corner]) -> bool:
-    """Return whether the way from a to b crosses an edge of a polygon, or touches a corner of it."""
+    """Return whether the line from a to b crosses an edge of a polygon, or touches one of its corners."""
 
     def side(p: Corner, q: Corner, r: Corner) -> float:
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
@@ -251,7 +256,7 @@ def _once(names: list[str]) -> tuple[str, ...]:
 
 
 def load(path: Path, base: Limits) -> Limits:
-    """Return `base` with what the file says otherwise. Raises UsageError naming the file and the field."""
+    """Return `base` with the values that the file sets. Raises UsageError that names the file and the field."""
     where = f"--envelope {path}"
     limits = replaced(base, toml_table(path, where), where)
     if limits.floor_m + 2 * limits.height_margin_m >= limits.ceiling_m:

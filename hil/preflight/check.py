@@ -78,7 +78,7 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
     """
     observed = Watch(link).listen(seconds)
     names = (*NAMES, *(failsafes.SIGNING_PARAMETERS if link.has_key else ()))
-    values, points = Parameters(link).read_many(names), failsafes.plan_size(link)
+    values, points = Parameters(link).read_many(names), failsafes.count_fence_points(link)
     rehearsal = rehearse(link)
     around = [ground_side.disk_row(folder)]
     if camera_url is not None:

@@ -1,9 +1,10 @@
-"""The parameters that decide what the vehicle does by itself: one rule each, with the value that it ought to have.
+"""The rules for the parameters that decide what the vehicle does by itself: one rule and one good value for each.
 
-A wrong proposal is dangerous, so a rule proposes only what holds on every vehicle; what is the owner's choice is shown
-and left alone. Sources: PX4's parameter reference; failsafe.cpp, where noted; measured, where the reference is silent.
+A wrong proposal is dangerous, so a rule proposes only a value that is right for every vehicle. A value that is the
+owner's choice is shown, and no change is proposed. Sources: PX4's parameter reference; failsafe.cpp, where a rule names
+it; our own measurements, where the reference does not say.
 
-The autopilot's own geofence is among them: the last wall, behind the envelope that our own link keeps.
+The parameters of the autopilot's own geofence have rules too. It is the last limit if the envelope of our link fails.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,10 +22,12 @@ LINK_LOSS = {0: "nothing", 1: "Hold", 2: "Return", 3: "Land", 5: "Terminate", 6:
 LOW_BATTERY = {0: "a warning", 1: "Return", 2: "Land", 3: "Return, then Land", 4: "Terminate"}
 KILLING = (5, 6)  # of NAV_RCL_ACT and NAV_DLL_ACT: the motors stop in the air
 EXCEPT_OFFBOARD = 4  # bit 2 of COM_RCL_EXCEPT
-OVERRIDE = 1 | 2  # bits of COM_RC_OVERRIDE: in automatic modes, such as the Hold that follows us, and in offboard
+# bits of COM_RC_OVERRIDE: the sticks take over in automatic modes, such as the Hold after our setpoints stop, and in
+# offboard
+OVERRIDE = 1 | 2
 MANUAL_SLOTS = (0, 1, 2, 6, 8, 9)  # COM_FLTMODEn: Manual, Altitude, Position, Acro, Stabilized, Position Slow
 SLOTS = tuple(f"COM_FLTMODE{n}" for n in range(1, 7))
-LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 a radio that stutters would throw us out of offboard
+LOSS_LEAST, LOSS_MOST, LOSS_GOOD = 0.5, 1.0, 0.5  # s; below 0.5 s a short gap of the radio would end offboard mode
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,10 @@ FailsafeRule = Callable[[Situation, Value], Finding]
 
 
 def _offboard_loss(s: Situation, value: Value) -> Finding:
-    """COM_OBL_RC_ACT. Measured: 0 without sticks shows POSCTL and sinks at 0.7 m/s; 5 stops and stays."""
+    """COM_OBL_RC_ACT. Measured without sticks: with 0 the mode is POSCTL, and the vehicle sinks at 0.7 m/s.
+
+    With 5 it stops and holds its position.
+    """
     shown = OFFBOARD_LOSS.get(int(value), "an unknown action")
     lost = f"when our setpoints stop: {shown}"
     if value == 5:
@@ -59,9 +65,9 @@ def _offboard_loss(s: Situation, value: Value) -> Finding:
 
 
 def _offboard_timeout(s: Situation, value: Value) -> Finding:
-    """COM_OF_LOSS_T: the time for which the last velocity is still flown after its sender has died."""
+    """COM_OF_LOSS_T: for this time the vehicle still flies the last velocity after the agent has died."""
     effect = f"the last setpoint goes on for {value:g} s, {value * SPEED_MAX:.1f} m at {SPEED_MAX:g} m/s"
-    reason = f"the last velocity of a dead agent ends after {LOSS_GOOD:g} s; the agent sends twenty setpoints a second"
+    reason = f"the failsafe then acts {LOSS_GOOD:g} s after the last setpoint; the agent sends 20 setpoints a second"
     if not LOSS_LEAST <= value <= LOSS_MOST:
         too = "long" if value > LOSS_MOST else "short for a radio with gaps"
         return _mend("COM_OF_LOSS_T", value, LOSS_GOOD, f"{effect}: too {too}", reason)
@@ -70,7 +76,7 @@ def _offboard_timeout(s: Situation, value: Value) -> Finding:
 
 
 def _stick_exception(s: Situation, value: Value) -> Finding:
-    """COM_RCL_EXCEPT. From 1.14 on sticks that were absent at arming are optional: failsafe.cpp, updateArmingState."""
+    """COM_RCL_EXCEPT. From 1.14 on, sticks that are absent at arming are optional: failsafe.cpp, updateArmingState."""
     exempt = int(value) & EXCEPT_OFFBOARD
     if s.sticks and exempt:
         return _mend("COM_RCL_EXCEPT", value, int(value) & ~EXCEPT_OFFBOARD, "in offboard, lost sticks are ignored",
@@ -99,7 +105,10 @@ def _stick_loss(s: Situation, value: Value) -> Finding:
 
 
 def _station_loss(s: Situation, value: Value) -> Finding:
-    """NAV_DLL_ACT. Above 0 no ground station means no arming: rcAndDataLinkCheck.cpp. The agent is none."""
+    """NAV_DLL_ACT. With a value above 0, PX4 arms only while a ground station is connected: rcAndDataLinkCheck.cpp.
+
+    The agent does not count as a ground station.
+    """
     action = LINK_LOSS.get(int(value), "an unknown action")
     if value in KILLING:
         return _bad(
@@ -136,7 +145,7 @@ def _stick_override(s: Situation, value: Value) -> Finding:
                  "the pilot takes over by moving the sticks, in offboard and in the Hold after it")  # fmt: skip
 
 
-def _place_lost(s: Situation, value: Value) -> Finding:
+def _position_lost(s: Situation, value: Value) -> Finding:
     """COM_POS_FS_EPH."""
     if 0.0 < value <= 10.0:
         return _good("COM_POS_FS_EPH", value, f"a position with an error above {value:g} m counts as lost")
@@ -144,7 +153,7 @@ def _place_lost(s: Situation, value: Value) -> Finding:
 
 
 def _speed(s: Situation, value: Value) -> Finding:
-    """MPC_XY_VEL_MAX, the last limit on a velocity that we ask for."""
+    """MPC_XY_VEL_MAX, the autopilot's limit on the horizontal velocity that the agent commands."""
     if value < SPEED_MAX:
         return _bad(
             "MPC_XY_VEL_MAX", value, f"the agent commands up to {SPEED_MAX:g} m/s, which this limit cuts", "raise it"
@@ -158,7 +167,7 @@ def _vertical_speed(name: str, verb: str) -> FailsafeRule:
 
     def rule(s: Situation, value: Value) -> Finding:
         if value < SPEED_MAX:
-            return _bad(name, value, f"the agent {verb} at up to {SPEED_MAX:g} m/s", "raise it")
+            return _bad(name, value, f"the agent {verb} at up to {SPEED_MAX:g} m/s, which this limit cuts", "raise it")
         return _good(name, value, f"as fast as the agent {verb}, or faster")
 
     return rule
@@ -169,7 +178,7 @@ def _hitl(s: Situation, value: Value) -> Finding:
     if value > 0:
         return _judge("SYS_HITL", value, "this board flies a simulated vehicle",
                       "for a real flight set it to 0 and reboot; for a simulation remove the propellers")  # fmt: skip
-    return _good("SYS_HITL", value, "real sensors and motors, or its own simulator")
+    return _good("SYS_HITL", value, "the autopilot flies a real vehicle, or PX4 itself is simulated (SITL)")
 
 
 RULES: dict[str, FailsafeRule] = {
@@ -180,14 +189,17 @@ RULES: dict[str, FailsafeRule] = {
     "NAV_DLL_ACT": _station_loss,
     "COM_LOW_BAT_ACT": _low_battery,
     "COM_RC_OVERRIDE": _stick_override,
-    "COM_POS_FS_EPH": _place_lost,
+    "COM_POS_FS_EPH": _position_lost,
     "MPC_XY_VEL_MAX": _speed,
     "MPC_Z_VEL_MAX_UP": _vertical_speed("MPC_Z_VEL_MAX_UP", "climbs"),
     "MPC_Z_VEL_MAX_DN": _vertical_speed("MPC_Z_VEL_MAX_DN", "sinks"),
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
-VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # what happens to a vehicle whose agent dies must be known
+VITAL = (
+    "COM_OBL_RC_ACT",
+    "COM_OF_LOSS_T",
+)  # they decide what the vehicle does if the agent dies, so a missing value fails
 
 
 def read_failsafe(link: Link) -> str:
@@ -201,7 +213,7 @@ def read_failsafe(link: Link) -> str:
 
 
 def failsafe_findings(situation: Situation) -> list[Finding]:
-    """Return one finding per rule, and those on the pilot's switches where sticks are present."""
+    """Return one finding per rule and, if there are sticks, the findings on the pilot's switches."""
     findings = [Finding(_sticks(situation))]
     for name, rule in RULES.items():
         value = situation.values.get(name)
@@ -226,9 +238,9 @@ def _sticks(s: Situation) -> Row:
 
 def _mode_switch(s: Situation) -> Row:
     if s.values.get("COM_RC_IN_MODE") == 1:
-        return Row("mode switch", None, "COM_RC_IN_MODE = 1: the joystick of a ground station, which also"
-            " assigns its buttons",
-                   "try it, because the pilot takes over with it")  # fmt: skip
+        return Row("mode switch", None, "COM_RC_IN_MODE = 1: the sticks are a ground station's joystick, and"
+            " the ground station assigns the joystick's buttons",
+                   "try the button that changes the mode, because the pilot takes over with it")  # fmt: skip
     channel, slots = s.values.get("RC_MAP_FLTMODE"), [s.values.get(name) for name in SLOTS]
     if channel is None:
         return Row("mode switch", None, "the autopilot does not send RC_MAP_FLTMODE")
@@ -273,13 +285,14 @@ def _mend(name: str, value: float, new: float, why: str, reason: str) -> Finding
 
 FENCE_PARAMETERS = ("GF_ACTION", "GF_MAX_HOR_DIST", "GF_MAX_VER_DIST", "RTL_RETURN_ALT")
 FENCE_ACTIONS = {0: "nothing", 1: "a warning", 2: "Hold", 3: "Return", 4: "Terminate", 5: "Land"}
-FENCE_RADIUS = 150.0  # m from home: outside the 100 m of the envelope, so that it speaks only when that has failed
-FENCE_HEIGHT = 120.0  # m: the ceiling of open airspace in the EU and the USA, and above RTL_RETURN_ALT's 60 m
-ASK_US, FENCE_TRIES = 700_000, 3  # µs of vehicle time
+FENCE_RADIUS = 150.0  # m from home: more than the envelope's 100 m, so the fence acts only if the envelope fails
+FENCE_HEIGHT = 120.0  # m: the legal ceiling in the EU and the USA, and more than RTL_RETURN_ALT's default of 60 m
+REPLY_TIMEOUT_US = 700_000  # µs of vehicle time that a request waits for its reply
+FENCE_TRIES = 3
 
 
-def plan_size(link: Link) -> int | None:
-    """Return the number of points of the uploaded fence, None when the autopilot does not tell it."""
+def count_fence_points(link: Link) -> int | None:
+    """Return the number of points of the uploaded fence, None if the autopilot does not reply."""
     counts: list[int] = []
 
     def on_message(message: dialect.MAVLink_message) -> None:
@@ -292,10 +305,10 @@ def plan_size(link: Link) -> int | None:
     with link.listening(on_message):
         for _ in range(FENCE_TRIES):
             link.send(dialect.MAVLink_mission_request_list_message(*vehicle, fence))
-            end_us = link.time_us + ASK_US
+            end_us = link.time_us + REPLY_TIMEOUT_US
             while not counts and link.time_us < end_us:
                 link.tick()
-            if counts:  # the request has opened a transfer, and the points themselves are not wanted
+            if counts:  # the request has opened a transfer of the points, which are not needed
                 cancelled = dialect.MAV_MISSION_OPERATION_CANCELLED
                 link.send(dialect.MAVLink_mission_ack_message(*vehicle, cancelled, fence))
                 return counts[0]
@@ -303,25 +316,25 @@ def plan_size(link: Link) -> int | None:
 
 
 def fence_findings(values: Mapping[str, Value | None], points: int | None) -> list[Finding]:
-    """Return the findings on the action at a breach, on the walls, and on a return that has to stay within them."""
+    """Return the findings on the action at a breach, the radius and height of the fence, and the height of a return."""
     action, radius, height = values.get("GF_ACTION"), values.get("GF_MAX_HOR_DIST"), values.get("GF_MAX_VER_DIST")
     climb = values.get("RTL_RETURN_ALT")
     return [_action(action), _walls(radius, points), _height(height, climb), _return(climb, height)]
 
 
-def _untold(name: str) -> Finding:
+def _unknown(name: str) -> Finding:
     return Finding(Row(name, None, "the autopilot does not tell it"))
 
 
 def _action(value: Value | None) -> Finding:
     if value is None:
-        return _untold("GF_ACTION")
-    does = FENCE_ACTIONS.get(int(value), "an unknown action")
+        return _unknown("GF_ACTION")
+    action = FENCE_ACTIONS.get(int(value), "an unknown action")
     if value in (2, 3, 5):
-        return _good("GF_ACTION", value, f"fence breached: {does}")
-    ends = ", it falls" if value == 4 else " and no more"
+        return _good("GF_ACTION", value, f"fence breached: {action}")
+    consequence = ", it falls" if value == 4 else " and no more"
     reason = "a vehicle that breaches the fence stops there, and a person decides"
-    return _mend("GF_ACTION", value, 2, f"fence breached: {does}{ends}", reason)
+    return _mend("GF_ACTION", value, 2, f"fence breached: {action}{consequence}", reason)
 
 
 def _walls(radius: Value | None, points: int | None) -> Finding:
@@ -341,11 +354,11 @@ def _walls(radius: Value | None, points: int | None) -> Finding:
 
 def _height(height: Value | None, climb: Value | None) -> Finding:
     if height is None:
-        return _untold("GF_MAX_VER_DIST")
+        return _unknown("GF_MAX_VER_DIST")
     if height > 0:
         return _good("GF_MAX_VER_DIST", height, f"at most {height:g} m above home")
     why = "only our program limits the height"
-    if climb is not None and climb >= FENCE_HEIGHT:  # a fence below it would hold a returning vehicle in the air
+    if climb is not None and climb >= FENCE_HEIGHT:  # a fence below RTL_RETURN_ALT would stop a returning vehicle
         fix = f"lower RTL_RETURN_ALT below {FENCE_HEIGHT:g}, then run this again"
         return _bad("GF_MAX_VER_DIST", height, why, fix)
     reason = "a second limit above our envelope's; it is the legal limit in most countries"
@@ -354,7 +367,7 @@ def _height(height: Value | None, climb: Value | None) -> Finding:
 
 def _return(altitude: Value | None, height: Value | None) -> Finding:
     if altitude is None:
-        return _untold("RTL_RETURN_ALT")
+        return _unknown("RTL_RETURN_ALT")
     climbs = f"Return first climbs to {altitude:g} m"
     if height and altitude >= height:
         why = f"{climbs}, above the fence at {height:g} m"
@@ -367,9 +380,10 @@ OBEYED = {1: "unsigned messages are obeyed over USB only", 2: "unsigned messages
 
 
 def signing_findings(values: Mapping[str, Value | None]) -> list[Finding]:
-    """Return whether unsigned messages are ignored; empty when the autopilot does not tell it, as ours, which does.
+    """Return the finding on MAV_SIGN_CFG: whether unsigned messages are ignored. Empty without this parameter.
 
-    PX4 1.17 signs with a key and still obeys everybody by default.
+    Our autopilot does not have it, and ignores unsigned messages once it has a key. By default, PX4 1.17 with a key
+    signs its messages and still obeys unsigned ones.
     """
     value = values.get("MAV_SIGN_CFG")
     if value is None:

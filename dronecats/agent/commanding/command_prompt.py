@@ -73,27 +73,28 @@ class Post:
         """`goal` is the episode's own instruction. It holds until the commander gives another."""
         self.drone, self.goal = drone, goal
         self.begun = False  # the commander has replied once; until then the drone hovers
-        self.since_s = 0.0  # time of the goal
-        self.steps = 0  # decided since then
-        self.still = 0  # last decisions in a row without a go, since the commander was asked about a stall
-        self.reported_s: float | None = None  # time of its open report of arrival; None: there is none
-        self.confirmed = False  # its report is confirmed: it hovers until it has another goal
+        self.since_s = 0.0  # time at which the goal was set
+        self.steps = 0  # decisions since then
+        # decisions in a row without a go; counted anew after the commander was asked about a stall
+        self.steps_without_go = 0
+        self.reported_s: float | None = None  # time of the drone's report of arrival, until the commander replies to it
+        self.confirmed = False  # the report is confirmed: the drone hovers until it has another goal
 
     @property
     def waits(self) -> bool:
-        """True while it hovers until the next order."""
+        """True while the drone hovers and waits for an order."""
         return not self.begun or self.confirmed or self.reported_s is not None
 
     def order(self, goal: str, now_s: float) -> None:
-        """Set a goal. The same goal again rejects a report."""
+        """Set a goal. If the drone has reported its arrival, the same goal again rejects the report."""
         if goal != self.goal or self.confirmed:
             self.goal, self.since_s, self.steps = goal, now_s, 0
-        self.still, self.reported_s, self.confirmed = 0, None, False
+        self.steps_without_go, self.reported_s, self.confirmed = 0, None, False
 
     def note(self, went: bool, reported: bool, now_s: float) -> None:
         """Count a decision under the present goal."""
         self.steps += 1
-        self.still = 0 if went else self.still + 1
+        self.steps_without_go = 0 if went else self.steps_without_go + 1
         if reported:
             self.reported_s = now_s
 
@@ -133,8 +134,8 @@ def _heading(post: Post) -> str:
     return f"to something {side} its picture, {went.depth_m:.3g} m away by its own judgement"
 
 
-MAX_REPLY_CHARS = 50_000  # eight orders of the longest are far below this
-MAX_GOAL_CHARS = 500  # as an episode's own instruction
+MAX_REPLY_CHARS = 50_000  # a reply with eight orders of the greatest length is far shorter
+MAX_GOAL_CHARS = 500  # the limit of an episode's instruction too
 
 
 @dataclass(frozen=True, slots=True)

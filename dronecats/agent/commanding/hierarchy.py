@@ -102,7 +102,7 @@ class FleetCommander:
                 self._sent_reports.discard(drone)
             elif drone not in self._sent_reports:
                 causes.append(Cause(why="report", drone=drone))
-            if post.still >= STALL_STEPS and not post.waits:
+            if post.steps_without_go >= STALL_STEPS and not post.waits:
                 causes.append(Cause(why="stall", drone=drone))
         if not causes and self._now_s() >= self._sent_s + INTERVAL_S:
             causes.append(Cause(why="time"))
@@ -147,8 +147,8 @@ class FleetCommander:
         shown = _Shown(self._questions_sent, now_s, causes, frames, roster(self._posts, now_s), reports)
         self._questions_sent, self._sent_s, self._sent_reports = self._questions_sent + 1, now_s, set(reports)
         for post in self._posts:
-            if post.still >= STALL_STEPS:
-                post.still = 0
+            if post.steps_without_go >= STALL_STEPS:
+                post.steps_without_go = 0
         return shown
 
     def _send(self, shown: _Shown) -> Asking:

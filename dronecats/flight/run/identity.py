@@ -1,6 +1,6 @@
 """The identity of a flight: digests of the sources that flew and judged it, the protocol, its record and frames.
 
-Digests are SHA-256 in hexadecimal. A report does not pool what differs in them (docs/run-folder.md).
+Digests are SHA-256 in hexadecimal. A report does not pool flights whose digests differ (docs/run-folder.md).
 """
 
 import hashlib
@@ -24,16 +24,17 @@ FOLDERS = (
     *("foundation", "vehicles", "autopilot", "episodes", "hil", "dronecats/agent", "dronecats/pilots"),
     *(f"dronecats/flight/{name}" for name in ("logger", "processes", "run", "sitl", "spec", "stages")),
 )
-FITTING = "dronecats/pilots/fitting"  # makes what the pilots ship with, and flies nothing
-JUDGE = "dronecats/judge"  # its own files only: metrics and statistics decide nothing
+FITTING = "dronecats/pilots/fitting"  # makes the files that the built-in pilots ship with; no flight runs it
+JUDGE = "dronecats/judge"  # without its subfolders: metrics and statistics do not affect a verdict
 
 
 @cache
 def code_digest() -> str:
     """Return the digest of every source that decides what is flown and how it is judged.
 
-    What asks for flights and reads them back (command line, campaigns, metrics, reports) is not among them, and neither
-    is what fits the pilots. Moving a file or changing a comment changes nothing: `dronecats.flight.run.source_digest`.
+    The sources that start flights or read their results (command line, campaigns, metrics, reports) are not included,
+    and neither are those that fit the pilots. The digest stays the same if a file moves or a comment changes: see
+    `dronecats.flight.run.source_digest`.
     """
     paths = [path for folder in FOLDERS for path in (ROOT / folder).rglob("*")] + list((ROOT / JUDGE).iterdir())
     sources = [path for path in paths if not path.is_relative_to(ROOT / FITTING)]
@@ -57,7 +58,10 @@ def suite_digest(records: Iterable[tuple[str, str]]) -> str:
 
 
 def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeIdentity:
-    """Return the identity of the flight in an episode folder. `pace`: of a flight in real time. Raises OSError."""
+    """Return the identity of the flight in an episode folder. Raises OSError.
+
+    `pace` has the figures of RateKeeper for a flight in real time; None in lockstep.
+    """
     pictures = sorted((folder / layout.FRAMES).glob("*.jpg"))
     frames = hashlib.sha256()
     for picture in pictures:
@@ -68,7 +72,7 @@ def identify(folder: Path, pace: Mapping[str, float] | None = None) -> EpisodeId
         record_sha256=hashlib.sha256(record.read_bytes()).hexdigest() if record.exists() else None,
         frames=len(pictures),
         frames_sha256=frames.hexdigest() if pictures else None,
-        served=_served(folder),
+        served=_served_models(folder),
         **({"pace": dict(pace)} if pace else {}),
     )
     return identity
@@ -81,10 +85,11 @@ def write_identity(folder: Path, pace: Mapping[str, float] | None = None) -> Epi
     return identity
 
 
-def _served(folder: Path) -> tuple[str, ...]:
+def _served_models(folder: Path) -> tuple[str, ...]:
+    """Return the names under which vendors served the model, in the order of their first reply."""
     try:
         served = [decision.served for decision in rows(folder / layout.DECISIONS, Decision)]
         served += [exchange.served for exchange in exchanges(folder)]
-    except UsageError:  # damage has its own place to be told: the verdict
+    except UsageError:  # the verdict reports damaged files
         return ()
     return tuple(dict.fromkeys(name for name in served if isinstance(name, str)))

@@ -1,4 +1,4 @@
-"""The simulator as a process: vehicles and autopilots in real time, MAVLink on UDP, the truth on a bus beside it."""
+"""The simulator as a process: it runs vehicles and autopilots in real time, with MAVLink on UDP and a truth bus."""
 
 import time
 from pathlib import Path
@@ -13,7 +13,7 @@ from foundation.signing import load_key, timestamp
 from vehicles import airframe as airframes
 from vehicles import fault_script
 
-WORK_SHARE = 0.1  # of a tick, twice in each, for what clients send
+WORK_SHARE = 0.1  # largest share of a tick for the messages of clients, once before and once after the simulation step
 
 
 class Simulator:
@@ -36,10 +36,11 @@ class Simulator:
         if config.least_charge is not None:
             for vehicle in self.simulation.vehicles:
                 vehicle.plant.keep_charge(config.least_charge)
-        self.simulation.advance()  # compiles, on the first run of an installation
+        self.simulation.advance()  # on the first run of an installation, this compiles the physics
         self.ports = Ports(self.simulation, config.instance)
         if config.sign is not None:
-            key, now = load_key(Path(config.sign)), timestamp(time.time())  # the calendar, as a PX4 has it from its key
+            # signatures need the date; a PX4 gets it together with its key
+            key, now = load_key(Path(config.sign)), timestamp(time.time())
             for vehicle in self.simulation.vehicles:
                 vehicle.sign(key, now)
         self.speed = 1.0 if config.speed is None else config.speed
@@ -48,6 +49,7 @@ class Simulator:
         self._staller = Staller(config.disturbances, noise_seed(world.record.seed, config.seed, 0))
 
     def ready(self) -> dict[str, Any]:
+        """Start the rate keeper anew, because starting up took time, and return the ports."""
         self._keeper = RateKeeper(TICK_US / 1e6 / self.speed)
         self.pace = PaceReport(self._keeper)
         return {
@@ -79,7 +81,7 @@ class Simulator:
 
 
 def create(config: SimulatorConfig) -> Part:
-    """Return the simulator of an episode's vehicles, under our autopilot or a PX4 each. Raises UsageError."""
+    """Return the simulator of an episode's vehicles, each flown by our autopilot or by a PX4. Raises UsageError."""
     if config.autopilot == "px4":
         from dronecats.flight.sitl.px4 import Px4Simulator
 

@@ -25,7 +25,7 @@ from foundation.errors import UsageError
 from vehicles import airframe as airframes
 from vehicles.airframe import laden
 
-FREE_HEIGHT_M = 2.5  # of the start of a flight on a map over the map's spawn: PX4's MIS_TAKEOFF_ALT
+FREE_HEIGHT_M = 2.5  # m above the map's spawn, where a flight on a map starts: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
 
@@ -38,7 +38,7 @@ class Flight:
     record: EpisodeRecord | None  # None: a connected vehicle without our world
     prompt: Prompt
     optics: Optics | None
-    outside: Model | None = None  # answers the questions of a spec with `outside`
+    outside: Model | None = None  # gives the replies of another harness, if `spec.outside` names one
 
     @property
     def instruction(self) -> str:
@@ -52,25 +52,26 @@ class Flight:
 
     @property
     def seed(self) -> tuple[int, ...]:
-        """Of everything that the agent draws: the record's, and this flight's."""
+        """The seed of all random draws of the agent: the record's seed and this flight's."""
         return (self.record.seed if self.record else 0, self.spec.seed)
 
     @property
     def camera(self) -> dict[str, Any] | None:
-        """The camera of our world for run.json: its geometry, and its optics where they are not the benchmark's."""
+        """The simulated camera for run.json: its geometry, and its optics unless they are the benchmark's."""
         if self.spec.simulated and not self.spec.simulated.rendered:
             return None
         return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
 
 
 def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
-    """Return the flight of a spec; no model is asked anything yet. Raises UsageError.
+    """Return the flight of a spec. No model gets a question here. Raises UsageError.
 
-    `outside` answers the questions of a spec with `outside`.
+    `outside` gives the replies if the spec names another harness (`spec.outside`).
     """
     if spec.outside is not None and outside is None and not spec.replay:
         raise UsageError(
-            f"only {spec.outside.harness} can ask {spec.outside.name}. To repeat its flight: --model replay:RUN"
+            f"the replies of {spec.outside.name} can come only from {spec.outside.harness}. To repeat its"
+            " recorded flight: --model replay:RUN"
         )
     if spec.simulated or (spec.connected and spec.connected.truth):
         extras.require("numba", "embreex")
@@ -79,8 +80,8 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
         roster.check(spec.pilot)
     if spec.command != "flat" and spec.pilot and not roster.forgets(spec.pilot):
         raise UsageError(
-            f"--command {spec.command} asks about each drone separately, but {spec.pilot} cannot tell the drones"
-            " apart. Choose vision, oracle, noisy or a model"
+            f"--command {spec.command} asks about each drone separately, but {spec.pilot} keeps one memory for all"
+            " drones. Choose vision, oracle, noisy or a model"
         )
     if spec.scripted_commander:
         roster.check_commander(spec.scripted_commander)
@@ -137,15 +138,16 @@ def _record(spec: FlightSpec) -> EpisodeRecord | None:
         return None
     if spec.drones is None:
         return record
-    from episodes.records.formation import with_drones  # checks records, which needs what simulating needs
+    from episodes.records.formation import with_drones  # not at the top: it needs the packages of the simulator
 
     return with_drones(record, spec.drones)
 
 
 def _free_flight(name: str, instruction: str) -> EpisodeRecord:
-    """Return a record of a map, beginning over its spawn. Raises UsageError for an unknown map.
+    """Return a record whose flight starts above the spawn of a map. Raises UsageError for an unknown map.
 
-    A record cannot be without a target, so some thing of the map itself is named as one: the picture stays the map's.
+    A record must have a target, so the object of the map that is nearest to the spawn becomes the target. Nothing is
+    added to the map.
     """
     scene = maps.build(name)
     spawn, yaw = scene.spawn_ned, scene.spawn_yaw
@@ -175,5 +177,5 @@ def _free_flight(name: str, instruction: str) -> EpisodeRecord:
 
 
 def map_digest(record: EpisodeRecord | None) -> str | None:
-    """Return the digest of a map of one's own, None for one that ships."""
+    """Return the digest of a user's own map; None for a shipped map, or without a record."""
     return maps.digest(record.map) if record else None

@@ -1,7 +1,7 @@
 """Metrics of outcome and trajectory: success and declarations, distances, times, path and contacts.
 
-Paper, "Maps, Episodes and Metrics" and "Metrics". Of a fleet each value is that of the best drone, and the paths are
-added up (`dronecats/judge/diagnostics.py`). Trajectories do not enter the verdict.
+Paper, "Maps, Episodes and Metrics" and "Metrics". For a fleet, each diagnostic of the trajectory is that of the best
+drone, except the path, which is the sum (`dronecats/judge/diagnostics.py`). Trajectories do not affect the verdict.
 """
 
 from dronecats.judge.diagnostics import contacts, estimator_resets
@@ -10,7 +10,7 @@ from dronecats.judge.metrics.metric import Metric, MetricFunction
 
 
 def oracle_success(flight: JudgedFlight) -> bool | None:
-    """Return whether the trajectory came within the radius at any time, declared or not, in view or not."""
+    """Return whether a drone was ever within the radius, with or without a declaration or a view of the target."""
     diagnostics = flight.verdict.diagnostics
     return diagnostics.oracle_success if diagnostics else None
 
@@ -21,10 +21,10 @@ def success_at_first(flight: JudgedFlight) -> bool | None:
 
 
 def declared_to_start(flight: JudgedFlight) -> float | None:
-    """Return the distance at the decisive declaration over the start distance of the same drone.
+    """Return the distance at the first declaration that qualifies, divided by the start distance of the same drone.
 
-    If no declaration qualifies, the first one counts, since the metric shows who declares early; the paper names only
-    the decisive one.
+    If no declaration qualifies, the first declaration counts, because the metric is meant to show early declarations.
+    The paper defines the metric only for a declaration that qualifies.
     """
     made = flight.declarations
     declaration = flight.verdict.deciding or (made[0] if made else None)
@@ -35,7 +35,7 @@ def declared_to_start(flight: JudgedFlight) -> float | None:
 
 
 def min_distance_box(flight: JudgedFlight) -> float | None:
-    """Return the least distance (m) from a drone to the target's box, of the frames within the cap; 0 is inside."""
+    """Return the least distance (m) between a drone and the target's box, at the frames within the cap; 0: inside."""
     distances = (row.distance_box_m for row in flight.logs.frames.values() if row.t <= flight.cap_s)
     return min((distance_m for distance_m in distances if distance_m is not None), default=None)
 

@@ -80,7 +80,7 @@ class Spread:
     low: float | None  # interval of the deviation for normal totals, within its range
     high: float | None
     binomial: float  # successes, expected for equal episodes: the paper's sqrt(n p (1 - p))
-    by_episode: float | None  # expected if each episode has its own share
+    binomial_by_episode: float | None  # the same if each episode has its own success rate; None: one flight
 
 
 def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Spread:
@@ -104,7 +104,7 @@ def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Sprea
         low=low,
         high=high,
         binomial=binomial_deviation(mean / episodes, episodes),
-        by_episode=_by_episode(flights) if len(flights) > 1 else None,
+        binomial_by_episode=_by_episode(flights) if len(flights) > 1 else None,
     )
 
 

@@ -79,7 +79,7 @@ def shows_long_end(detection: Detection, size: Size) -> bool:
     """Return whether the drone sees the end of a long thing."""
     if size.length_m < LONG_M or detection.range.distance_m > _LONG_WITHIN_M:
         return False
-    return ranging.half_depth_m(detection.box, detection.range, size) >= _END_REACH_M
+    return ranging.middle_to_near_end_m(detection.box, detection.range, size) >= _END_REACH_M
 
 
 def is_at_flank(detection: Detection, past: tuple[PastAction, ...]) -> bool:
@@ -216,7 +216,7 @@ def _after_declaration(detection: Detection | None, aspect: float, size: Size, p
             return stride_past_end(detection, past)
     if detection.range.distance_m > ARRIVED_M:
         return _approach(detection, aspect, past)
-    near_end_m = ranging.half_depth_m(detection.box, detection.range, size)
+    near_end_m = ranging.middle_to_near_end_m(detection.box, detection.range, size)
     room = max(detection.range.distance_m, RADIUS_M) - near_end_m - search.CLEARANCE_M
     if room < 0.5 * STRIDE_MIN_M:
         return search.turn_away(past)

@@ -23,10 +23,10 @@ _DEPTHS_M = np.geomspace(1.3, 70.0, 72)
 _HEADINGS_RAD = np.radians(np.arange(0.0, 180.0, 12.0))
 _CAMERA_HEIGHTS_M = np.array((0.7, 1.0, 1.3, 1.6, 1.9, 2.2, 2.7, 3.4, 4.5, 6.0))
 _HEIGHT_PRIOR = np.array((0.5, 0.8, 1.0, 1.0, 1.0, 1.0, 0.7, 0.5, 0.35, 0.25))  # benchmark starts: 1.2–2.2 m
-_EDGE = 0.005  # fraction of the picture width that counts as touching the edge
-_BELOW = 1.1  # points this little below the picture's edge still widen the rectangle
-_SPREAD_LOG = 0.10  # how far apart things of one kind are in size, as a fraction
-_SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and paint that ends before the body does
+_EDGE = 0.005  # fraction of the picture width: a rectangle this near to the edge touches it
+_BELOW = 1.1  # points lower than this multiple of half the picture height do not widen the rectangle
+_SPREAD_LOG = 0.10  # relative standard deviation of the sizes of one kind
+_SPREAD_EDGE = 0.006  # fraction of the picture width: blur, JPEG, and body edges without paint
 _SPREAD_HORIZON = 0.02  # fraction of the picture width: the body's pitch in flight, about 2.5°
 
 
@@ -42,12 +42,12 @@ class BoundingBox:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """The place of a thing's centre, from the camera."""
+    """The estimated distance of a thing's centre."""
 
     depth_m: float  # planar: along the optical axis
     distance_m: float  # 3-D, from the body's origin
     spread_m: float  # standard deviation of distance_m
-    fit: float  # 0 … 1: how well the best prediction fits; small: not this kind of thing
+    fit: float  # 0 … 1, how well the best prediction fits; a small value means another kind of thing
 
     def scaled(self, factor: float) -> "Range":
         """Return the range with all distances multiplied."""
@@ -81,8 +81,11 @@ def measure(box: BoundingBox, size: Size, aspect: float) -> Range:
     return Range(float((weight * depth).sum()), mean, spread, math.exp(-0.5 * max(0.0, best) / 4.0))
 
 
-def half_depth_m(box: BoundingBox, estimate: Range, size: Size) -> float:
-    """Return the distance (m) from a thing's middle to its near end: half its width if it shows its side."""
+def middle_to_near_end_m(box: BoundingBox, estimate: Range, size: Size) -> float:
+    """Return the distance (m) from a thing's middle to its near end.
+
+    This is half its width if it shows its side, and half its length if it shows its front or back.
+    """
     width_m = (box.right - box.left) * estimate.depth_m / FOCAL_PER_WIDTH
     span = size.length_m - size.width_m
     sideways = min(1.0, max(0.0, (width_m - size.width_m) / span)) if span > 0.0 else 1.0
@@ -100,12 +103,15 @@ def _shift(box: BoundingBox, grid: "_Grid") -> NDArray[np.float64] | float:
 
 
 def _mismatch(length: float, predicted: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the difference of two lengths in standard deviations of blur and usual sizes."""
+    """Return the difference of two lengths in standard deviations, which combine blur and the sizes of one kind."""
     return (length - predicted) / np.hypot(_SPREAD_EDGE, _SPREAD_LOG * predicted)
 
 
 def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return points (P,) m forward, right and up on the outside of the paint: the catalogue's if it has the kind."""
+    """Return points on the outside of the painted body: metres forward, right and above the ground, (P,) each.
+
+    They come from outlines.npz if that has the kind, otherwise from the usual size.
+    """
     if size.outline:
         with np.load(Path(__file__).with_name("outlines.npz")) as arrays:
             x, y, z = arrays[size.outline].astype(np.float64).T
@@ -113,8 +119,8 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
     along = np.repeat(np.linspace(-0.5, 0.5, 6), 2) * size.length_m
     across = np.tile((0.5, -0.5), 6) * size.width_m
     waist = size.paint_from_m + 0.5 * size.paint_height_m
-    # sill and waist over the full footprint, the roof over a smaller one: the outline of a vehicle from any side;
-    # points along the sides, so that a prediction that is cut off below keeps the part behind
+    # The sill and the waist have the full footprint, the roof a smaller one: like a vehicle's outline from any side.
+    # The points are spread along the sides: if the picture cuts off the near part, the prediction keeps the far part.
     return (
         np.concatenate((along, along, 0.7 * along)),
         np.concatenate((across, across, 0.85 * across)),
@@ -124,7 +130,10 @@ def outline(size: Size) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
 
 @dataclass(frozen=True, slots=True)
 class _Grid:
-    """Predicted rectangles (depth, heading, camera height), fractions of the picture width, thing straight ahead."""
+    """Predicted rectangles of a thing straight ahead, in fractions of the picture width.
+
+    The axes of each array are depth, heading and camera height.
+    """
 
     left: NDArray[np.float64]
     right: NDArray[np.float64]

@@ -1,8 +1,8 @@
 """Searches for a target that is not in the picture, and leaves a wrong one.
 
 A search is a full circle, a walk to where the view is open, and another circle. A declaration that did not end the
-flight was wrong: after some of them the drone turns away by LEAVE_TURN_DEG and ignores what it left. The history in the
-prompt, five actions long, says how far the search has come.
+flight was wrong. The drone declares at one thing up to three times, each time from nearer. Then it turns away by
+LEAVE_TURN_DEG and ignores that thing. The history in the prompt, five actions long, shows the state of the search.
 """
 
 import math
@@ -17,15 +17,15 @@ from dronecats.pilots.vision.color_detector import Detection
 from foundation.protocol import FINISHED, GO, ROTATE
 
 SWEEP_DEG = 60.0  # five turns and the first view are the full circle
-_SECOND_SWEEP_DEG = 45.0  # a turn of this size means: the circle is closed, find a way out
-WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point: avoid_wander_depth
+_SECOND_SWEEP_DEG = 45.0  # a turn of this size: the circle is closed, and the drone looks for a way out
+WANDER_M = 20.0  # a `go` of this depth is a stride to a new vantage point; see avoid_wander_depth
 _WANDERS = 3  # strides to a new vantage point, each up to 3 m
 _OPEN = 0.62  # share of sky above the horizon from which a direction is open
-LEAVE_TURN_DEG = 88.0  # of the turn away from a wrong target: then it is out of the picture, or at its edge
-CLEARANCE_M = 0.9  # between the drone and the nearest end of the thing
-CLOSER_STRIDE_M = 2.4  # longest stride after a wrong declaration: a target may move away at 0.3 m/s
+LEAVE_TURN_DEG = 88.0  # turn away from a wrong target, which is then outside the picture or at its edge
+CLEARANCE_M = 0.9  # m, kept between the drone and the nearest end of the thing
+CLOSER_STRIDE_M = 2.4  # m, longest stride after a wrong declaration, since a target may move away at 0.3 m/s
 _MOST_DECLARATIONS = 3  # at one thing, each from nearer
-_REJECTED_WITHIN_M = 10.0  # after the turn, a wrong target is no farther away
+_REJECTED_WITHIN_M = 10.0  # m; after the turn, a thing farther away than this is not the wrong target
 
 
 def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
@@ -35,9 +35,9 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
         side = math.copysign(1.0, past[-1].angle_deg)
         if turns < 5:
             return actions.rotate(side * SWEEP_DEG)
-        leaving = sum(abs(abs(p.angle_deg) - _SECOND_SWEEP_DEG) < 1.0 for p in past)
+        way_out_turns = sum(abs(abs(p.angle_deg) - _SECOND_SWEEP_DEG) < 1.0 for p in past)
         u, openness = open_direction(picture)
-        if openness >= _OPEN * (1.0 - 0.2 * leaving):
+        if openness >= _OPEN * (1.0 - 0.2 * way_out_turns):
             return actions.go(u, 500.0, WANDER_M)
         return actions.rotate(side * _SECOND_SWEEP_DEG)
     wander_strides = count_wander_strides(past)
@@ -45,7 +45,7 @@ def next_action(picture: colors.Picture, past: tuple[PastAction, ...]) -> str:
         u, openness = open_direction(picture)
         if openness >= 0.5 * _OPEN:
             return actions.go(u, 500.0, WANDER_M)
-    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was here a moment ago: turn to its side
+    if wander_strides == 0 and past and past[-1].kind == GO:  # the target was just in the picture: turn to its side
         return actions.rotate(math.copysign(SWEEP_DEG, past[-1].x_px - 640.0))
     return actions.rotate(SWEEP_DEG)
 
@@ -93,17 +93,17 @@ def count_wander_strides(past: tuple[PastAction, ...]) -> int:
 
 
 def avoid_wander_depth(depth_m: float) -> float:
-    """Return a depth that no later step takes for a stride to a new vantage point."""
+    """Return a depth that later steps do not mistake for a stride to a new vantage point."""
     return depth_m if abs(depth_m - WANDER_M) > 0.5 else WANDER_M - 1.0
 
 
 def has_declared_enough(past: tuple[PastAction, ...]) -> bool:
-    """Return whether the history has enough declarations."""
+    """Return whether the history has so many declarations that the drone turns away."""
     return sum(p.kind == FINISHED for p in past) >= _MOST_DECLARATIONS
 
 
 def turn_away(past: tuple[PastAction, ...]) -> str:
-    """Return a turn away from a wrong target, to the other side than the last turn."""
+    """Return a turn away from a wrong target, in the opposite direction of the last turn, or right without one."""
     before = [p.angle_deg for p in past if p.kind == ROTATE]
     return actions.rotate(-math.copysign(LEAVE_TURN_DEG, before[-1]) if before else LEAVE_TURN_DEG)
 
@@ -114,7 +114,10 @@ def has_turned_away(past: tuple[PastAction, ...]) -> bool:
 
 
 def is_rejected(detection: Detection, past: tuple[PastAction, ...]) -> bool:
-    """Return whether a detection just after such a turn is the wrong target: near, and on its side."""
+    """Return whether a detection just after a turn away is the wrong target.
+
+    It is if it is near and touches the edge of the picture on the side from which the drone has turned.
+    """
     if not has_turned_away(past) or detection.range.distance_m > _REJECTED_WITHIN_M:
         return False
     return (detection.box.left if past[-1].angle_deg > 0.0 else -detection.box.right) < -0.5 + 0.01

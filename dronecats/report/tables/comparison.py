@@ -33,11 +33,11 @@ COLUMNS = (
     TableColumn(name="smallest_points", title="Could have shown", unit="points", decimals=1),
 )
 
-Flights = dict[str, tuple[str, tuple[bool, ...]]]  # by episode: its cell, and the successes of its flights
+Flights = dict[str, tuple[str, tuple[bool, ...]]]  # episode → (its cell, the successes of its flights)
 
 
 def comparison(data: ReportData) -> ReportTable | None:
-    """Return the comparison of every two models and of every two built-in pilots; None without a pair."""
+    """Return the comparison of every two models and of every two built-in pilots; None without a row."""
     blocks = []
     for title, is_model in ((MODELS, True), (BUILT_IN, False)):
         among = [entrant for entrant in data.entrants if entrant.is_model is is_model]
@@ -50,12 +50,13 @@ def comparison(data: ReportData) -> ReportTable | None:
         name="comparison",
         title="Pair by pair",
         caption=(
-            "Only first, only second: episodes that only this pilot solved; with several flights of an episode,"
-            " the pilot that solved the larger share of them. p: McNemar's exact test, two-sided; beside it"
-            " Holm's correction for all pairs of the block and suite. Difference: of the success rates, in points"
-            f" of 100. Could have shown: the smallest true difference that the test finds with power {POWER:g} at"
-            f" α = {ALPHA:g} (before Holm's correction) among so many episodes, the share of those with different"
-            " outcomes being as observed, or the difference itself where that is larger."
+            "Only first, only second: number of episodes that only this pilot solved. An episode with several"
+            " flights counts for the pilot that solved the larger share of them. p: McNemar's exact test, two-sided."
+            " p, Holm: the same with Holm's correction for all pairs of the block and suite. Difference: success rate"
+            " of the first less that of the second, in points of 100. Could have shown: the smallest true difference"
+            f" that the test finds in this number of episodes with power {POWER:g} at α = {ALPHA:g}, before Holm's"
+            " correction. The assumed share of episodes with different outcomes is the observed share, or the"
+            " difference itself if that is larger."
         ),
         columns=COLUMNS,
         blocks=tuple(blocks),
@@ -87,7 +88,10 @@ def _paired(a: Entrant, b: Entrant, cells: Sequence[str]) -> Paired:
 
 
 def variance(data: ReportData) -> ReportTable | None:
-    """Return each flight's successes and their observed and expected scatter; None where none flew twice."""
+    """Return the successes of each pass over the episodes, with their observed and expected scatter.
+
+    None if no entrant flew its episodes more than once.
+    """
     cells = data.cells(CELLS)
     columns = [NAME, TableColumn(name="flight", title="Flight", align="left")]
     columns += [
@@ -119,9 +123,10 @@ def variance(data: ReportData) -> ReportTable | None:
         name="variance",
         title="From flight to flight",
         caption=(
-            "Successes of each flight over the same episodes. s.d. of N: standard deviation over N flights, in"
-            " brackets its 95 % interval by chi-square, which is wide for few flights. Binomial: sqrt(n p (1 −"
-            " p)), the scatter of n independent flights with one success rate. By episode: the scatter of"
+            "Successes of each flight over the same episodes: row 1 counts the first flight of every episode, row 2"
+            " the second, and so on. s.d. of N: standard deviation over N flights, in brackets its 95 %"
+            " interval by chi-square, which is wide for few flights. Binomial: sqrt(n p (1 − p)), the scatter"
+            " of n independent flights with one success rate. By episode: the scatter of"
             " independent flights if each episode has its own estimated success rate."
         ),
         columns=tuple(columns),
@@ -132,7 +137,7 @@ def variance(data: ReportData) -> ReportTable | None:
 
 
 def _repeated(entrant: Entrant) -> Flights:
-    """Return the episodes that were scored in every flight; none of a single flight."""
+    """Return the episodes that have a score in every pass over the suite. Empty if there is only one pass."""
     most = max(map(len, entrant.by_episode.values()), default=0)
     return {
         name: (flights[0].cell, tuple(flight.success for flight in flights))
@@ -147,12 +152,16 @@ def _spread(flights: Flights, cells: Sequence[str]) -> Spread | None:
 
 
 def _scatter_rows(label: str, scatter: Sequence[Spread | None]) -> list[TableRow]:
-    """Return a row for each flight, and the rows of their mean and scatter; `scatter` has an entry for each column."""
+    """Return a row for each pass, then the rows of the mean and the scatter. `scatter` has an entry for each column."""
     count = max(len(result.totals) for result in scatter if result)
     names = (*(str(k + 1) for k in range(count)), "mean", f"s.d. of {count}", "binomial", "by episode")
     columns = []
     for result in scatter:
-        values = (*result.totals, result.mean, result.deviation, result.binomial, result.by_episode) if result else ()
+        values = (
+            (*result.totals, result.mean, result.deviation, result.binomial, result.binomial_by_episode)
+            if result
+            else ()
+        )
         cells = [TableCell(value=value, of=result.episodes if result else None) for value in values]
         if result:
             cells[count + 1] = replace(cells[count + 1], low=result.low, high=result.high)

@@ -1,7 +1,7 @@
-"""Proposals of the search, the spread of its draws, and the words of an instruction.
+"""Proposals for new episodes: their random draws and their instructions. The search for episodes checks them.
 
-The draws of a request are spread evenly over the allowed ranges, each dimension on its own. An instruction is a phrase
-of its cell with the name of the target.
+The draws for one request are spread evenly over the allowed ranges, separately for each dimension. An instruction is a
+phrase of its cell with the name of the target.
 """
 
 import random
@@ -12,7 +12,7 @@ from episodes.authoring.check.sight import Framing, across, away
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
-JITTER = 0.25  # of a stratum, either way
+JITTER = 0.25  # highest distance of a draw from its place, as a fraction of a stratum
 
 VERBS: dict[str, tuple[str, ...]] = {
     "approaching": (
@@ -53,21 +53,22 @@ BOARDS = (
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A record without its name and its derived numbers."""
+    """The values of a record except its id and the numbers that are derived."""
 
     target: TargetRecord
-    placed: PlacedTarget  # the same target at the beginning
+    placed: PlacedTarget  # the same target, as it stands when the episode begins
     starts: tuple[StartPose, ...]
     visible: bool
     instruction: str
-    seed: int  # of everything random in the flight
+    seed: int  # of all random values in the flight
     candidates: tuple[TargetRecord, ...] = ()
 
 
 def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float | None:
-    """Return the yaw of a start, at a share (0 … 1) of those that show the target whole, or that hide it.
+    """Return the yaw (deg) of a start, None if no yaw is allowed.
 
-    None when there is no such yaw.
+    In a cell with a hidden target, a yaw is allowed if it hides the target, otherwise if it shows the whole target.
+    `share` (0 … 1) selects one of the allowed yaws.
     """
     off = away(framed, share) if cell in HIDDEN else across(framed, share)
     return None if off is None else ahead_deg + off
@@ -82,7 +83,7 @@ def flight_seed(rng: random.Random) -> int:
 class Draw:
     """The draw of one record: its shares (0 … 1) of the allowed ranges."""
 
-    turn: float  # of the yaws that show the target whole, or of those that hide it
+    turn: float  # of the allowed yaws; see `yaw_deg`
     distance: float  # of the start distances
     height: float  # of the start heights
 
@@ -92,9 +93,9 @@ class Draw:
 
 
 def shares(count: int, rng: random.Random) -> list[Draw]:
-    """Return the draws of `count` records: each dimension is cut into as many strata, and each stratum drawn once.
+    """Return the draws of `count` records. Each dimension is cut into `count` strata, with one draw in each stratum.
 
-    The first and the last stratum of several records lie at the ends, so that the whole range is used.
+    With two or more records, the first and the last stratum lie at the ends of the range, so the whole range is used.
     """
     turns, distances, heights = (_strata(count, rng) for _ in range(3))
     return [Draw(*shares) for shares in zip(turns, distances, heights, strict=True)]
@@ -109,7 +110,7 @@ def _strata(count: int, rng: random.Random) -> list[float]:
 
 
 def instruction(cell: str, name: str, asset: str, rng: random.Random) -> str:
-    """Return an instruction of a cell for a target with this name, article included."""
+    """Return an instruction of a cell. `name` is the target's name with its article."""
     return rng.choice(VERBS[cell]).format(what=name, it="them" if asset in PEOPLE else "it")
 
 

@@ -48,17 +48,17 @@ def test_the_interval_of_a_deviation_holds_only_what_it_can_be():
 
 def test_episodes_of_their_own_difficulty_scatter_less_than_coins_of_one_share():
     always = spread([[True] * 10 + [False] * 10] * 3)
-    assert (always.deviation, always.by_episode) == (0.0, 0.0)
+    assert (always.deviation, always.binomial_by_episode) == (0.0, 0.0)
     assert always.binomial == pytest.approx(math.sqrt(5))
     rng = np.random.default_rng(5)
     chances = np.tile([0.1, 0.5, 0.9], 400)
     flown = spread((rng.random((4, 1200)) < chances).tolist())
-    assert flown.by_episode == pytest.approx(math.sqrt((chances * (1 - chances)).sum()), rel=0.05)
+    assert flown.binomial_by_episode == pytest.approx(math.sqrt((chances * (1 - chances)).sum()), rel=0.05)
 
 
 def test_one_flight_has_no_spread_and_different_episodes_none_that_means_anything():
     alone = spread([[True, False]])
-    assert (alone.deviation, alone.low, alone.by_episode) == (None, None, None)
+    assert (alone.deviation, alone.low, alone.binomial_by_episode) == (None, None, None)
     different: list[list[list[bool]]] = [[], [[]], [[True], [True, False]]]
     for flights in different:
         with pytest.raises(ValueError, match="episodes"):
