@@ -68,12 +68,8 @@ CONTROL_STATE = np.dtype(
         ("acceleration_expected", "f8", (3,)),  # m/s², derivative of velocity_expected
         ("velocity_integral", "f8", (3,)),  # m/s²
         ("free_integral", "f8", (3,)),  # m/s², velocity_integral while the velocity followed its setpoint, low-passed
-        (
-            "tried_integral",
-            "f8",
-            (3,),
-        ),  # m/s², velocity_integral before its latest increase, whose effect is being tested
-        ("tried_error", "f8"),  # m/s, velocity error at that time
+        ("tried_integral", "f8", (3,)),  # m/s², velocity_integral before the latest increase, which is being tested
+        ("tried_error", "f8"),  # m/s, velocity error before that increase
         ("blocked_s", "f8"),  # s since a larger integral was found to move nothing, as at a wall; 0: not blocked
         ("blocked_way", "f8", (3,)),  # unit vector, NED, direction of the push against the obstacle
         ("unexplained", "f8", (6,)),  # m/s², rad/s², FRD, accelerations that the rotors do not explain, filtered

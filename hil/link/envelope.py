@@ -1,7 +1,7 @@
 """The safety envelope: where and how fast a vehicle may be sent. Each limit acts before the vehicle reaches it.
 
-All functions except `load` are pure. They take a setpoint, the state and the limits. They return the setpoint that may
-be flown, and the names of the limits that changed it.
+All functions except `load` are pure. `admit` takes a setpoint, the state and the limits. It returns the setpoint that
+may be flown, and the names of the limits that changed it.
 Speeds towards a limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows
 its setpoint with half a second's lag comes to rest short of it.
 """
@@ -52,9 +52,7 @@ class Limits:
     height_margin_m: Positive = 0.3  # the same for ceiling and floor
     battery_min: Positive | None = 0.25  # 0 … 1; None: not watched
     flight_time_max_s: Positive | None = 900.0  # since the agent took over; None: not watched
-    frame_s: Positive = (
-        1.0  # s, highest age of a camera frame for a decision; the vehicle holds until a newer one comes
-    )
+    frame_s: Positive = 1.0  # s, highest age of a frame for a decision; the vehicle holds until a newer one comes
     heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat, after which the vehicle has to stand still
     exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
     exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same in degrees; see `placed`

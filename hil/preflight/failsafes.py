@@ -196,10 +196,7 @@ RULES: dict[str, FailsafeRule] = {
     "SYS_HITL": _hitl,
 }
 FAILSAFE_PARAMETERS = (*RULES, "COM_RC_IN_MODE", "RC_MAP_FLTMODE", "RC_MAP_KILL_SW", *SLOTS)
-VITAL = (
-    "COM_OBL_RC_ACT",
-    "COM_OF_LOSS_T",
-)  # they decide what the vehicle does if the agent dies, so a missing value fails
+VITAL = ("COM_OBL_RC_ACT", "COM_OF_LOSS_T")  # what the vehicle does if the agent dies; a missing value fails
 
 
 def read_failsafe(link: Link) -> str:
