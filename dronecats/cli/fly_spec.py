@@ -217,7 +217,7 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
         vehicle = replace(vehicle, optics=load_optics(args.optics).as_dict())
     changes: dict[str, Any] = {
         "simulated": vehicle,
-        "accounts": accounts_of(args, args.ledger),
+        "accounts": accounts_of(args, args.ledger),  # not the recorded ones: a replay asks no model
         "full": args.full or spec.full,
     }
     if args.episode:
