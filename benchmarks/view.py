@@ -9,6 +9,7 @@ of flights whose logger does not, flown by turns: medians.
 """
 
 import math
+import re
 import socket
 import statistics
 import subprocess
@@ -140,7 +141,7 @@ def figures(scratch: Path, seconds: float) -> dict[str, Any]:
     written = Written(run / EPISODE)
     try:
         assert command.stdout
-        url = next(line.split(" at ")[1].split()[0] for line in command.stdout if line.startswith("watch it at "))
+        url = next(found[0] for line in command.stdout if (found := re.search(r"http://127\.0\.0\.1:\S+", line)))
         threading.Thread(target=command.stdout.read, daemon=True).start()
         arrivals = Arrivals(url)
         arrivals.start()

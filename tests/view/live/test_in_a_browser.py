@@ -113,7 +113,7 @@ def seen(browser, tmp_path_factory):
         "--view", "--view-port", str(port), "--view-stay",
     )  # fmt: skip
     try:
-        url = command.said(r"watch it at (http://127\.0\.0\.1:\S+)")[1]
+        url = command.said(r"http://127\.0\.0\.1:\S+")[0]
         listening = Listening(url)
         browser.get(url)
         until(lambda: "in the air" in text(browser, ".state"))
@@ -131,7 +131,7 @@ def seen(browser, tmp_path_factory):
         until(lambda: float((re.match(r"[\d.]+", text(browser, ".state")) or ["0"])[0]) > first + 3.0)
         found["clocks"].append(text(browser, ".state"))
         found["canvases"].append(canvas(browser))
-        command.said(r"the page stays open at")
+        command.said(r"stays open")
         until(lambda: "over" in text(browser, ".state"))
         found["before"] = list(listening.messages)
         box = next(m for m in found["before"] if m["type"] == "GuiCheckboxMessage")
