@@ -14,8 +14,11 @@ def main() -> int:
     # Always from nothing: Sphinx reports the warnings of a page only when it reads the page.
     for folder in (PAGES, DOCTREES, SITE):
         shutil.rmtree(folder, ignore_errors=True)
-    generated = [commands.write(PAGES), api.write(PAGES)]
-    pages.write(PAGES, generated)
+    parts = {"commands": commands.part(), "api": api.part()}
+    for part, lines_of in parts.items():
+        for name, lines in lines_of.items():
+            pages.write_page(PAGES / part / f"{name}.md", "\n".join(lines))
+    pages.write(PAGES, [f"{part}/index" for part in parts])
     options = ["--quiet", "--fail-on-warning", "--keep-going", "--jobs", "2"]
     folders = ["--conf-dir", str(CONFIGURATION), "--doctree-dir", str(DOCTREES), str(PAGES), str(SITE)]
     status = build_main([*options, *folders])

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from importlib import import_module
 from itertools import groupby
-from pathlib import Path
 
 # The modules that programs outside the project may import. Others can change without notice in CHANGELOG.md.
 MODULES = (
@@ -86,13 +85,9 @@ MODULES = (
 )
 
 
-def write(folder: Path) -> str:
-    """Write the pages into a folder's `api` and return the first one."""
-    (folder / "api").mkdir(parents=True)
-    for module in MODULES:
-        (folder / "api" / f"{module}.md").write_text("\n".join(_module_page(module)), encoding="utf-8")
-    (folder / "api" / "index.md").write_text("\n".join(_first_page()), encoding="utf-8")
-    return "api/index"
+def part() -> dict[str, Iterator[str]]:
+    """Return the lines of each page, by its name in the part."""
+    return {"index": _first_page(), **{module: _module_page(module) for module in MODULES}}
 
 
 def _first_page() -> Iterator[str]:

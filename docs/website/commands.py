@@ -3,7 +3,6 @@
 import argparse
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 from dronecats.cli.main import VERBS, VerbParser, command_parser
 
@@ -12,13 +11,9 @@ CODE = re.compile(r"(`[^`]+`)")
 PAGE = re.compile(r"\bdocs/[\w/-]+\.md")
 
 
-def write(folder: Path) -> str:
-    """Write the pages into a folder's `commands` and return the first one."""
-    (folder / "commands").mkdir(parents=True)
-    for verb in VERBS:
-        (folder / "commands" / f"{verb}.md").write_text("\n".join(verb_page(verb)), encoding="utf-8")
-    (folder / "commands" / "index.md").write_text("\n".join(first_page()), encoding="utf-8")
-    return "commands/index"
+def part() -> dict[str, Iterator[str]]:
+    """Return the lines of each page, by its name in the part."""
+    return {"index": first_page(), **{verb: verb_page(verb) for verb in VERBS}}
 
 
 def first_page() -> Iterator[str]:

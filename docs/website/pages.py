@@ -40,16 +40,16 @@ def write(folder: Path, generated: Sequence[str]) -> None:
             text += _toctree(name, "", children[name])
         if str(name) == FRONT:
             text += navigation(generated)
-        _write(folder / _page(name), text)
+        write_page(folder / _page(name), text)
     for name in committed:
         if name.suffix in PICTURES and name.parts[0] == "docs":
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(ROOT / name, folder / name)
     below = {folder: [file for file in committed if file.parent == folder] for folder in shown - set(committed)}
     for name, files in below.items():
-        _write(folder / _file_page(name), _folder_text(name, files))
+        write_page(folder / _file_page(name), _folder_text(name, files))
     for name in shown.union(*below.values()) - set(below):
-        _write(folder / _file_page(name), _file_text(name))
+        write_page(folder / _file_page(name), _file_text(name))
 
 
 def _committed() -> list[PurePosixPath]:
@@ -67,7 +67,7 @@ def _file_page(name: PurePosixPath) -> PurePosixPath:
     return FILES / name.parent / f"{name.name}.md"
 
 
-def _write(path: Path, text: str) -> None:
+def write_page(path: Path, text: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(text, encoding="utf-8")
 
