@@ -20,7 +20,6 @@ from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.threads import once
 
-OWN_SAMPLES = 4  # per pixel, in a row of pixels: samples that are shaded themselves
 NOTHING_MOVED: Moved = MappingProxyType({})
 
 
@@ -69,9 +68,10 @@ class Renderer:
         self._inverse_depths = np.empty((self._threads, 2 * BAND, columns), np.float32)
         self._count_up = np.arange(columns, dtype=np.float32)
         self._edges = np.empty((self._threads, columns), np.bool_)
-        self._places = np.empty((self._threads, OWN_SAMPLES * camera.width, 3), np.int32)
-        self._own = np.empty((self._threads, OWN_SAMPLES * camera.width, 3), np.float32)
-        self._weights = np.empty((self._threads, OWN_SAMPLES * camera.width), np.float32)
+        room = self._threads, (grain + 1) ** 2 * camera.width
+        self._places = np.empty((*room, 3), np.int32)
+        self._own = np.empty((*room, 3), np.float32)
+        self._weights = np.empty(room, np.float32)
         self._means = np.empty((self._threads, camera.width, 3), np.float32)
         self._pool = ThreadPoolExecutor(max(1, self._threads - 1), thread_name_prefix="render")
 

@@ -120,7 +120,7 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
             m = triangles.material[t]
             base, texture = surfaces.color[m], surfaces.texture[m]
             emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
-            # both normals on the side of the viewer, whatever the order of the corners
+            # both normals on the side of the viewer: the order of the corners does not count
             fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
             if fn * dn + fe * de + fd * dd > 0.0:
                 fn, fe, fd = -fn, -fe, -fd
@@ -264,8 +264,9 @@ def resolve_rows(
 
     A pixel whose samples all see one triangle keeps its colour; elsewhere it is the mean of its samples, of which
     those on its border count half. A sample has the colour of the pixel on its side that sees the same flat piece, or
-    is shaded itself, at most n of them in a row of pixels. `edges` (threads, grain · W + 1), `places` (threads, n, 3),
-    `own` (threads, n, 3), `weights` (threads, n) and `means` (threads, W, 3) are room for each thread.
+    is shaded itself. `edges` (threads, grain · W + 1), `places` (threads, n, 3), `own` (threads, n, 3), `weights`
+    (threads, n) and `means` (threads, W, 3) are room for each thread; n counts all samples of a row of pixels, and
+    those on a border once for either pixel.
     """
     height, width = rgb.shape[:2]
     samples, plane = shot.samples, shot.triangles.plane
@@ -298,9 +299,8 @@ def resolve_rows(
                             qy, qx = y, x
                             if wanted != piece:
                                 qy, qx = _find(samples, plane, wanted, y, x, _sign(dy), _sign(dx), grain, height, width)
-                            is_known = qy >= 0 or count == len(pending)
+                            is_known = qy >= 0
                             if is_known:
-                                qy, qx = (qy, qx) if qy >= 0 else (y, x)
                                 cr, cg, cb = light[qy, qx, 0], light[qy, qx, 1], light[qy, qx, 2]
                             elif s != before_own:
                                 before_own = s
