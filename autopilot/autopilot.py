@@ -252,7 +252,7 @@ HANDLERS: dict[str, MessageHandler] = {
     "LOG_REQUEST_END": file_transfer.request_end,
     "LOG_ERASE": file_transfer.erase,
 }
-_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # answer even when meant for somebody else
+_COMMANDS = frozenset({"COMMAND_LONG", "COMMAND_INT"})  # answered even if another component is addressed
 
 
 def handle(node: Node, port: Port, message: Message) -> None:

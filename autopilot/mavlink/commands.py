@@ -86,7 +86,7 @@ def _send_modes(port: Port, index: float) -> None:
 _AUTO = MODES["HOLD"].main
 _AUTO_MODES = {mode.sub: mode.name for mode in MODES.values() if mode.main == _AUTO and mode.name != "READY"}
 _AUTO_MODES[0] = "MISSION"
-# whatever the sub mode: of POSCTL's sub modes an orbit needs a command of its own, and the slow one is not modelled
+# The sub mode is ignored: an orbit, a sub mode of POSCTL, needs its own command, and the slow one is not modelled.
 _MANUAL_MODES = {
     mode.main: mode.name
     for mode in MODES.values()

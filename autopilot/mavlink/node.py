@@ -104,7 +104,7 @@ PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # messages waiting on the wire, at which downloads pause
 FASTEST_US = 1_000
-QUEUE_LIMIT = 20_000  # messages: a port that nobody empties forgets the oldest
+QUEUE_LIMIT = 20_000  # messages; a port drops the oldest if its client reads none
 
 
 class Port:
@@ -116,7 +116,7 @@ class Port:
             raise UsageError(f"Port profile {profile!r} does not exist; choose one of {', '.join(PROFILES)}.")
         self.profile = profile
         self.received = 0  # messages understood
-        self.lost = 0  # messages that could not be encoded, or were dropped because nobody took them
+        self.lost = 0  # messages that could not be encoded, or were dropped from a full queue
         self.transfers: dict[str, Iterator[Message]] = {}  # service → what its download has still to send
         self.signing = Signing(number)
         self._node, self._handle = node, handle

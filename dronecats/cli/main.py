@@ -57,7 +57,7 @@ MEMORY_GB = {
 }  # fmt: skip
 DEFAULT_GB = 1.2  # the report, with its figures
 READER_LOST = {  # printed where the work goes on for minutes after the reader of the output has gone
-    "fly": "dronecats fly: nobody reads the output any more; the flight continues, and its results are"
+    "fly": "dronecats fly: the reader of the output has gone; the flight continues, and its results are"
     " in the run folder",
 }
 

@@ -29,8 +29,8 @@ SCHEMA_FINDINGS = {
 }
 POINTING_FINDINGS = {
     "as declared": "the model points in the declared order, xy and yx",
-    "always [x, y]": "the model always points as [x, y], whatever order is declared",
-    "always [y, x]": "the model always points as [y, x], whatever order is declared",
+    "always [x, y]": "the model always points as [x, y], in both declared orders",
+    "always [y, x]": "the model always points as [y, x], in both declared orders",
     "as not declared": "the model points in the order that is not declared, xy and yx",
     "not at all": "the model did not point at the mark",
 }

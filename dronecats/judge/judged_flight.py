@@ -48,7 +48,7 @@ from foundation.run_folder.writing import as_json
 def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verdict:
     """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
-    A qualifying declaration is a success, whatever the end of the flight. Without one, three cases are errors of the
+    A qualifying declaration is a success, however the flight ended. Without one, three cases are errors of the
     infrastructure and never a failure: the logger did not see an end at the cap or by decision, the logs contradict
     their end, or a declaration was not measured. A flight that was ended as decided at another radius, before `cap_s`,
     is censored. Without truth `success` is None: the outcome is unknown, or "distance only" with `distances`, if the

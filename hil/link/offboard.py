@@ -33,7 +33,7 @@ class Turning:
     start: float  # rad, 0 = north, clockwise: the heading that the angle is counted from
     yaw_rate: float  # rad/s, + right
     angle: float | None  # rad, signed as the rate; None: as far as the time allows
-    ends_us: int | None  # µs, vehicle clock; None while nobody has said
+    ends_us: int | None  # µs, vehicle clock; None: not known yet
     counted_us: int | None = None  # µs, until when it has been counted; None: not begun
     turned: float = 0.0  # rad, unsigned, by then
 

@@ -19,7 +19,7 @@ from foundation.run_folder import layout
 from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import EpisodeIdentity
 
-NOT_RECORDED = "not told"  # also in the digest of an identity, which archives have
+NOT_RECORDED = "not told"  # this word is in the digests of identities that archives hold, so it stays
 WORDS = {
     NOT_RECORDED: "not recorded",
     "told": "recorded",
