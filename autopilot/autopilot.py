@@ -12,10 +12,11 @@ from typing import Any, Protocol
 from autopilot.commander.commander import Commander, SetpointWriter
 from autopilot.commander.health import SensorCalibration
 from autopilot.commander.plans import Plans
-from autopilot.estimator.estimated_state import EstimatedState, Vibration
+from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.logging.flight_log import FlightLogWriter, LogDirectory, make_folder
 from autopilot.mavlink import commands, file_transfer, mission, steering
 from autopilot.mavlink import parameter_protocol as parameter
+from autopilot.mavlink.gimbal import GimbalDevice, GimbalManager
 from autopilot.mavlink.node import BY_NAME, COMPONENT_ID, GROUPS, Inject, Node, Port, Uploads
 from autopilot.mavlink.status_makers import Message, TelemetrySource
 from autopilot.parameters import ParameterTable
@@ -46,6 +47,7 @@ class Autopilot:
     `card_dir` (one per vehicle) is the memory card, on which clients store files by MAVLink FTP.
     `inject` (unit, type, instance as in MAV_CMD_INJECT_FAILURE) breaks or mends a part of the simulated vehicle and
     returns whether it could; without it failure injection is unsupported.
+    `gimbal` carries the camera; without it gimbal commands are unsupported.
     `parameter_file` and `plan_file` keep what a flight controller keeps without power; a missing one is begun.
     Raises UsageError when one of them exists but cannot be read, or `log_dir` or `card_dir` cannot be made.
     """
@@ -63,6 +65,7 @@ class Autopilot:
         card_dir: Path | None = None,
         actuators: Any | None = None,
         inject: Inject | None = None,
+        gimbal: GimbalDevice | None = None,
     ) -> None:
         self._core = core
         self._core_landed: bool | None = None
@@ -74,10 +77,10 @@ class Autopilot:
         self.commander = Commander(self.state, self.parameters, SetpointWriter(core.setpoint), self._send_text)
         self._keep_plans(Plans(plan_file))
         self.calibration = SensorCalibration(self.state, self._send_text)
-        self.vibration = Vibration()
         vehicle = TelemetrySource(
-            airframe, self.state, self.commander, self.parameters, actuators, self.calibration, self.vibration
-        )
+            airframe, self.state, self.commander, self.parameters, actuators, self.calibration,
+            GimbalManager(gimbal) if gimbal else None,
+        )  # fmt: skip
         self.log = FlightLogWriter(vehicle, LogDirectory(log_dir)) if log_dir is not None else None
         if card_dir is not None:
             make_folder(card_dir)
@@ -85,27 +88,28 @@ class Autopilot:
 
     def update(self) -> None:
         """Run the commander once and queue the telemetry that is due on every port."""
-        self.state.refresh()
+        state, node = self.state, self.node
+        state.refresh()
         self.calibration.tick()
-        now = self.state.time_us
+        now = state.time_us
         if not 0 <= now - self._commanded_us < COMMANDER_US:
             self._commanded_us = now
-            self.vibration.take(self.state)
             self.commander.tick()
             self._update_core()
         if self.log is not None:
             self.log.tick()
-        self.node.show_mode()
-        mission.tell_progress(self.node)
-        self.node.uploads.tick(self.state.time_us)
-        for port in self.node.ports:
-            port.tick()
+        node.show_mode()
+        if self.commander.mission.reached:
+            mission.tell_progress(node)
+        node.uploads.tick(now)
+        for port in node.ports:
+            port.tick(now)
 
     def stream(self) -> None:
         """Queue the telemetry that is due between two updates. Call it as often as `stream_us` asks for."""
         self.state.refresh()
         for port in self.node.ports:
-            port.stream()
+            port.stream(self.state.time_us)
 
     @property
     def stream_us(self) -> int:

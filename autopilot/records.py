@@ -79,6 +79,9 @@ ESTIMATE = np.dtype(
         ("thrust_setpoint", "f8"),  # 0 … 1
         ("hover_thrust", "f8"),  # 0 … 1
         ("resets", "i8"),  # times the filter set a quantity anew or began anew, since boot
+        ("vibration_accel", "f8"),  # m/s², the smoothed change of accel_frd from one look to the next: PX4's metric
+        ("vibration_gyro", "f8"),  # rad/s, the same of rates_frd
+        ("clipped", "i8", (3,)),  # looks at which an axis of the accelerometer was at full scale
     ],
     align=True,
 )

@@ -227,9 +227,9 @@ def in_flight(jobs: int, seconds: float) -> dict[str, Any]:
 def main() -> None:
     """Print the figures."""
     parser = benchmark_parser(__doc__, short="quick check that every figure can be measured")
-    parser.add_argument("--steps", type=int, default=100, metavar="N", help="steps that are timed (100)")
-    parser.add_argument("--jobs", type=int, default=16, metavar="N", help="episodes in flight (16)")
-    parser.add_argument("--seconds", type=float, default=300.0, metavar="S", help="vehicle time of each (300)")
+    parser.add_argument("--steps", type=int, default=100, metavar="N", help="number of timed steps (100)")
+    parser.add_argument("--jobs", type=int, default=16, metavar="N", help="number of episodes in flight (16)")
+    parser.add_argument("--seconds", type=float, default=300.0, metavar="S", help="vehicle time of each episode (300)")
     args = parser.parse_args()
     if args.short:
         args.steps, args.jobs, args.seconds = 3, 2, 10.0

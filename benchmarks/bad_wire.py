@@ -124,7 +124,7 @@ class Truth:
     def at(self, time_us: int) -> TruthSample:
         """Return the sample nearest to a vehicle time. Raises InfrastructureError when there is none."""
         if not self.samples:
-            raise InfrastructureError(f"no truth is heard on {self.url}")
+            raise InfrastructureError(f"no truth arrives on {self.url}")
         return min(self.samples, key=lambda s: abs(s.time_us - time_us))
 
 
@@ -179,10 +179,10 @@ def fly(row: Row, args: argparse.Namespace) -> tuple[dict[str, Any], Path3]:
         with wire:
             try:
                 link.connect()
-                phase = "waiting until it is ready"
+                phase = "waiting until the vehicle is ready"
                 link.wait_for(lambda state: state.healthy, 90.0, "becoming ready to arm")
                 if row.cut:
-                    phase = "setting what preflight proposes"
+                    phase = "setting the parameters that preflight proposes"
                     for name, value in PROPOSED.items():
                         Parameters(link).set(name, value)
                 phase = "arming"
@@ -252,20 +252,20 @@ def astray(path: Path3, reference: Path3) -> dict[str, float]:
 def main() -> None:
     """Fly the rows and print a line for each."""
     parser = benchmark_parser(__doc__, short="fly one leg over two wires, to check that it runs")
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="rows to fly; the perfect wire is flown first anyway")
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="rows to fly; the perfect wire is always flown first")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
-        "--px4", metavar="COMMAND", help="starts a real PX4, which flies in our physics; see `fly --px4`"
+        "--px4", metavar="COMMAND", help="command that starts a real PX4 in our physics, as in `fly --px4`"
     )
-    parser.add_argument("--to", metavar="URL", help="an autopilot that is running, on the ground")
-    parser.add_argument("--truth", metavar="URL", help="with --to: where its HIL_STATE_QUATERNION comes")
+    parser.add_argument("--to", metavar="URL", help="a running autopilot, on the ground")
+    parser.add_argument("--truth", metavar="URL", help="with --to: source of its HIL_STATE_QUATERNION")
     args = parser.parse_args()
     if bool(args.to) != bool(args.truth):
-        parser.error("--to and --truth go together")
+        parser.error("--to needs --truth, and --truth needs --to. Give both, or neither")
     if args.to and args.px4:
-        parser.error("--px4 starts the autopilot that --to would name; choose one")
+        parser.error("--px4 and --to both choose the autopilot. Leave one of them out")
     if args.short and (args.px4 or args.to):
-        parser.error("--short is flown in our own simulator; leave --px4 and --to out")
+        parser.error("--short flies in our own simulator. Leave --px4 and --to out")
     only = SHORT if args.short else args.only
     reference: Path3 = []
     for row in ROWS:

@@ -31,7 +31,7 @@ def main() -> None:
     parser = benchmark_parser(__doc__, short="quick check that every figure can be measured")
     parser.add_argument("--suite", default="quick", metavar="NAME", help="suite to fly (default quick)")
     parser.add_argument("--jobs", type=int, metavar="N", help="flights at a time (default one per core)")
-    parser.add_argument("--rendered", action="store_true", help="render every frame, which the oracle does not look at")
+    parser.add_argument("--rendered", action="store_true", help="render every frame, although the oracle uses none")
     args = parser.parse_args()
     words = ["--suite", args.suite, "--pilot", "oracle", *(["--rendered"] if args.rendered else [])]
     words += ["--jobs", str(args.jobs)] if args.jobs else []

@@ -96,9 +96,9 @@ def table(by_mode: dict[str, list[CommandedFlight]]) -> str:
 def main() -> int:
     """Fly, and print the table, or with --json every flight; return the exit status."""
     parser = benchmark_parser(__doc__, short="fly one episode with two drones for a few seconds")
-    parser.add_argument("episodes", nargs="*", help="default: the commanding suite")
+    parser.add_argument("episodes", nargs="*", help="episodes by id (default: the commanding suite)")
     parser.add_argument("--pilot", default="oracle", help="oracle (default) or vision")
-    parser.add_argument("--drones", type=int, help="default: as many as the record has")
+    parser.add_argument("--drones", type=int, help="number of drones (default: as in the record)")
     parser.add_argument("--seconds", type=float, default=300.0, help="length of a flight (default 300)")
     args = parser.parse_args()
     if args.short:

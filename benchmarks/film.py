@@ -65,7 +65,7 @@ def figures(scratch: Path, size: tuple[int, int], fps: int, seconds: float, jobs
 def main() -> int:
     """Print the figures; return the exit status."""
     parser = benchmark_parser(__doc__, short="make a small film of one second, to check that it works")
-    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of film (default 60)")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="length of the film (default 60)")
     parser.add_argument("--jobs", type=int, default=min(2, os.cpu_count() or 1), metavar="N", help="processes (2)")
     args = parser.parse_args()
     size, fps, seconds = (SHORT_SIZE, SHORT_FPS, 1.0) if args.short else (SIZE, FPS, args.seconds)

@@ -276,11 +276,13 @@ def _runs(flight: LinkedFlight, repeat: int, seconds: float) -> list[Stretch]:
 
 def main() -> None:
     parser = benchmark_parser(__doc__, short="fly one second of each, to check that it runs")
-    parser.add_argument("--repeat", type=int, default=5, help="repetitions of which the median is given")
+    parser.add_argument("--repeat", type=int, default=5, help="number of repetitions, for the median")
     parser.add_argument("--seconds", type=float, default=20.0, help="vehicle seconds of one repetition")
-    parser.add_argument("--quick", action="store_true", help="only how many times faster than real time")
-    parser.add_argument("--peers", action="store_true", help="also the same task in other simulators, as ratios")
-    parser.add_argument("--peers-dir", type=Path, default=Path(".peers"), help="folder with one venv per peer")
+    parser.add_argument("--quick", action="store_true", help="measure only the factor on real time")
+    parser.add_argument("--peers", action="store_true", help="also fly the same task in other simulators, for ratios")
+    parser.add_argument(
+        "--peers-dir", type=Path, default=Path(".peers"), help="folder with a virtual environment for each simulator"
+    )
     args = parser.parse_args()
     if args.short:
         args.repeat, args.seconds, args.quick = 1, 1.0, True

@@ -194,7 +194,9 @@ def main() -> None:
     """Measure the rows and print a line for each."""
     parser = benchmark_parser(__doc__, short="send one second of two rows, to check that it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(ROWS), help=", ".join(ROWS))
-    parser.add_argument("--seconds", type=float, default=SECONDS, metavar="S", help=f"a row (default {SECONDS:g})")
+    parser.add_argument(
+        "--seconds", type=float, default=SECONDS, metavar="S", help=f"seconds of a row (default {SECONDS:g})"
+    )
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     names = args.only or (("nothing", "all of these") if args.short else ROWS)

@@ -135,8 +135,8 @@ def measured(episodes: int, processes: int | None) -> dict[str, Any]:
 def main() -> None:
     """Measure and print."""
     parser = benchmark_parser(__doc__, short="judge ten episodes, to check that it works")
-    parser.add_argument("--episodes", type=int, default=1000, help="how many are judged (default 1000)")
-    parser.add_argument("--processes", type=int, help="how many judge (default: as many as pay)")
+    parser.add_argument("--episodes", type=int, default=1000, help="number of episodes (default 1000)")
+    parser.add_argument("--processes", type=int, help="processes (default: chosen by the number of episodes)")
     args = parser.parse_args()
     figures = measured(10 if args.short else args.episodes, args.processes)
     if args.json:

@@ -159,9 +159,9 @@ def figures(folder: Path, flights: int, steps: int, embed: bool) -> dict[str, An
 def main() -> int:
     """Print the figures; return the exit status."""
     parser = benchmark_parser(__doc__, short="use eighteen short flights, to check that it works")
-    parser.add_argument("--embed", action="store_true", help="with flights and pictures in the page itself")
-    parser.add_argument("--flights", type=int, default=720, metavar="N", help="how many (default 720)")
-    parser.add_argument("--keep", type=Path, metavar="DIR", help="leave runs and report there")
+    parser.add_argument("--embed", action="store_true", help="embed flights and pictures in the page")
+    parser.add_argument("--flights", type=int, default=720, metavar="N", help="number of flights (default 720)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="folder to keep runs and report")
     args = parser.parse_args()
     extras.require("selenium")
     flights, steps = (18, 6) if args.short else (args.flights, STEPS)

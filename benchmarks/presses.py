@@ -154,7 +154,7 @@ class Outcome:
         """The names of the limits that were exceeded."""
         stuck = ("left_m",) if not self.px4 and self.left_m < AWAY_M and not self.met_another else ()
         if not self.hits and self.press.thing != "ground":
-            return ("nothing was touched",)
+            return ("the drone touched nothing",)
         return tuple(name for name, most in self.limits.items() if not getattr(self, name) <= most) + stuck
 
 
@@ -346,7 +346,7 @@ def aim(link: Link, vehicle: Vehicle, start: StartPose) -> float:
     off = np.array(start.position_ned) - vehicle.plant.truth["position_ned"]
     north, east, down = (np.array(link.state.position_ned) + off).tolist()
     arrival = link.fly_to((north, east, down), math.radians(start.yaw_deg))
-    link.wait_for(lambda state: arrival.settled(state, link.time_us), 30.0, "settling before the thing")
+    link.wait_for(lambda state: arrival.settled(state, link.time_us), 30.0, "settling before the obstacle")
     return wrap_pi(math.radians(start.yaw_deg) - quat_yaw(tuple(vehicle.plant.truth["attitude"].tolist())))
 
 
@@ -421,8 +421,8 @@ def main() -> None:
     """Fly the presses and print them."""
     parser = benchmark_parser(__doc__, short="fly two presses of five seconds, to check that it runs")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each press")
-    parser.add_argument("--only", default="", help="presses whose thing has this in its name")
-    parser.add_argument("--px4", metavar="COMMAND", help="fly with the PX4 that it starts, as `fly --px4` has it")
+    parser.add_argument("--only", default="", help="only presses against obstacles with this in their name")
+    parser.add_argument("--px4", metavar="COMMAND", help="command that starts a real PX4, as in `fly --px4`")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
     args = parser.parse_args()
     presses = [press for press in PRESSES if args.only in press.thing]

@@ -112,7 +112,7 @@ def measure(
 
 def main() -> int:
     """Print the figures; return the exit status."""
-    parser = benchmark_parser(__doc__, short="read one picture of each kind, near and square on")
+    parser = benchmark_parser(__doc__, short="read one picture of each kind, near and straight ahead")
     parser.add_argument("--each", type=int, default=10, help="pictures of each kind, distance and angle (default 10)")
     args = parser.parse_args()
     rows, cpu_ms = measure((4.0,), (0.0,), 1) if args.short else measure(DISTANCES_M, ANGLES_DEG, args.each)

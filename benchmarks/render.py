@@ -185,11 +185,11 @@ def compared(name: str, folder: Path, repeat: int, threads: int) -> dict[str, An
 
 def main() -> None:
     parser = benchmark_parser(__doc__, short="draw one map once, to check that it runs")
-    parser.add_argument("--map", metavar="NAME", help="this map alone")
+    parser.add_argument("--map", metavar="NAME", help="only this map")
     parser.add_argument("--repeat", type=int, default=4, help="rounds over the poses")
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--poses", type=int, default=40, help="places where the agent's picture is compared")
-    parser.add_argument("--peers", action="store_true", help="draw with MuJoCo and PyBullet as well")
+    parser.add_argument("--peers", action="store_true", help="also draw with MuJoCo and PyBullet")
     parser.add_argument("--peers-dir", type=Path, default=Path("peers"), metavar="DIR", help="their environments")
     args = parser.parse_args()
     repeat, poses, drawn = max(1, args.repeat), max(1, args.poses), MAPS[0]

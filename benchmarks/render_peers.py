@@ -34,7 +34,9 @@ def timed(draw: Draw, covered: Covered, scene: dict[str, Any]) -> dict[str, floa
     for view, wanted in enumerate(scene["covered"]):
         seen = covered(view)
         if abs(seen - wanted) > TOLERANCE:
-            raise RuntimeError(f"it drew another scene: {seen:.3f} of view {view} is no sky, it should be {wanted:.3f}")
+            raise RuntimeError(
+                f"it drew another scene: {seen:.3f} of view {view} is not sky, but should be {wanted:.3f}"
+            )
     figures = {}
     for width, height in SIZES:
         walls, cpus = [], []

@@ -144,7 +144,7 @@ class Pilot(threading.Thread):
     def _go(self, place: Vec3) -> None:
         origin = self.client.state.origin
         if origin is None:
-            raise LinkError("the autopilot tells no origin")
+            raise LinkError("the autopilot sends no origin")
         lat, lon, alt = ned_to_geodetic(*origin, *place)
         nan = float("nan")
         self._reposition(lat, lon, alt, nan)
@@ -326,9 +326,11 @@ def line(figures: dict[str, Any]) -> str:
 def main() -> None:
     """Fly the sessions and print a line for each."""
     parser = benchmark_parser(__doc__, short="fly one round each, to check that it runs")
-    parser.add_argument("--hours", type=float, default=DEFAULT_H, help=f"of vehicle time (default {DEFAULT_H:g})")
+    parser.add_argument("--hours", type=float, default=DEFAULT_H, help=f"hours of vehicle time (default {DEFAULT_H:g})")
     parser.add_argument("--full", action="store_true", help=f"{FULL_H:g} hours")
-    parser.add_argument("--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N", help="default: 1 and 4")
+    parser.add_argument(
+        "--vehicles", type=int, nargs="+", default=VEHICLES, metavar="N", help="numbers of vehicles (default: 1 and 4)"
+    )
     parser.add_argument("--speed", type=float, default=SPEED, help=f"factor on real time (default {SPEED:g})")
     args = parser.parse_args()
     args.hours = FULL_H if args.full else args.hours

@@ -168,7 +168,7 @@ def misses(airframes: dict[str, dict[str, Any]]) -> list[str]:
             if not row["overshoot_percent"] <= OVERSHOOT_MOST:
                 sentences.append(f"{name}, {step.name}: overshoots by {row['overshoot_percent']} %")
             if not row["steady_error_percent"] <= STEADY_MOST:
-                sentences.append(f"{name}, {step.name}: stays {row['steady_error_percent']} % off")
+                sentences.append(f"{name}, {step.name}: has a steady error of {row['steady_error_percent']} %")
         if not rows["hover"]["drift_m"] <= DRIFT_MOST:
             sentences.append(f"{name}: drifts {rows['hover']['drift_m']} m in a minute")
     return sentences
@@ -214,9 +214,9 @@ def draw(answers: dict[str, dict[str, Array]], folder: Path) -> Path:
 
 def main() -> None:
     parser = benchmark_parser(__doc__, short="fly one airframe once, to check that it runs")
-    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the answers into this folder")
-    parser.add_argument("--table", type=Path, metavar="FILE", help="put the table into this Markdown file")
-    parser.add_argument("--airframe", action="append", choices=airframe.names(), help="only this one; may be repeated")
+    parser.add_argument("--plots", type=Path, metavar="DIR", help="draw the step responses into this folder")
+    parser.add_argument("--table", type=Path, metavar="FILE", help="write the table into this Markdown file")
+    parser.add_argument("--airframe", action="append", choices=airframe.names(), help="only this airframe; repeatable")
     args = parser.parse_args()
     rows, answers = {}, {}
     names = args.airframe or airframe.names()

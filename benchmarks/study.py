@@ -30,13 +30,12 @@ from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json
 from dronecats.pilots.vision import ocr
 from episodes.records import catalogue
-from foundation.threads import expect_more
 
 ROOT = Path(__file__).parent.parent
 LOOK_S = 0.002  # s of processor time
 PROFILED = 12  # episodes of the suite, evenly over it
 WORK = {  # folder or file → its work; the first match counts
-    "dronecats/flight/sitl/fused.py": "plant, estimator and inner loops (compiled)",
+    "dronecats/flight/sitl/fused.py": "physics, estimator and inner loops (compiled)",
     "foundation/wire.py": "MAVLink packed and parsed",
     "foundation/mavlink.py": "MAVLink packed and parsed",
     "foundation/truth.py": "truth bus",
@@ -109,7 +108,6 @@ def _place(file: str) -> str:
 
 def profiled(episodes: Sequence[str], folder: Path) -> Sampler:
     """Fly each episode once for the caches, and once looked at."""
-    expect_more()
     worker.compile_all()
     sampler = Sampler()
     for turn in ("first", "looked at"):
@@ -155,8 +153,10 @@ def minutes(episodes: int, measured: dict[str, Any]) -> float:
 def main() -> int:
     """Print the figures; return the exit status."""
     parser = benchmark_parser(__doc__, short="quick check that every figure can be measured")
-    parser.add_argument("--suite", default="one-drone", metavar="NAME", help="suite that is flown undrawn")
-    parser.add_argument("--drawn", default="quick", metavar="NAME", help="suite that vision flies (default quick)")
+    parser.add_argument("--suite", default="one-drone", metavar="NAME", help="suite to fly without rendering")
+    parser.add_argument(
+        "--drawn", default="quick", metavar="NAME", help="suite to fly with the pilot vision (default quick)"
+    )
     args = parser.parse_args()
     ocr.check_installed()
     machine, few = Machine(), ["--limit", "2"] if args.short else []

@@ -104,7 +104,7 @@ def viewer_of(pid: int) -> int:
 
 
 def free_port() -> int:
-    """Return a port that nobody has now."""
+    """Return a port that is free now."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -184,7 +184,7 @@ def figures(scratch: Path, seconds: float) -> dict[str, Any]:
 def main() -> int:
     """Print the figures; return the exit status."""
     parser = benchmark_parser(__doc__, short="fly a few seconds, to check that every figure can be measured")
-    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="of flight (default 60)")
+    parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="length of the flight (default 60)")
     args = parser.parse_args()
     extras.require("viser")
     with tempfile.TemporaryDirectory(prefix="dronecats-view-") as scratch:

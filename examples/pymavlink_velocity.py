@@ -41,7 +41,7 @@ class Vehicle:
             message = self.link.recv_match(type=kind, blocking=True, timeout=PERIOD_S)
             if message is not None and is_wanted(message):
                 return message
-        raise TimeoutError(f"no {kind} as wanted within {WAIT_S:.0f} s")
+        raise TimeoutError(f"no matching {kind} within {WAIT_S:.0f} s")
 
     def command(self, number: int, *parameters: float) -> None:
         """Send a command until the vehicle accepts it. Raises TimeoutError."""

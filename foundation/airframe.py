@@ -6,6 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
+from foundation.camera_mount import LEVEL, CameraMount
 from foundation.frames import GRAVITY, Vec3
 from foundation.sensors import MAX_ROTORS
 
@@ -70,6 +71,7 @@ class Airframe:
     contact_points_frd: Annotated[tuple[Vec3, ...], Meta(min_length=3, max_length=MAX_CONTACTS)]
     battery: Battery
     mav_type: MavType = 2  # MAV_TYPE: 2 quadrotor, 13 hexarotor
+    camera: CameraMount = LEVEL
 
     @property
     def thrust_max(self) -> float:

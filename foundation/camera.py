@@ -1,13 +1,14 @@
 """The forward camera: its geometry, its frames, and their JPEGs for the model. Paper, appendix "Execution"."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from foundation.frames import Quat, Vec3, rotate
+from foundation.camera_mount import CameraMount
+from foundation.frames import Quat, Vec3, quat_from_euler, quat_multiply, quat_yaw, rotate
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,12 +18,23 @@ class CameraModel:
     width: int = 1280  # px
     height: int = 720  # px
     hfov_deg: float = 90.0
-    offset_frd: Vec3 = (0.5, 0.0, 0.1)  # m from the body origin; zero pitch, looks along body forward
+    offset_frd: Vec3 = (0.5, 0.0, 0.1)  # m from the body origin
+    pitch_deg: float = 0.0  # of its mount, up from body forward; on a gimbal from the horizon
+    gimballed: bool = False  # it is level in roll, and its pitch changes in flight
 
     @property
     def focal_px(self) -> float:
         """px: W / (2 tan(φ/2))."""
         return self.width / (2.0 * math.tan(math.radians(self.hfov_deg) / 2.0))
+
+    def at_pitch(self, gimbal_pitch: float | None) -> "CameraModel":
+        """Return the camera with its gimbal at a pitch (rad, up from the horizon); None: the camera as it is."""
+        return self if gimbal_pitch is None else replace(self, pitch_deg=math.degrees(gimbal_pitch))
+
+
+def camera_on(mount: CameraMount) -> CameraModel:
+    """Return the forward camera on a mount."""
+    return CameraModel(pitch_deg=mount.pitch_deg, gimballed=mount.gimbal is not None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +49,20 @@ def camera_pose(position_ned: Vec3, attitude: Quat, camera: CameraModel) -> Came
     """Return the pose of a vehicle's camera.
 
     `position_ned` (m) is the body origin and `attitude` rotates body FRD into NED; the camera sits at
-    `camera.offset_frd` and looks along body forward (zero pitch), so its attitude is the body's.
+    `camera.offset_frd` and looks along body forward, raised by its pitch; on a gimbal it keeps the horizon.
     """
     offset = rotate(attitude, camera.offset_frd)
     position = (position_ned[0] + offset[0], position_ned[1] + offset[1], position_ned[2] + offset[2])
-    return CameraPose(position_ned=position, attitude=attitude)
+    return CameraPose(position_ned=position, attitude=camera_attitude(attitude, camera))
+
+
+def camera_attitude(attitude: Quat, camera: CameraModel) -> Quat:
+    """Return the attitude (camera axes → NED) of a camera on a body, by that of the body (FRD → NED)."""
+    if camera.gimballed:
+        return quat_from_euler(0.0, math.radians(camera.pitch_deg), quat_yaw(attitude))
+    if not camera.pitch_deg:
+        return attitude
+    return quat_multiply(attitude, quat_from_euler(0.0, math.radians(camera.pitch_deg), 0.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +73,7 @@ class Frame:
     drone: int
     time_us: int  # µs, vehicle clock at capture
     image_rgb: NDArray[np.uint8]  # (H, W, 3)
+    depth_mm: NDArray[np.uint16] | None = None  # (H, W) mm along the optical axis at each pixel's middle; 0: none known
 
 
 class Camera(Protocol):
@@ -82,6 +104,30 @@ def reduced(image_rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
         return image_rgb
     size = reduced_size(width, height)
     return np.asarray(cv2.resize(image_rgb, size, interpolation=cv2.INTER_AREA), np.uint8)  # area keeps small text
+
+
+DEPTH_MAX_M = 65.535  # of a depth picture: 16 bits of millimetres
+
+
+def in_millimetres(depth_m: NDArray[np.float32]) -> NDArray[np.uint16]:
+    """Return depths (m) as millimetres; 0 beyond DEPTH_MAX_M, and for the sky."""
+    near = depth_m <= DEPTH_MAX_M
+    return np.where(near, np.rint(1000.0 * np.where(near, depth_m, 0.0)), 0.0).astype(np.uint16)
+
+
+def encode_depth(depth_mm: NDArray[np.uint16]) -> bytes:
+    """Return an (H, W) depth picture as a 16-bit PNG, in millimetres."""
+    import cv2
+
+    return cv2.imencode(".png", depth_mm)[1].tobytes()
+
+
+def decode_depth(data: bytes) -> NDArray[np.uint16] | None:
+    """Return the (H, W) depth picture of a 16-bit PNG; None if it is none."""
+    import cv2
+
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    return np.asarray(picture) if picture is not None and picture.dtype == np.uint16 and picture.ndim == 2 else None
 
 
 def encode(image_rgb: NDArray[np.uint8]) -> bytes:

@@ -18,7 +18,7 @@ def user_cache() -> Path:
     try:
         return Path(base or Path.home() / ".cache") / "dronecats"
     except RuntimeError:  # a user id that has no home
-        raise UsageError("this user has no home folder for compiled code, and NUMBA_CACHE_DIR is not set") from None
+        raise UsageError("this user has no home folder for compiled code. Set NUMBA_CACHE_DIR to a folder") from None
 
 
 PER_CORE_GB = 0.08  # reserved by the threads of numerical libraries, one per core
@@ -39,8 +39,8 @@ def check(name: str, needed_gb: float) -> None:
     limit = limit_gb()
     if needed_gb and limit is not None and limit < (needed := on_this_machine(needed_gb)):
         raise UsageError(
-            f"{name} needs {needed:.1f} GB of address space, and the limit is {limit:.1f} GB; raise it, for example "
-            f"with: ulimit -v {round(1e6 * needed + 1e5)}"
+            f"{name} needs {needed:.1f} GB of address space, but the limit is {limit:.1f} GB. Raise it, for example"
+            f" with: ulimit -v {round(1e6 * needed + 1e5)}"
         )
 
 

@@ -71,6 +71,12 @@ class Packer:
         self._sequence = (self._sequence + 1) % 256
         return data
 
+    def frame(self, layout: wire.MessageLayout, payload: bytes) -> bytes:
+        """Return a payload (`MessageLayout.payload_of`) as a message, with the next sequence number."""
+        data = layout.framed(payload, self._sequence, self.system, self.component)
+        self._sequence = (self._sequence + 1) % 256
+        return data
+
 
 PX4_AUTOPILOT = dialect.MAV_AUTOPILOT_PX4
 
@@ -104,6 +110,7 @@ MODES: dict[str, Px4Mode] = {
         Px4Mode("LAND", 4, 6),
         Px4Mode("FOLLOW", 4, 8),
         Px4Mode("PRECLAND", 4, 9),
+        *(Px4Mode(f"EXTERNAL{n}", 4, 10 + n) for n in range(1, 9)),
         Px4Mode("ACRO", 5),
         Px4Mode("OFFBOARD", 6),
         Px4Mode("STABILIZED", 7),

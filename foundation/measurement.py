@@ -15,7 +15,7 @@ Number = Annotated[float, Meta(gt=-LARGE, lt=LARGE)]
 Distance = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a distance"})]
 Place = Annotated[tuple[Number, Number, Number], Meta(extra={"wrong": "is not three numbers"})]  # north, east, down
 InPicture = Annotated[tuple[Number, Number, Number, Number], Meta(extra={"wrong": "is not four numbers"})]
-Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: nobody measured it",
+Visible = Annotated[bool | None, Meta(description="whether the target is in view; null: not measured",
                                       extra={"wrong": "is neither true nor false"})]  # fmt: skip
 
 
@@ -26,21 +26,21 @@ def doc(description: str) -> Meta:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TargetMeasurement:
-    """A target as one drone and its camera have it. None: not measured. A world measures all of it."""
+    """Measurement of a target by one drone and its camera. None: not measured. A world measures all fields."""
 
-    target_ned: Annotated[Place | None, doc("m, NED, of the target's centre")] = None
-    distance_m: Annotated[Distance | None, doc("m, body to the target's centre in three dimensions")]
-    distance_box_m: Annotated[Distance | None, doc("m, body to the nearest point of the target's box")] = None
+    target_ned: Annotated[Place | None, doc("m, NED, position of the target's centre")] = None
+    distance_m: Annotated[Distance | None, doc("m, from the body to the target's centre, in three dimensions")]
+    distance_box_m: Annotated[Distance | None, doc("m, from the body to the nearest point of the target's box")] = None
     visible: Visible
-    visible_fraction: Annotated[Number | None, doc("share of the target's silhouette that is open to view")] = None
-    bearing_deg: Annotated[Number | None, doc("°, of the target's centre from the nose, + right")] = None
+    visible_fraction: Annotated[Number | None, doc("visible share of the target's silhouette")] = None
+    bearing_deg: Annotated[Number | None, doc("°, from the nose to the target's centre, + right")] = None
     oracle_depth_m: Annotated[
-        Number | None, doc("m along the optical axis, median of the target's surface that is seen; null: none is")
+        Number | None, doc("m along the optical axis, median over the target's visible surface; null: not visible")
     ] = None
     target_frd: Annotated[
-        Place | None, doc("m, of the target's centre from the optical centre: forward, right, down of the camera")
+        Place | None, doc("m, from the optical centre to the target's centre: forward, right, down of the camera")
     ] = None
     target_box: Annotated[
         InPicture | None,
-        doc("x0, y0, x1, y1 on 0 … 1000 around the target's box, nothing hidden; null: no part is in the picture"),
+        doc("x0, y0, x1, y1 on 0 … 1000: the target's box in the picture, hidden parts too; null: outside"),
     ] = None

@@ -16,7 +16,7 @@ def reader(record: Any, *names: str) -> Callable[[], tuple[Any, ...]]:
     for name in names:
         field, at = record.dtype.fields[name][:2]
         if field.base.str not in ("<i8", "<f8") or at < end:
-            raise ValueError(f"field {name!r} is not of 64 bits, or comes earlier in the record")
+            raise ValueError(f"field {name!r} must have 64 bits, and come later in the record")
         count = math.prod(field.shape)
         layout += f"{at - end}x{count}{'q' if field.base.kind == 'i' else 'd'}"
         end = at + field.itemsize

@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
 Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
-the query. The other parts are hidden, in any spelling, in all text that comes from there.
+the query. The other parts are hidden in all text from this address, in any spelling.
 """
 
 import base64
@@ -42,7 +42,7 @@ def without(text: str, *secrets: str | None) -> str:
 
 
 def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
-    """Return an environment without all variables named as keys."""
+    """Return an environment without the variables named …KEY, …TOKEN, …SECRET or …PASSWORD."""
     return {name: value for name, value in environment.items() if not _KEY_VARIABLE.search(name)}
 
 

@@ -13,6 +13,7 @@ class Sight:
     heading: float  # rad, 0 = north, clockwise
     roll: float = 0.0  # rad, right side down
     pitch: float = 0.0  # rad, nose up
+    gimbal_pitch: float | None = None  # rad, of the camera, up from the horizon; None: it is fixed to the body
     carried_on: bool = False  # extrapolated beyond the newest telemetry
 
 

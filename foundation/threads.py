@@ -85,12 +85,6 @@ COMPUTING = ComputingTurn()  # of this process
 
 P = ParamSpec("P")
 T = TypeVar("T")
-_expects_more = threading.Event()
-
-
-def expect_more() -> None:
-    """Declare that this process flies many episodes: `recurring` keeps values from the first request on."""
-    _expects_more.set()
 
 
 def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
@@ -110,34 +104,6 @@ def once(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T]]:
                         kept.popitem(last=False)
                 kept.move_to_end(key)
                 return kept[key]
-
-        return get
-
-    return keeping
-
-
-def recurring(maxsize: int) -> Callable[[Callable[P, T]], Callable[P, T | None]]:
-    """Return a decorator as `once`, whose function returns None at the first request of a value.
-
-    It is for values that help a process with many episodes, and only cost memory in one with a single episode. After
-    `expect_more` the first request, too, gets the value.
-    """
-
-    def keeping(make: Callable[P, T]) -> Callable[P, T | None]:
-        kept = once(maxsize)(make)
-        requested: OrderedDict[object, None] = OrderedDict()
-        turn = threading.Lock()
-
-        @wraps(make)
-        def get(*arguments: P.args, **named: P.kwargs) -> T | None:
-            key = (arguments, tuple(named.items()))
-            with turn:
-                first = key not in requested and not _expects_more.is_set()
-                requested[key] = None
-                requested.move_to_end(key)
-                if len(requested) > maxsize:
-                    requested.popitem(last=False)
-            return None if first else kept(*arguments, **named)
 
         return get
 

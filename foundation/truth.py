@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from foundation import wire
-from foundation.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized
+from foundation.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized, quat_to_euler
 from foundation.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
@@ -30,6 +30,7 @@ class TruthSample:
     position_ned: Vec3  # m, map frame
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
+    gimbal_pitch: float | None = None  # rad, up from the horizon, of the camera's gimbal; None: it has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,14 +61,31 @@ def truth_message(
     )
 
 
-def truth_sample(message: dialect.MAVLink_message, origin: Origin) -> TruthSample:
-    """Return the sample in a HIL_STATE_QUATERNION; the drone's number is its system id less one."""
+def gimbal_message(time_us: int, camera: Quat) -> dialect.MAVLink_message:
+    """Return GIMBAL_DEVICE_ATTITUDE_STATUS: the attitude of a camera on a gimbal (its axes → NED)."""
+    flags = dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_EARTH_FRAME
+    return dialect.MAVLink_gimbal_device_attitude_status_message(
+        0, 0, time_us // 1000 % (1 << 32), flags, list(camera), 0.0, 0.0, 0.0, 0
+    )
+
+
+def gimbal_pitch(message: dialect.MAVLink_message) -> float:
+    """Return the pitch (rad, up from the horizon) in a GIMBAL_DEVICE_ATTITUDE_STATUS."""
+    return quat_to_euler(quat_normalized(tuple(message.q)))[1]
+
+
+def truth_sample(message: dialect.MAVLink_message, origin: Origin, gimbal_pitch: float | None = None) -> TruthSample:
+    """Return the sample in a HIL_STATE_QUATERNION; the drone's number is its system id less one.
+
+    `gimbal_pitch`: that of its camera's gimbal at the same time, which comes in a message before it.
+    """
     return TruthSample(
         drone=message.get_srcSystem() - 1,
         time_us=message.time_usec,
         position_ned=geodetic_to_ned(*origin, message.lat / 1e7, message.lon / 1e7, message.alt / 1e3),
         velocity_ned=(message.vx / 100, message.vy / 100, message.vz / 100),
         attitude=quat_normalized(tuple(message.attitude_quaternion)),
+        gimbal_pitch=gimbal_pitch,
     )
 
 
@@ -121,10 +139,20 @@ class NewestTruth:
         with self._lock:
             fed = b"".join(self._unread.popleft() for _ in range(len(self._unread)))
             newest = wire.newest(fed, dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION, self._kept)
+            pitches = self._pitches(fed)
             for message in self._parser.feed(newest):
                 if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                    sample = truth_sample(message, self._origin)
+                    key = message.get_srcSystem(), message.time_usec // 1000 % (1 << 32)
+                    sample = truth_sample(message, self._origin, pitches.get(key))
                     self._samples.setdefault(sample.drone, deque(maxlen=self._kept)).append(sample)
+
+    def _pitches(self, fed: bytes) -> dict[tuple[int, int], float]:
+        """Return the pitch (rad) of each gimbal by its vehicle's system id and time (ms)."""
+        newest = wire.newest(fed, dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS, self._kept)
+        return {
+            (message.get_srcSystem(), message.time_boot_ms): gimbal_pitch(message)
+            for message in self._parser.feed(newest)
+        }
 
     def of(self, drone: int) -> TruthSample | None:
         """Return the newest sample of a drone; None without one."""

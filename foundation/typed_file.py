@@ -258,7 +258,7 @@ def _passed(value: Any, annotation: Any, at: str) -> PlacedFault | None:
             if key not in fields:
                 return join(at, key), unknown(key, fields)
             if inner is None and rule_of(fields[key]).optional:
-                return join(at, key), "is null: leave it out"
+                return join(at, key), "is null. Leave it out"
             if fault := _passed(inner, fields[key], join(at, key)):
                 return fault
     elif isinstance(value, dict) and get_origin(rule.kind) is dict:

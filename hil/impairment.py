@@ -1,8 +1,8 @@
-"""Bad wires, seeded: loss, delay, reordering and damage of MAVLink frames.
+"""Faults of a link, seeded: loss, delay, reordering and damage of MAVLink frames.
 
-`Channel` is a pure model of one direction: the same seed and the same times give the same fate. All random numbers of a
-frame are drawn when it enters, always the same number of draws, so the fate of the n-th frame depends on the seed and
-on n alone: more loss loses the same frames and others besides.
+`Channel` is a pure model of one direction: the same seed and the same times give the same result. All random numbers of
+a frame are drawn when it enters, always the same number of draws. So the fate of the n-th frame depends only on the
+seed and on n, and a larger loss loses the same frames and some more.
 """
 
 import heapq
@@ -17,8 +17,8 @@ from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import LinkError, UsageError
 from hil.link.transport import Transport
 
-LATE_S = 0.1  # s that a unit out of order comes late: two ticks of the agent, so others do overtake it
-BITS_A_BYTE = 10  # 8N1: a start bit, eight, a stop bit
+LATE_S = 0.1  # s of delay of a unit out of order: two ticks of the agent, so that others overtake it
+BITS_A_BYTE = 10  # 8N1: a start bit, eight data bits, a stop bit
 LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
 
 
@@ -28,7 +28,7 @@ def _cut_words(cuts: tuple[tuple[float, float], ...]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """One direction of a wire. The defaults are a perfect one. A unit is a frame."""
+    """The faults of one direction of a link. The defaults are no faults. A unit is a frame."""
 
     loss: float = number(0.0, "loss", "share of MAVLink frames that never arrive", high=1.0, words=LOST)
     delay_s: float = number(
@@ -79,11 +79,11 @@ class Impairment:
         unit="bytes",
         whole=True,
     )
-    # s since the wire began, from … to: the cable is pulled
+    # s since the start of the link, from … to: the cable is pulled
     cuts: tuple[tuple[float, float], ...] = declared((), Declaration(words=_cut_words))
 
     def __post_init__(self) -> None:
-        """Raise UsageError for what no wire can be."""
+        """Raise UsageError for impossible faults."""
         check_bounds(self)
         for start, end in self.cuts:
             if not 0.0 <= start < end < math.inf:
@@ -97,34 +97,34 @@ class Counts:
     taken: int = 0
     arrived: int = 0  # duplicates count twice
     lost: int = 0
-    cut: int = 0  # entered, or were on their way, while the cable was pulled
-    overflowed: int = 0  # found the queue full
+    cut: int = 0  # units that entered or were under way while the cable was pulled
+    overflowed: int = 0  # units that found the queue full
     duplicated: int = 0
     reordered: int = 0
     corrupted: int = 0  # units with at least one changed byte
     bytes_arrived: int = 0
 
     def __str__(self) -> str:
-        """All that happened, in one line."""
+        """The counts in one line."""
         values = ((f.name.replace("_", " "), getattr(self, f.name)) for f in fields(self))
         return ", ".join(f"{name} {value}" for name, value in values if value or name in ("taken", "arrived"))
 
 
 class Channel:
-    """One direction: units go in at a time and come out at a time. Times are seconds since the wire began, rising."""
+    """One direction: units enter and arrive at given times. Times are rising seconds since the start of the link."""
 
     def __init__(self, impairment: Impairment, seed: int, direction: str = "") -> None:
         self.impairment = impairment
         self.counts = Counts()
         self._fate = random.Random(f"{seed} {direction} fate")
-        self._noise = random.Random(f"{seed} {direction} noise")  # draws per byte: a stream of its own
+        self._noise = random.Random(f"{seed} {direction} noise")  # draws per byte, from a separate stream
         self._under_way: list[tuple[float, int, bytes]] = []  # heap of (arrival in s, order of entry, unit)
         self._entered = 0
-        self._line_free_s = 0.0  # when the serial line has sent all that it holds
-        self._newest_s = 0.0  # arrival of the newest unit that is in order
+        self._line_free_s = 0.0  # when the serial line has sent all its units
+        self._newest_s = 0.0  # arrival of the newest unit in order
 
     def put(self, t_s: float, unit: bytes) -> None:
-        """A unit enters."""
+        """Let a unit enter."""
         wire, counts = self.impairment, self.counts
         loss, jitter, twice, late = (self._fate.random() for _ in range(4))
         counts.taken += 1
@@ -152,7 +152,7 @@ class Channel:
             self._entered += 1
 
     def arrived(self, t_s: float) -> Iterator[bytes]:
-        """Yield the units that have arrived by `t_s`, in the order in which they did."""
+        """Yield the units that have arrived by `t_s`, in the order of arrival."""
         while self._under_way and self._under_way[0][0] <= t_s:
             unit = heapq.heappop(self._under_way)[2]
             self.counts.arrived += 1
@@ -161,11 +161,11 @@ class Channel:
 
     @property
     def next_s(self) -> float | None:
-        """When the next unit arrives, None when none is under way."""
+        """The arrival of the next unit; None: none is under way."""
         return self._under_way[0][0] if self._under_way else None
 
     def _send(self, t_s: float, length: int) -> float | None:
-        """Return when the serial line has sent a unit that enters now, None when the queue has no room for it."""
+        """Return when the serial line has sent a unit that enters now; None: the queue has no room for it."""
         if self.impairment.baud is None:
             return t_s
         bytes_per_s = self.impairment.baud / BITS_A_BYTE
@@ -186,17 +186,17 @@ class Channel:
 
 MAVLINK1, MAVLINK2, SIGNED, SIGNATURE_BYTES = 0xFE, 0xFD, 0x01, 13
 PERFECT = Impairment()
-ROUNDED_S = 1e-6  # s, or what is due at a tick of a clock might miss it by the rounding of its seconds
+ROUNDED_S = 1e-6  # s; without it, rounding could delay a unit by a tick
 
 
 class Frames:
-    """Cuts a stream of bytes where its MAVLink frames begin and end, whatever they hold: a wire reads no messages."""
+    """Cuts a stream of bytes at the limits of its MAVLink frames, without reading the messages."""
 
     def __init__(self) -> None:
         self._rest = b""
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Return the whole frames, in order; bytes that belong to none form units of their own."""
+        """Return the complete frames, in order; bytes outside of frames are separate units."""
         data = self._rest + data
         units, at = [], 0
         while at < len(data):
@@ -210,7 +210,7 @@ class Frames:
 
 
 def _frame_length(data: bytes, at: int) -> int | None:
-    """Return the bytes of the unit that begins at `at`, None while its header is not all there."""
+    """Return the length of the unit that begins at `at`; None: its header is incomplete."""
     magic = data[at]
     if magic not in (MAVLINK1, MAVLINK2):
         starts = [i for i in (data.find(MAVLINK1, at), data.find(MAVLINK2, at)) if i >= 0]
@@ -223,24 +223,24 @@ def _frame_length(data: bytes, at: int) -> int | None:
 
 
 class OneWay:
-    """One direction of a wire, impaired from the beginning or for a while. Times are seconds of any rising clock."""
+    """One direction of a link, with faults from the beginning or for a while. Times are seconds of any rising clock."""
 
     def __init__(self, impairment: Impairment, seed: int, direction: str) -> None:
         self.channel = Channel(impairment, seed, direction)
         self._seed, self._direction = seed, direction
         self._frames = Frames()
         self._zero_s, self._over_s = 0.0, math.inf
-        self._coming: tuple[Impairment, float] | None = None  # set by another thread: taken at the next carrying
+        self._coming: tuple[Impairment, float] | None = None  # set by another thread, used at the next `carry`
 
     def impair(self, impairment: Impairment, seconds: float) -> None:
-        """From the next carrying on and for so long be impaired like this, and after that perfect.
+        """Have these faults from the next `carry` on for this time, and no faults afterwards.
 
-        What is on its way at either moment is lost. The first frame then has the seed's first fate.
+        Units under way at the start or the end are lost. The first frame then has the seed's first fate.
         """
         self._coming = (impairment, seconds)
 
     def carry(self, now_s: float, data: bytes) -> list[bytes]:
-        """Take what enters now; return the units that have arrived, in the order in which they did."""
+        """Take the entering units; return the arrived units, in the order of arrival."""
         if self._coming is not None:
             (impairment, seconds), self._coming = self._coming, None
             self._begin(impairment, now_s, now_s + seconds)
@@ -255,11 +255,11 @@ class OneWay:
         self._zero_s, self._over_s = now_s, over_s
 
 
-LOOK_S = 0.001  # s of waiting at one end before it is the other's turn: what comes is carried on within two
+LOOK_S = 0.001  # s of waiting at one end before the other's turn, so a unit is forwarded within twice this time
 
 
 class ImpairedWire:
-    """Runs between an agent and an autopilot from `start` to `close`, on a thread of its own."""
+    """A wire with faults between an agent and an autopilot. It runs on its own thread from `start` to `close`."""
 
     def __init__(
         self,
@@ -268,32 +268,32 @@ class ImpairedWire:
         up: Impairment,
         down: Impairment,
         seed: int = 0,
-        clock: Callable[[], float] = time.monotonic,  # s; a wire is impaired in wall time, as a real one is, or faster
+        clock: Callable[[], float] = time.monotonic,  # s; wall time like a real link, or faster
     ) -> None:
         self._agent, self._autopilot = agent, autopilot
         self._clock, self._zero_s = clock, clock()
         self._up, self._down = OneWay(up, seed, "up"), OneWay(down, seed, "down")
-        self.fault: LinkError | None = None  # what ended the wire, None while it works
+        self.fault: LinkError | None = None  # the error that ended the wire; None: it works
         self._ending = threading.Event()
         self._thread = threading.Thread(target=self._carry, name="impaired-wire", daemon=True)
 
     @property
     def up(self) -> Channel:
-        """The way to the autopilot."""
+        """The direction to the autopilot."""
         return self._up.channel
 
     @property
     def down(self) -> Channel:
-        """The way from the autopilot."""
+        """The direction from the autopilot."""
         return self._down.channel
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
-        """From now on and for so long (s of `clock`) be impaired like this, and after that perfect."""
+        """Have these faults from now on for this time (s of `clock`), and no faults afterwards."""
         self._up.impair(up, seconds)
         self._down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
-        """Carry from now on, which is second 0 of the cuts; return self."""
+        """Start, at second 0 of the cuts; return self."""
         self._zero_s = self._clock()
         self._thread.start()
         return self
@@ -304,7 +304,7 @@ class ImpairedWire:
         return self._clock() - self._zero_s
 
     def pull(self, from_s: float, seconds: float) -> None:
-        """Pull the cable, both ways, at a second of the wire's time that has yet to come, and plug it in again."""
+        """Pull the cable of both directions at a later second of the wire's time, and plug it in again."""
         for channel in (self.up, self.down):
             wire = channel.impairment
             channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
@@ -341,9 +341,9 @@ class ImpairedWire:
 
 
 class SteppedWire(Transport):
-    """The agent's end of a wire that is perfect until it is impaired. A read of a dry wire calls `pump`.
+    """The agent's end of a wire in lockstep, without faults until `impair`. A read of an empty wire calls `pump`.
 
-    It carries at ticks: so a delay is lengthened to whole ones.
+    It forwards at ticks, so a delay becomes a whole number of ticks.
     """
 
     def __init__(
@@ -356,9 +356,9 @@ class SteppedWire(Transport):
         seed: int,
         close: Callable[[], None] = lambda: None,
     ) -> None:
-        """`take` returns what the vehicle has said, `give` lets it hear; `now_s` reads its clock, which `pump` moves.
+        """`take` returns the vehicle's bytes, `give` sends it bytes; `now_s` reads its clock, which `pump` advances.
 
-        `pump` calls `step` once a tick.
+        `pump` calls `step` once per tick.
         """
         self.url = url
         self._take, self._give, self._pump, self._now_s = take, give, pump, now_s
@@ -374,21 +374,21 @@ class SteppedWire(Transport):
 
     @property
     def counts(self) -> tuple[Counts, Counts]:
-        """Counts of frames, to the vehicle and from it, since the wire was last impaired or mended."""
+        """Counts of frames, to the vehicle and from it, since the last change of the faults."""
         return self._up.channel.counts, self._down.channel.counts
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
-        """From now on and for so long be impaired: `up` to the vehicle, `down` from it."""
+        """Have these faults from now on for this time: `up` to the vehicle, `down` from it."""
         self._up.impair(up, seconds)
         self._down.impair(down, seconds)
 
     def step(self, data: bytes = b"") -> None:
-        """Carry, once a tick, what has been said meanwhile; `data` by the vehicle has been taken already."""
+        """Forward the new units, once per tick; `data`: bytes of the vehicle that were already taken."""
         self.send(b"")
         self._receive_frames(data)
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return what has arrived; b'' when nothing did within `timeout_s` of the vehicle's time."""
+        """Return the arrived bytes; b'' if none arrived within `timeout_s` of the vehicle's time."""
         due_s = self._now_s() + timeout_s
         self._receive_frames()
         while not self._received and self._now_s() < due_s:

@@ -1,12 +1,12 @@
-"""PX4's simulator interface: HIL messages of our sensors, rotor commands of PX4's answers, and the two wires for them.
+"""PX4's simulator interface: HIL messages from our sensors, rotor commands from PX4's answers, and their two links.
 
 PX4 takes a group of HIL_SENSOR only when every bit of it is set. Specific forces are in m/s², rates in rad/s, fields in
 gauss, pressures in hPa, vectors in FRD; HIL_GPS carries centimetres and 1e-7 degrees. Source: PX4 SimulatorMavlink.cpp.
 
-A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode shares one wire with all
-other MAVLink messages (`BoardLine`). There is no lockstep with a board: it stamps what arrives with its own clock. It
-decodes HIL messages only while its heartbeat says that it is in HIL mode (SYS_HITL), and it would take
-HIL_STATE_QUATERNION for its estimate, so that is never sent. Source: PX4 mavlink_receiver.cpp.
+A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode uses one link for HIL and
+other MAVLink messages (`BoardLine`). There is no lockstep with a board, because it stamps messages with its own clock.
+It decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. It would use HIL_STATE_QUATERNION as its
+estimate, so that is never sent. Source: PX4 mavlink_receiver.cpp.
 """
 
 import contextlib
@@ -26,14 +26,14 @@ from hil.link.transport import Transport, bind_error
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 HIL_ENABLED = dialect.MAV_MODE_FLAG_HIL_ENABLED
-SENSOR_BYTES = 74  # a HIL_SENSOR on the wire at most: MAVLink 2 leaves trailing zeros out, and id is 0
+SENSOR_BYTES = 74  # largest HIL_SENSOR on the link: MAVLink 2 leaves out trailing zeros, and id is 0
 COURSE_UNKNOWN = 65535
-COURSE_FROM = 0.3  # m/s, below which a receiver has no course over ground to tell
+COURSE_FROM = 0.3  # m/s; below it a receiver has no course over ground
 
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """Times (µs, vehicle clock) of the newest samples that the autopilot has been sent; 0: none yet."""
+    """Times (µs, vehicle clock) of the newest samples that were sent to the autopilot; 0: none yet."""
 
     imu_us: int = 0
     mag_us: int = 0
@@ -44,7 +44,7 @@ class Sent:
 def sensor_message(sensors: Any, time_us: int, sent: Sent) -> dialect.MAVLink_hil_sensor_message:
     """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with the groups marked that are newer than `sent`.
 
-    `sensors` is a record of `foundation.sensors.SENSORS`. With nothing new it still carries PX4's clock onward.
+    `sensors` is a record of `foundation.sensors.SENSORS`. Without new samples the message still advances PX4's clock.
     """
     updated = 0
     if sensors["imu_time_us"] > sent.imu_us:
@@ -103,10 +103,9 @@ def sent_now(sensors: Any) -> Sent:
 def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[float]:
     """Return fractions of full rotor speed (MAX_ROTORS of them) for PX4's motor outputs 0 … 1.
 
-    0 is the idle speed and 1 the full one, a straight line between, which is how PX4's own Gazebo bridge makes rotor
-    speeds of this aircraft's outputs (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the output, as
-    behind a real motor controller, and THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full one. What
-    is not a number idles.
+    0 is the idle speed, 1 the full speed, linear in between, like PX4's own Gazebo bridge for this aircraft
+    (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the output, as behind a real motor controller, and
+    THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed. For NaN the rotor idles.
     """
     used = [idle + (1.0 - idle) * min(max(u, 0.0), 1.0) if u == u else idle for u in controls[:rotors]]
     return used + [0.0] * (MAX_ROTORS - len(used))
@@ -132,14 +131,14 @@ def _uint16(value: float) -> int:
 
 
 PORT = 4560  # + instance
-SEND_S = 5.0  # wall seconds after which a PX4 that reads nothing any more is given up
+SEND_S = 5.0  # wall seconds after which a PX4 that no longer reads is dropped
 
 
 class SimulatorServer:
-    """Listens for one PX4 at a time; a newer connection takes the place of the older."""
+    """Listens for one PX4 at a time. A newer connection replaces the older one."""
 
     def __init__(self, port: int, host: str = "127.0.0.1", instead: str = "choose another port") -> None:
-        """Listen. Port 0 is one that the system chooses.
+        """Listen. Port 0: the system chooses a free port.
 
         Raises UsageError for a port that is in use, with the advice `instead`.
         """
@@ -147,27 +146,27 @@ class SimulatorServer:
         self._listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # PX4 may come back within a minute
         try:
             self._listener.bind((host, port))
-            self._listener.listen(1)  # of two that have bound the same port, the second fails here
+            self._listener.listen(1)  # the second of two servers on the same port fails here
         except OSError as error:
             self._listener.close()
             raise bind_error(error, "TCP", host, port, instead) from None
         self._listener.setblocking(False)
         self._peer: socket.socket | None = None
         self._parser = Parser()
-        self.connections = 0  # how many there have been
+        self.connections = 0  # number of connections so far
 
     @property
     def port(self) -> int:
-        """The TCP port that is listened on."""
+        """The TCP port of the server."""
         return int(self._listener.getsockname()[1])
 
     @property
     def connected(self) -> bool:
-        """Whether a PX4 is connected, as far as is known."""
+        """Whether a PX4 is probably connected."""
         return self._peer is not None
 
     def accept(self) -> bool:
-        """Take a connection that waits; return whether there was one."""
+        """Accept a waiting connection; return whether there was one."""
         try:
             peer, _ = self._listener.accept()
         except BlockingIOError:
@@ -180,7 +179,7 @@ class SimulatorServer:
         return True
 
     def send(self, data: bytes) -> None:
-        """Send to the PX4 that is there; one that has gone is noticed, and is no error."""
+        """Send to the connected PX4. A PX4 that has gone is noticed, but is not an error."""
         if self._peer is not None:
             try:
                 self._peer.sendall(data)
@@ -188,7 +187,7 @@ class SimulatorServer:
                 self._drop()
 
     def receive(self, timeout_s: float) -> list[dialect.MAVLink_message]:
-        """Return the messages that came within `timeout_s` wall seconds; none when PX4 is silent or has gone."""
+        """Return the messages of the next `timeout_s` wall seconds; none if PX4 is silent or has gone."""
         if self._peer is None or not select.select([self._peer], [], [], timeout_s)[0]:
             return []
         data = b""
@@ -208,12 +207,12 @@ class SimulatorServer:
             self._peer = None
 
 
-RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; a rate controller on less does not hold the vehicle
+RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; with less, a rate controller cannot hold the vehicle
 BITS_PER_BYTE = 10  # start and stop bit included
-SHARE = 0.5  # of the wire for HIL_SENSOR; commands and parameters of the clients need the rest
+SHARE = 0.5  # share of the link for HIL_SENSOR; the clients need the rest
 HEARTBEAT_S = 1.0  # wall seconds
-REOPEN_S = 1.0  # wall seconds between two attempts at a cable that was pulled
-FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as MAVSDK has it
+REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
+FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as in MAVSDK
 ACTUATORS, HEARTBEAT = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, dialect.MAVLINK_MSG_ID_HEARTBEAT
 MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD  # first byte of a frame
 HELLO = dialect.MAVLink_heartbeat_message(
@@ -222,7 +221,7 @@ HELLO = dialect.MAVLink_heartbeat_message(
 
 
 def sensor_period_us(url: str) -> int:
-    """Return the time (µs, whole milliseconds) between two HIL_SENSOR that a wire carries; 4 ms on any but a slow line.
+    """Return the time (µs, whole milliseconds) between two HIL_SENSOR that a link carries; 4 ms unless it is slow.
 
     Raises UsageError for a serial line that is too slow.
     """
@@ -239,20 +238,20 @@ def sensor_period_us(url: str) -> int:
 
 
 class BoardLine:
-    """One board at the end of a wire, which may be pulled and put back."""
+    """One board on a cable, which may be pulled and put back."""
 
     def __init__(self, connect: Callable[[], Transport], packer: Packer) -> None:
-        """`connect` opens the wire, now and after it broke. Raises what it raises, but only now."""
+        """`connect` opens the link, now and after it breaks. Only the first call raises its errors."""
         self._connect, self._packer = connect, packer
         self._transport: Transport | None = connect()
         self._parser = Parser()
-        self._rest = b""  # the beginning of a frame whose end has not come yet
-        self._clients = bytearray()  # what they have not yet been sent
+        self._rest = b""  # the beginning of an incomplete frame
+        self._clients = bytearray()  # bytes for the clients that were not sent yet
         self._hello_due_s = self._reopen_due_s = 0.0
-        self._alive_s = -FORGET_S  # when the autopilot's last heartbeat came
+        self._alive_s = -FORGET_S  # wall time of the autopilot's last heartbeat
         self._hil = False
         self.actuators: dialect.MAVLink_message | None = None  # the newest HIL_ACTUATOR_CONTROLS
-        self.actuators_s = 0.0  # wall time at which it came
+        self.actuators_s = 0.0  # wall time of its arrival
 
     @property
     def present(self) -> bool:
@@ -261,11 +260,11 @@ class BoardLine:
 
     @property
     def in_hil(self) -> bool:
-        """Whether the board takes simulated sensors, by its heartbeat."""
+        """Whether the board accepts simulated sensors, by its heartbeat."""
         return self.present and self._hil
 
     def exchange(self) -> None:
-        """Take in what has come, say hello when it is due, and open a wire again that broke."""
+        """Read the link, send the heartbeat when it is due, and reopen a broken link."""
         now_s = time.monotonic()  # the board runs on wall time
         if self._transport is None and now_s >= self._reopen_due_s:
             self._reopen_due_s = now_s + REOPEN_S
@@ -285,11 +284,11 @@ class BoardLine:
             self._take(frame, now_s)
 
     def send(self, *messages: dialect.MAVLink_message) -> None:
-        """Send messages of the simulator's."""
+        """Send messages of the simulator."""
         self.give(b"".join(self._packer.pack(message) for message in messages))
 
     def give(self, data: bytes) -> None:
-        """Send what a client says, as it is."""
+        """Send a client's bytes unchanged."""
         if self._transport is not None and data:
             try:
                 self._transport.send(data)
@@ -297,7 +296,7 @@ class BoardLine:
                 self._lose()
 
     def take(self) -> bytes:
-        """Return the board's bytes for the clients since the last call: everything but the motor outputs."""
+        """Return the board's bytes for the clients since the last call: all except the motor outputs."""
         data = bytes(self._clients)
         self._clients.clear()
         return data
@@ -323,11 +322,11 @@ class BoardLine:
 
 
 def split(data: bytes) -> tuple[list[bytes], bytes]:
-    """Return the MAVLink frames in a stretch of a wire, unknown messages too, and the beginning of one that goes on."""
+    """Return the MAVLink frames in some bytes, unknown messages too, and the beginning of an incomplete frame."""
     frames, at = [], 0
     while at < len(data):
         if data[at] not in (MAVLINK_1, MAVLINK_2):
-            at += 1  # noise, or a boot loader's chatter
+            at += 1  # noise, or output of a boot loader
             continue
         if len(data) - at < 10:
             break

@@ -9,7 +9,6 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from hypothesis import settings
 
-from foundation.threads import expect_more
 from tests import natures
 
 pytest_plugins = ["tests.support.browser", "tests.support.flown_runs"]
@@ -25,8 +24,6 @@ settings.load_profile("unhurried")
 LONG_S = 30.0  # a test that takes longer gives a reason as the argument of its mark `slow`
 
 guard = natures.Guard()
-
-expect_more()  # a worker flies on each map many times
 
 
 def pytest_configure(config):

@@ -58,7 +58,7 @@ NEEDS = {
     "user": Need("root may write anywhere", "run the tests as an ordinary user", lambda: os.geteuid() != 0),
     "lerobot": _variable("DRONECATS_LEROBOT_PYTHON", "PYTHON_WITH_LEROBOT", "tests/report/export/test_lerobot.py"),
     "litellm": _variable("DRONECATS_LITELLM", "LITELLM_COMMAND", "tests/system/test_other_server.py"),
-    "px4": _variable("DRONECATS_PX4", "PX4_COMMAND", "tests/system/test_real_px4.py"),
+    "px4": _variable("DRONECATS_PX4", "PX4_COMMAND", "tests/system/test_*_px4.py"),
     "openai-schema": _variable(
         "DRONECATS_OPENAI_SCHEMA", "openapi.json", "tests/agent/models/test_published_schema.py"
     ),

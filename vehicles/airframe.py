@@ -60,6 +60,12 @@ def parse(table: dict[str, Any], name: str) -> Airframe:
         raise UsageError(f"{where}: curve.speed_idle must be below curve.speed_max")
     if airframe.thrust_max <= airframe.mass_kg * GRAVITY:
         raise UsageError(f"{where}: curve.thrust_coefficient gives less thrust at full speed than the weight needs")
+    gimbal = airframe.camera.gimbal
+    if gimbal is not None and not gimbal.pitch_min_deg <= airframe.camera.pitch_deg <= gimbal.pitch_max_deg:
+        raise UsageError(
+            f"{where}: camera.pitch_deg must be within camera.gimbal.pitch_min_deg … pitch_max_deg, which are"
+            f" {gimbal.pitch_min_deg:g} … {gimbal.pitch_max_deg:g}"
+        )
     return airframe
 
 

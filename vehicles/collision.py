@@ -28,7 +28,7 @@ from vehicles.solids import BALLS, BUMPERS, CANDIDATES, NEAR, SOLIDS, Grid32, So
 # and reaches 96 m/s²
 RESONANCE = 60.0
 REBOUND_SPEED = 0.4  # m/s: a bump at 1.2 m/s gives back 0.31 of its speed, one at 0.2 m/s 0.75
-HIT_LEAST = 0.15  # m/s, a contact that begins slower is no hit
+HIT_LEAST = 0.15  # m/s, a contact that begins slower is no hit unless it lasts
 FRICTION = 0.45  # of plastic and carbon on walls and car bodies, dry
 ROUNDS = 8  # of impulses: enough for four feet on a roof
 AHEAD = 0.15  # m, candidates are gathered for this much of motion
@@ -275,9 +275,14 @@ def _settle(params: Record, state: Record, solids: Record, near: Record, count: 
         for i in range(3):
             near.rubbed[n, i] = 0.0
         slot = near.ball[n] + BALLS if n < near.box_count else near.ball[n]
-        if near.touched_us[slot] < state.time_us - STEP_US and closing > HIT_LEAST:
+        begins = near.touched_us[slot] < state.time_us - STEP_US
+        if begins and closing > HIT_LEAST:
             remember(state, solids, near.ball[n], near.owner[n], closing)
         near.touched_us[slot] = near.newest_us = state.time_us
+        if state.on_ground == 0 and solids.ball_sound[near.ball[n]] != CRASH_FOOT:
+            near.leant_us, near.leant_on = state.time_us, near.owner[n]
+            if begins:
+                near.leant_speed = closing
     for _ in range(ROUNDS):
         for n in range(count):
             normal = (near.normal[n, 0], near.normal[n, 1], near.normal[n, 2])
@@ -370,5 +375,5 @@ def solids_record(params: np.void, obstacles: Obstacles, camera_frd: Vec3 | None
 def fresh_near() -> np.void:
     """Return a NEAR record that has not looked yet."""
     near: np.void = np.zeros(1, NEAR)[0]
-    near["touched_us"] = near["newest_us"] = -2 * STEP_US
+    near["touched_us"] = near["newest_us"] = near["leant_us"] = -2 * STEP_US
     return near

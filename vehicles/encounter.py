@@ -86,8 +86,27 @@ def _note(params: Record, state: Record, closing: float, arm: Vec3) -> None:
 
 
 @njit(cache=True)
+def _lean(state: Record, near: Record, closing: float, tick_s: float) -> None:
+    """Note a touch that a hit need not have begun."""
+    near.newest_us = state.time_us
+    if state.on_ground != 0:
+        return
+    if near.leant_on != DRONE or near.leant_us < state.time_us - 1.5e6 * tick_s:
+        near.leant_speed = closing
+    near.leant_us, near.leant_on = state.time_us, DRONE
+
+
+@njit(cache=True)
 def _push_apart(
-    params: Record, state: Record, size: float, others: Record, other: Record, other_size: float, tick_s: float
+    params: Record,
+    state: Record,
+    near: Record,
+    size: float,
+    others: Record,
+    other: Record,
+    other_near: Record,
+    other_size: float,
+    tick_s: float,
 ) -> bool:
     """Add to the external forces and torques of both vehicles; return whether they touch within the tick."""
     p, q, v, u = state.position, other.position, state.velocity, other.velocity
@@ -109,6 +128,8 @@ def _push_apart(
     if closing > HIT_LEAST:
         _note(params, state, closing, arm)
         _note(others, other, closing, other_arm)
+    _lean(state, near, closing, tick_s)
+    _lean(other, other_near, closing, tick_s)
     press = max(leaving + closing, 0.0) / (1.0 / params.mass + 1.0 / others.mass) / tick_s
     x, y, z = x + closing * normal[0], y + closing * normal[1], z + closing * normal[2]
     sliding = math.sqrt(x * x + y * y + z * z)
@@ -131,7 +152,11 @@ def _ease(params: Record, state: Record, arm: Vec3, way: Vec3) -> float:
 
 def push_apart(one: Multirotor, other: Multirotor, tick_s: float) -> bool:
     """Push two vehicles apart over the coming tick and return whether they touch; adds to their external forces."""
-    return bool(_push_apart(one.params, one.state, girth(one), other.params, other.state, girth(other), tick_s))
+    return bool(
+        _push_apart(
+            one.params, one.state, one.near, girth(one), other.params, other.state, other.near, girth(other), tick_s
+        )
+    )
 
 
 @dataclass(frozen=True, slots=True)

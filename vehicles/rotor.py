@@ -72,16 +72,14 @@ STANDSTILL = 0.1  # rad/s, speed below which a rotor that slows down stops
 
 
 @njit(cache=True)
-def commanded_speed(params: Record, armed: int, command: float, voltage: float) -> float:
-    """Return the speed (rad/s) that the speed controller asks of a rotor: a share of what the voltage allows."""
+def commanded_speed(armed: int, command: float, idle: float, ceiling: float) -> float:
+    """Return the speed (rad/s) that the speed controller asks of a rotor, from `idle` up to a `ceiling` (rad/s)."""
     if armed == 0:
         return 0.0
     share = command if command > 0.0 else 0.0  # a NaN command compares false and stops at idle
     if share > 1.0:
         share = 1.0
-    ceiling = params.speed_max * voltage / (NOMINAL_CELL_V * params.cells)
-    speed: float = max(share * ceiling, min(params.speed_idle, ceiling))
-    return speed
+    return max(share * ceiling, idle)
 
 
 @njit(cache=True)
@@ -112,12 +110,14 @@ def push(params: Record, state: Record, actuators: Record, air: Vec3, rates: Vec
     """
     fx = fy = fz = mx = my = mz = momentum = power = 0.0
     thrust_coefficient, torque_coefficient = params.thrust_coefficient, params.torque_coefficient
-    armed, voltage = actuators.armed, state.voltage
+    armed = actuators.armed
+    ceiling = params.speed_max * state.voltage / (NOMINAL_CELL_V * params.cells)  # what the voltage allows
+    idle = min(params.speed_idle, ceiling)
     for i in range(params.rotors):
         x, y, z = params.rotor_position[i, 0], params.rotor_position[i, 1], params.rotor_position[i, 2]
         spin = params.rotor_spin[i]
         before = state.rotor_speed[i]
-        error = commanded_speed(params, armed, actuators.command[i], voltage) * state.rotor_health[i] - before
+        error = commanded_speed(armed, actuators.command[i], idle, ceiling) * state.rotor_health[i] - before
         change = error * (params.gain_up if error > 0.0 else params.gain_down)
         if error < 0.0 and before < STANDSTILL:
             change = error  # stiction ends what the exponential never would

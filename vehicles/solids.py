@@ -60,6 +60,9 @@ NEAR = np.dtype(
         ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, of the obstacle there
         ("touched_us", "i8", (2 * BALLS,)),  # µs, when each ball last touched a triangle, and after these the box
         ("newest_us", "i8"),  # µs, when any of them last touched
+        ("leant_us", "i8"),  # µs, when any but a foot last touched while the vehicle was off the ground
+        ("leant_on", "i8"),  # number of the owner of what it touched
+        ("leant_speed", "f8"),  # m/s, with which that touch began
         ("stiffness", "f8", (CONTACTS,)),  # N/m
         ("pressed", "f8", (CONTACTS,)),  # N·s, so far
         ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, so far

@@ -9,6 +9,7 @@ from typing import Any
 
 from autopilot.commander.ground import LANDING, AutoDisarm, LandDetector, LandingWatch, TakeoffRamp, wants_climb
 from autopilot.commander.health import (
+    EXTERNAL_MODES,
     NO_ARMING_MODES,
     STICK_MODES,
     attitude_failures,
@@ -98,7 +99,10 @@ class Commander:
         self._override = StickOverride()
 
     def _modes(self) -> dict[str, Mode]:
-        """Return the behaviour of each mode's name. PRECLAND, without a beacon to aim at, lands where it is."""
+        """Return the behaviour of each mode's name.
+
+        PRECLAND, without a beacon to aim at, lands where it is. External modes are never flown: the failsafe ends them.
+        """
         land, stabilized = Land(), Stabilized()
         return {
             "HOLD": self.hold,
@@ -117,6 +121,7 @@ class Commander:
             "MANUAL": stabilized,
             "ACRO": Acro(),
             "TERMINATION": Terminated(),
+            **dict.fromkeys(EXTERNAL_MODES, self.hold),
         }
 
     # what others may ask
@@ -345,13 +350,16 @@ class Commander:
         """Choose the mode that flies: the intended one, or the failsafe's."""
         if self.intended == "TERMINATION":
             return
-        self.supervision.look(self.flight, self.intended, self._offboard_usable(), self.takeoff_us)
-        self._yield_to_sticks()
+        offboard_signal = self.intended == "OFFBOARD" and self._offboard_usable()
+        self.supervision.look(self.flight, self.intended, offboard_signal, self.takeoff_us)
+        if self.flight.sticks.time_us >= 0:
+            self._yield_to_sticks()
         shown, behaviour = self._reaction()
-        if self.failsafe.action == Reaction.DISARM:
-            self.disarm(force=True, why=f"by failsafe: {self.failsafe.cause}")
+        failsafe = self.supervision.failsafe
+        if failsafe.action == Reaction.DISARM:
+            self.disarm(force=True, why=f"by failsafe: {failsafe.cause}")
             return
-        if self.failsafe.action == Reaction.TERMINATE:
+        if failsafe.action == Reaction.TERMINATE:
             self.terminate()
             return
         if shown != self.mode or self._active is not self._behaviours[behaviour]:
@@ -361,7 +369,7 @@ class Commander:
 
     def _reaction(self) -> tuple[str, str]:
         """Return (mode shown, behaviour flown)."""
-        if self.failsafe is QUIET and self.intended not in STICK_MODES:
+        if self.supervision.failsafe is QUIET and self.intended not in STICK_MODES:
             return self.intended, self.intended  # as `reaction` would say, at nearly every tick
         return reaction(
             self.failsafe,
@@ -374,7 +382,7 @@ class Commander:
     def _yield_to_sticks(self) -> None:
         """Give the vehicle to a pilot who moves the sticks in an automatic mode."""
         sticks = self.flight.sticks
-        if sticks.time_us < 0 or self.flight.landed or not self._sticks_fresh():
+        if self.flight.landed or not self._sticks_fresh():
             return
         if not overridable(self.mode, self.parameters) or (self.in_failsafe and self.supervision.waiting):
             return
@@ -406,7 +414,7 @@ class Commander:
     def _mode_after_arming(self) -> str:
         """Return the mode that arming would fly.
 
-        A vehicle that landed by itself stays in LAND or RETURN; unless somebody has chosen a mode since it disarmed, it
+        A vehicle that landed by itself stays in LAND or RETURN; unless a mode was chosen since it disarmed, it
         is armed again in HOLD rather than refused.
         """
         if self.intended in NO_ARMING_MODES and not self._mode_chosen_disarmed:

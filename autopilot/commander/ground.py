@@ -55,7 +55,7 @@ class TakeoffRamp:
         if landed and not wants_climb(setpoint, state):
             self._ramp_us = None
             return IDLE
-        if now - self._armed_us < self._parameters["COM_SPOOLUP_TIME"] * 1e6 and landed:
+        if landed and now - self._armed_us < self._parameters["COM_SPOOLUP_TIME"] * 1e6:
             return IDLE
         if self._ramp_us is None:
             if not landed:
@@ -137,24 +137,26 @@ class LandDetector:
                 self.contact, self._dive = z - above < CONTACT_SHARE * speed * elapsed, (state.time_us, z)
 
     def _watch_touch_down(self, state: EstimatedState, demand: CascadeSetpoint) -> None:
-        p = self._parameters
         self._watch_contact(state, demand)
+        light = state.thrust_setpoint < SUPPORTED_THRUST * state.hover_thrust
+        if not (light and self._is_still(state) and _descends(state, demand)) or state.range_m() > RANGE_IN_AIR_M:
+            self._contact_since_us = None
+            return
+        if self._contact_since_us is None:
+            self._contact_since_us = state.time_us
+        elif state.time_us - self._contact_since_us >= self._parameters["LNDMC_TRIG_TIME"] * 1e6:
+            self.landed, self._ground_z = True, state.position_ned[2]
+
+    def _is_still(self, state: EstimatedState) -> bool:
+        p = self._parameters
         vn, ve, vd = state.velocity_ned
         rate_max = math.radians(p["LNDMC_ROT_MAX"])
-        still = (
+        return (
             abs(vd) < p["LNDMC_Z_VEL_MAX"]
             and math.hypot(vn, ve) < p["LNDMC_XY_VEL_MAX"]
             and abs(state.rates_frd[0]) < rate_max
             and abs(state.rates_frd[1]) < rate_max
         )
-        light = state.thrust_setpoint < SUPPORTED_THRUST * state.hover_thrust
-        if not (still and light and _descends(state, demand)) or state.range_m() > RANGE_IN_AIR_M:
-            self._contact_since_us = None
-            return
-        if self._contact_since_us is None:
-            self._contact_since_us = state.time_us
-        elif state.time_us - self._contact_since_us >= p["LNDMC_TRIG_TIME"] * 1e6:
-            self.landed, self._ground_z = True, state.position_ned[2]
 
 
 def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
@@ -162,13 +164,13 @@ def _dive(state: EstimatedState, demand: CascadeSetpoint) -> float | None:
 
     A demand that leads aside as well is no landing: what carries the vehicle is an obstacle, which it may slide along.
     """
-    north, east, _ = demand.velocity_ned
+    north, east, vz = demand.velocity_ned
+    sinks = vz >= CONTACT_SPEED
+    if not sinks and not demand.position_ned[2] > state.position_ned[2] + CONTACT_M:
+        return None
     if demand.kind != KIND_TRAJECTORY or math.hypot(north, east) > ASIDE:
         return None
-    z, vz = demand.position_ned[2], demand.velocity_ned[2]
-    if vz >= CONTACT_SPEED:
-        return vz
-    return CONTACT_SPEED if z > state.position_ned[2] + CONTACT_M else None
+    return vz if sinks else CONTACT_SPEED
 
 
 def _descends(state: EstimatedState, demand: CascadeSetpoint) -> bool:

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from foundation.frames import GRAVITY
-from foundation.mavlink import dialect
+from foundation.mavlink import MODES, dialect
 
 IN_USE = 2.5  # times the parameter
 PROBATION_US = 1_000_000
@@ -86,6 +86,8 @@ class AccuracyWatch:
 SENSOR_TIMEOUT_US = 500_000
 NO_ARMING_MODES = frozenset({"LAND", "RETURN", "ORBIT", "PRECLAND", "FOLLOW", "TERMINATION"})  # PX4 mode requirements
 STICK_MODES = frozenset({"MANUAL", "ALTCTL", "POSCTL", "ACRO", "STABILIZED"})
+EXTERNAL_MODES = frozenset(name for name in MODES if name.startswith("EXTERNAL"))  # flown by another computer
+UNREGISTERED = "mode is not registered"  # no computer can register one here
 POSITION_MODES = frozenset({"HOLD", "TAKEOFF", "MISSION", "RETURN", "ORBIT", "FOLLOW", "POSCTL"})
 
 
@@ -165,7 +167,7 @@ def mode_failures(
 
     `mission`: what is wrong with the loaded mission.
     """
-    reasons = []
+    reasons = [UNREGISTERED] if mode in EXTERNAL_MODES else []
     accurate = state.position_valid and state.position_std_h < required(parameters, "COM_POS_FS_EPH")
     if mode in POSITION_MODES and not accurate:
         reasons.append("position not converged")

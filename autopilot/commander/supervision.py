@@ -9,8 +9,16 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import NamedTuple
 
-from autopilot.commander.health import POSITION_MODES, STICK_MODES, AccuracyWatch, AttitudeWatch
+from autopilot.commander.health import (
+    EXTERNAL_MODES,
+    POSITION_MODES,
+    STICK_MODES,
+    UNREGISTERED,
+    AccuracyWatch,
+    AttitudeWatch,
+)
 from autopilot.commander.modes.flight import FlightContext, Sticks
 from autopilot.parameters import ParameterTable
 from foundation.mavlink import dialect
@@ -30,8 +38,7 @@ class Reaction(IntEnum):
     TERMINATE = 8
 
 
-@dataclass(frozen=True, slots=True)
-class Conditions:
+class Conditions(NamedTuple):
     """The inputs of the supervision, gathered by the commander."""
 
     mode: str  # the requested mode
@@ -124,6 +131,11 @@ def _position_loss(c: Conditions, p: ParameterTable) -> Failsafe:
     return Failsafe(POSITION_LOST, Reaction.LAND if c.velocity_valid else Reaction.DESCEND, delayed=False)
 
 
+def _no_such_mode(c: Conditions, p: ParameterTable) -> Failsafe:
+    """PX4 returns from a mode that cannot run, which only arming by force can begin."""
+    return Failsafe(UNREGISTERED, Reaction.RETURN, delayed=False) if c.mode in EXTERNAL_MODES else QUIET
+
+
 def _flight_time(c: Conditions, p: ParameterTable) -> Failsafe:
     over = 0 < p["COM_FLT_TIME_MAX"] < c.flight_time_s
     return Failsafe("flight time over", Reaction.RETURN) if over else QUIET
@@ -152,6 +164,7 @@ TABLE: tuple[Callable[[Conditions, ParameterTable], Failsafe], ...] = (
     _station_loss,
     _battery,
     _position_loss,
+    _no_such_mode,
     _flight_time,
     _fence,
     _attitude_failure,
@@ -282,7 +295,7 @@ class Supervision:
         self._looked_us = 0  # the choice counts at once
 
     def sticks_fresh(self, flight: FlightContext) -> bool:
-        """Return whether somebody holds the sticks."""
+        """Return whether the sticks are held."""
         return flight.sticks.fresh(flight.state.time_us, self._parameters["COM_RC_LOSS_T"])
 
     def look(self, flight: FlightContext, mode: str, offboard_signal: bool, takeoff_us: int) -> None:
@@ -292,7 +305,6 @@ class Supervision:
         if not urgent and now - self._looked_us < LOOK_US:
             return
         self._looked_us = now
-        self._accuracy.look(flight.state)
         self.breach = flight.breach() if flight.state.position_valid else self.breach
         self._attitude.look(flight.state, controlled=mode != "ACRO")
         due = evaluate(self._conditions(flight, mode, offboard_signal, takeoff_us), self._parameters, self._overridden)
@@ -304,6 +316,7 @@ class Supervision:
         self._due, self.failsafe = due, in_force
         if due.action == Reaction.NONE:
             self._overridden = frozenset()
+        self._accuracy.look(flight.state)  # its limits hold from the next tick on
 
     def _in_force(self, now: int, due: Failsafe) -> Failsafe:
         if not (due.delayed and due.action in DELAYED):
@@ -351,5 +364,5 @@ class Supervision:
 
 def battery(flight: FlightContext) -> float:
     """Return the remaining charge of the battery (0 … 1), nan when unknown."""
-    sensors = flight.state.sensors
-    return float(sensors["battery_remaining"]) if int(sensors["battery_time_us"]) else math.nan
+    time_us, remaining = flight.state.battery()
+    return remaining if time_us else math.nan

@@ -13,10 +13,12 @@ from autopilot.estimator.fusion import fuse_fix, fuse_heading, fuse_height, fuse
 from autopilot.estimator.records import HISTORY, STATUS_ALIGNING, STATUS_RUNNING
 from autopilot.records import TESTS, quat_advance, rotate
 from foundation.compiled import Grid, Record, njit
-from foundation.frames import GRAVITY
+from foundation.frames import GRAVITY, Vec3
 
 COVARIANCE_PERIOD_S = 0.0035  # propagate once this much has accumulated: every fourth sample at 1 kHz, each at 250 Hz
 PUBLISH_PERIOD_US = 20_000  # deviations and ratios; the kinematic fields are written with every inertial sample
+VIBRATION_SHARE = 0.02  # of a new sample in the metric: PX4's second of smoothing
+FULL_SCALE = 0.98 * 16.0 * GRAVITY  # m/s², of an accelerometer with 16 g: a sample beyond it is clipped
 STILL_PERIOD_US = 100_000
 STILL_NOISE_GROUND = 0.1  # m/s
 SHOCK_SPEED = 3.0  # m/s, by about which the change of velocity is unknown after a sample at the sensor's limit
@@ -168,6 +170,22 @@ def publish(params: Record, state: Record, P: Grid, estimate: Record) -> None:
 
 
 @njit(cache=True)
+def shake(state: Record, estimate: Record, accel: Vec3, rates: Vec3) -> None:
+    """Follow the vibration by the newest sample (m/s² and rad/s, FRD)."""
+    a, g = state.looked_accel, state.looked_rates
+    if state.published_us > 0:
+        moved = math.sqrt((accel[0] - a[0]) ** 2 + (accel[1] - a[1]) ** 2 + (accel[2] - a[2]) ** 2)
+        turned = math.sqrt((rates[0] - g[0]) ** 2 + (rates[1] - g[1]) ** 2 + (rates[2] - g[2]) ** 2)
+        estimate.vibration_accel += VIBRATION_SHARE * (moved - estimate.vibration_accel)
+        estimate.vibration_gyro += VIBRATION_SHARE * (turned - estimate.vibration_gyro)
+    a[0], a[1], a[2] = accel
+    g[0], g[1], g[2] = rates
+    for i in range(3):
+        if abs(a[i]) > FULL_SCALE:
+            estimate.clipped[i] += 1
+
+
+@njit(cache=True)
 def update(
     params: Record, state: Record, P: Grid, history: Grid, sensors: Record, estimate: Record, landed: bool
 ) -> bool:
@@ -204,6 +222,7 @@ def update(
         if not math.isfinite(state.attitude[0] + state.velocity[0] + state.velocity[1] + state.position[2] + P[0, 0]):
             restart(state)
     if time_us - state.published_us >= PUBLISH_PERIOD_US or time_us < state.published_us:
+        shake(state, estimate, (ax, ay, az), (gx, gy, gz))
         state.published_us = time_us
         publish(params, state, P, estimate)
     for i in range(4):

@@ -1,53 +1,64 @@
-"""The vehicle's state at one tick as the commander knows it: estimate, raw sensor samples, and vibration.
-
-Vibration is PX4's metric: the smoothed change from sample to sample, and clipping.
-"""
+"""The vehicle's state at one tick as the commander knows it: estimate and raw sensor samples."""
 
 import math
-import struct
 from collections.abc import Callable
 from functools import cached_property
 from typing import Any
 
 from autopilot.records import ESTIMATE
 from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_to_euler
+from foundation.record_reader import reader
 
 FARTHEST_M = 1e6  # a local position beyond this is no position
 RANGE_FRESH_US = 300_000  # the downward rangefinder samples at 10 Hz or faster; three missed samples make it stale
 
-_LAYOUT = tuple((name, ESTIMATE[name].base.kind, math.prod(ESTIMATE[name].shape)) for name in ESTIMATE.names or ())
-_FORMAT = struct.Struct("=" + "".join(f"{count}{'q' if kind == 'i' else 'd'}" for _, kind, count in _LAYOUT))
-_NAMES = frozenset(name for name, _, _ in _LAYOUT)
+# read together: what the commander looks at at every tick, what moves, and what is seldom asked for
+_FLIGHT = (
+    "velocity_ned", "position_ned", "attitude_valid", "velocity_valid", "position_valid", "altitude_valid",
+    "position_std_h", "velocity_std_h", "thrust_setpoint", "hover_thrust",
+)  # fmt: skip
+_MOTION = ("attitude", "rates_frd", "accel_frd")
+_REST = tuple(name for name in ESTIMATE.names or () if name not in ("time_us", *_FLIGHT, *_MOTION))
 
 
-def _display() -> Callable[[tuple[Any, ...]], dict[str, Any]]:
-    """Return a function from the numbers of the record to its fields by name, scalars or tuples.
+def _display(names: tuple[str, ...]) -> Callable[[tuple[Any, ...]], dict[str, Any]]:
+    """Return a function from the numbers of a record's fields to the fields by name, scalars or tuples.
 
     Made from source, as `namedtuple` makes its constructor: one dict display takes half the time of a loop, and this
     runs at every tick.
     """
     start, entries = 0, []
-    for name, _, count in _LAYOUT:
+    for name in names:
+        count = math.prod(ESTIMATE[name].shape)
         entries.append(f"{name!r}: v[{start}]" if count == 1 else f"{name!r}: v[{start}:{start + count}]")
         start += count
     made: Callable[[tuple[Any, ...]], dict[str, Any]] = eval(f"lambda v: {{{', '.join(entries)}}}")
     return made
 
 
-_fields = _display()
-_TIME = struct.Struct("=q")
-_TIME_AT = ESTIMATE.fields["time_us"][1] if ESTIMATE.fields else 0
+_GROUPS = tuple((names, _display(names)) for names in (_FLIGHT, _MOTION, _REST))
+_GROUP_OF = {name: number for number, (names, _) in enumerate(_GROUPS) for name in names}
 
 
 class EstimatedState:
     """A snapshot of the ESTIMATE record as plain floats and tuples (same names, units, frames); `refresh` renews it.
 
     Plain Python numbers are an order of magnitude faster to use than the fields of a numpy record. They are read from
-    it all at once, when the first of them is asked for: on most ticks nobody needs more than the time.
+    it in groups, when the first of a group is read: most ticks need only the time.
     """
 
     # what stays; the snapshot itself is in __dict__
-    __slots__ = ("__dict__", "_buffer", "estimate", "position_limit", "sensors", "velocity_limit")
+    __slots__ = (
+        "__dict__",
+        "_groups",
+        "_range",
+        "_time",
+        "battery",
+        "estimate",
+        "position_limit",
+        "sensors",
+        "velocity_limit",
+    )
 
     time_us: int
     attitude: Quat
@@ -79,31 +90,39 @@ class EstimatedState:
     thrust_setpoint: float
     hover_thrust: float
     resets: int
+    vibration_accel: float
+    vibration_gyro: float
+    clipped: tuple[int, ...]
 
     def __init__(self, estimate: Any, sensors: Any) -> None:
         self.estimate = estimate
         self.sensors = sensors
         self.position_limit = math.inf  # m, position_std_h from which on the position is not valid: `AccuracyWatch`
         self.velocity_limit = math.inf  # m/s, velocity_std_h likewise
-        self._buffer = memoryview(estimate)
+        self._time = reader(estimate, "time_us")
+        self._range = reader(sensors, "range_time_us", "range_m")
+        self.battery = reader(sensors, "battery_time_us", "battery_remaining")  # µs (0: never) and 0 … 1
+        self._groups = tuple((reader(estimate, *names), display) for names, display in _GROUPS)
         self.refresh()
 
     def refresh(self) -> None:
         """Forget the snapshot but for its time. Before the estimator has run once, time comes from the sensors."""
-        (time_us,) = _TIME.unpack_from(self._buffer, _TIME_AT)
+        (time_us,) = self._time()
         self.__dict__ = {"time_us": time_us or int(self.sensors["time_us"])}
 
     def __getattr__(self, name: str) -> Any:
-        """Take the snapshot, at the first field that is asked for after `refresh`."""
-        if name not in _NAMES:
+        """Take the snapshot of a group, at the first of its fields that is asked for after `refresh`."""
+        number = _GROUP_OF.get(name)
+        if number is None:
             raise AttributeError(f"'{type(self).__name__}' object has no attribute '{name}'")
-        fields = _fields(_FORMAT.unpack_from(self._buffer))
-        fields["time_us"] = self.__dict__["time_us"]
-        if fields["position_std_h"] > self.position_limit:
-            fields["position_valid"] = 0
-        if fields["velocity_std_h"] > self.velocity_limit:
-            fields["velocity_valid"] = 0
-        self.__dict__ = fields
+        read, display = self._groups[number]
+        fields = display(read())
+        if number == 0:
+            if fields["position_std_h"] > self.position_limit:
+                fields["position_valid"] = 0
+            if fields["velocity_std_h"] > self.velocity_limit:
+                fields["velocity_valid"] = 0
+        self.__dict__ |= fields
         return fields[name]
 
     @cached_property
@@ -134,36 +153,9 @@ class EstimatedState:
 
     def range_m(self) -> float:
         """Return the fresh downward range (m), nan when there is none."""
-        return float(self.sensors["range_m"]) if self.age_us("range") < RANGE_FRESH_US else math.nan
+        stamp_us, distance = self._range()
+        return distance if stamp_us and self.time_us - stamp_us < RANGE_FRESH_US else math.nan
 
     def geodetic(self, position_ned: Vec3) -> Vec3:
         """Return (lat deg, lon deg, alt m above mean sea level) of a local position."""
         return ned_to_geodetic(self.origin_lat_deg, self.origin_lon_deg, self.origin_alt_m, *position_ned)
-
-
-SHARE = 0.02  # of a new sample in the metric: PX4's second of smoothing, at the commander's 50 Hz
-CLIPPED = 0.98 * 16.0 * 9.80665  # m/s², of an accelerometer with 16 g full scale
-
-
-class Vibration:
-    """`accel` in m/s² and `gyro` in rad/s; `clipped` counts samples at full scale per axis."""
-
-    def __init__(self) -> None:
-        self.accel = 0.0
-        self.gyro = 0.0
-        self.clipped = [0, 0, 0]
-        self._last: tuple[Vec3, Vec3] | None = None
-
-    def take(self, state: EstimatedState) -> None:
-        """Follow one tick on the newest inertial sample."""
-        a, g = state.accel_frd, state.rates_frd
-        if self._last is not None and math.isfinite(sum(a) + sum(g)):
-            b, h = self._last
-            self.accel += SHARE * (math.dist(a, b) - self.accel)
-            self.gyro += SHARE * (math.dist(g, h) - self.gyro)
-            if max(a) > CLIPPED or min(a) < -CLIPPED:
-                for i in range(3):
-                    self.clipped[i] += abs(a[i]) > CLIPPED
-            self._last = a, g
-        elif self._last is None:
-            self._last = a, g

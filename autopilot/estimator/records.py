@@ -95,6 +95,8 @@ ESTIMATOR_STATE = np.dtype(
         ("bad_samples", "i8"),  # samples that were not finite
         ("restarts", "i8"),  # alignments after a filter that lost its numbers
         ("published_us", "i8"),  # when deviations and ratios were last written to the ESTIMATE record
+        ("looked_accel", "f8", (3,)),  # m/s², accel_frd at that time
+        ("looked_rates", "f8", (3,)),  # rad/s, rates_frd at that time
     ],
     align=True,
 )

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from autopilot.mavlink.motion_makers import estimator_status
+from autopilot.mavlink.motion_makers import estimator_flags
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate
@@ -205,7 +205,7 @@ def _estimator(s: Sources) -> tuple[Any, ...]:
     return (
         v.time_us, v.position_std_h, v.position_std_v, v.innovation_over_gate(HEADING_TEST),
         v.innovation_over_gate(VELOCITY_TEST, 3), v.innovation_over_gate(POSITION_TEST, 2),
-        v.innovation_over_gate(HEIGHT_TEST), estimator_status(s.vehicle).flags, 0,
+        v.innovation_over_gate(HEIGHT_TEST), estimator_flags(s.vehicle.state), 0,
     )  # fmt: skip
 
 

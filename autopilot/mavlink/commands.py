@@ -9,7 +9,9 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from autopilot.commander.health import EXTERNAL_MODES
 from autopilot.mavlink import mission
+from autopilot.mavlink.gimbal import DEVICE
 from autopilot.mavlink.node import BY_ID, BY_NAME, COMPONENT_ID, Node, Port
 from autopilot.mavlink.status_makers import Message, standard_mode
 from foundation.frames import Vec3, geodetic_to_ned
@@ -24,7 +26,8 @@ NAN = math.nan
 RELATIVE_FRAMES = frozenset({dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT, dialect.MAV_FRAME_GLOBAL_RELATIVE_ALT_INT})
 LOCAL_FRAMES = frozenset({dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_LOCAL_OFFSET_NED})
 BROADCAST = frozenset({dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES})
-LISTED_MODES = tuple(mode for name, mode in MODES.items() if name not in ("READY", "TERMINATION"))
+GIMBAL_MESSAGES = frozenset(stream.message_id for stream in BY_ID.values() if stream.name.startswith("GIMBAL_"))
+LISTED_MODES = tuple(mode for name, mode in MODES.items() if name not in {"READY", "TERMINATION", *EXTERNAL_MODES})
 
 
 def _message_id(parameters: Sequence[float]) -> int:
@@ -57,7 +60,7 @@ def request_message(port: Port, p: Sequence[float]) -> int:
     message_id = _message_id(p)
     if message_id == dialect.MAVLINK_MSG_ID_AVAILABLE_MODES:
         _send_modes(port, p[1])
-    elif message_id in BY_ID:
+    elif message_id in BY_ID and not (message_id in GIMBAL_MESSAGES and port.telemetry(message_id) is None):
         port.send_telemetry(message_id)
     else:
         return int(DENIED)
@@ -101,6 +104,7 @@ class Command:
     id: int
     p: tuple[float, float, float, float, float, float, float]
     frame: int
+    source: tuple[int, int] = (0, 0)  # system and component that sent it
 
     def number(self, i: int) -> int | None:
         """Return param i (1 … 7) as an integer, None when it is not a number that fits one."""
@@ -115,7 +119,7 @@ def command_long(node: Node, port: Port, message: Message) -> None:
     """Act on COMMAND_LONG."""
     m = message
     p = (m.param1, m.param2, m.param3, m.param4, m.param5, m.param6, m.param7)
-    _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL))
+    _run(node, port, m, Command(m.command, p, dialect.MAV_FRAME_GLOBAL, _source(m)))
 
 
 def command_int(node: Node, port: Port, message: Message) -> None:
@@ -123,13 +127,17 @@ def command_int(node: Node, port: Port, message: Message) -> None:
     m = message
     scale = 1e-4 if m.frame in LOCAL_FRAMES else 1e-7
     x, y = (NAN if value == INT32_UNKNOWN else value * scale for value in (m.x, m.y))
-    _run(node, port, m, Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame))
+    _run(node, port, m, Command(m.command, (m.param1, m.param2, m.param3, m.param4, x, y, m.z), m.frame, _source(m)))
+
+
+def _source(message: Message) -> tuple[int, int]:
+    return message.get_srcSystem(), message.get_srcComponent()
 
 
 def _run(node: Node, port: Port, message: Message, command: Command) -> None:
     broadcast = message.target_system == 0
     if broadcast and command.id not in BROADCAST:
-        return  # measured: a command to everybody is not acknowledged; nobody should arm a fleet by accident
+        return  # measured: PX4 does not acknowledge a broadcast command; a fleet must not arm by accident
     if (not broadcast and message.target_system != node.system_id) or message.target_component not in (0, COMPONENT_ID):
         result: int | None = FAILED
     else:
@@ -326,7 +334,23 @@ def _inject_failure(node: Node, port: Port, c: Command) -> int:
     return int(ACCEPTED)
 
 
+def _configure_gimbal(node: Node, port: Port, c: Command) -> int:
+    gimbal = node.vehicle.gimbal
+    if gimbal is None or c.number(7) not in (0, DEVICE):
+        return int(UNSUPPORTED)
+    return gimbal.configure(c.source, tuple(c.number(i) for i in range(1, 5)))
+
+
+def _point_gimbal(node: Node, port: Port, c: Command) -> int:
+    gimbal = node.vehicle.gimbal
+    if gimbal is None or c.number(7) not in (None, 0, DEVICE):
+        return int(UNSUPPORTED)
+    return gimbal.point(c.source, c.p[0], c.p[2], c.number(5) or 0)
+
+
 HANDLERS: dict[int, CommandHandler] = {
+    dialect.MAV_CMD_DO_GIMBAL_MANAGER_CONFIGURE: _configure_gimbal,
+    dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW: _point_gimbal,
     dialect.MAV_CMD_NAV_RETURN_TO_LAUNCH: _mode("RETURN"),
     dialect.MAV_CMD_NAV_LAND: _mode("LAND"),
     dialect.MAV_CMD_NAV_TAKEOFF: _takeoff,

@@ -82,7 +82,7 @@ def request(node: Node, port: Port, message: Message) -> None:
     """Answer one request, and let a burst begin."""
     payload = bytes(message.payload)
     wish = parsed(payload)
-    if wish.opcode in (ACK, NAK):  # an answer meant for somebody else
+    if wish.opcode in (ACK, NAK):  # an answer for another client
         return
     address = (message.get_srcSystem(), message.get_srcComponent())
     server = Server(node.files, node.file_sessions, (port, *address), node.time_us)

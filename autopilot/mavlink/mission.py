@@ -174,9 +174,8 @@ def set_current(node: Node, port: Port, message: Message) -> None:
 
 def tell_progress(node: Node) -> None:
     """Announce the items that the mission has reached since the last tick."""
-    mission = node.vehicle.commander.mission
-    if mission.reached:
-        for seq in mission.reached:
-            node.broadcast(dialect.MAVLink_mission_item_reached_message(seq))
-        mission.reached.clear()
-        say_current(node)
+    reached = node.vehicle.commander.mission.reached
+    for seq in reached:
+        node.broadcast(dialect.MAVLink_mission_item_reached_message(seq))
+    reached.clear()
+    say_current(node)

@@ -1,40 +1,41 @@
 """Messages about where the vehicle is and where it is going, and with raw sensor samples.
 
-Each maker returns None while there is nothing to tell, or its sensor is silent.
+Each maker returns the fields of its message, and None while there is nothing to tell or its sensor is silent.
 """
 
 import math
 
 from autopilot.estimator.estimated_state import EstimatedState
-from autopilot.mavlink.status_makers import Message, TelemetrySource, boot_ms, clamped, heading_cdeg, int16, int32
+from autopilot.mavlink.status_makers import TelemetrySource, boot_ms, clamped, heading_cdeg, int16, int32
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import GRAVITY, rotate_inverse
 from foundation.mavlink import dialect
+from foundation.wire import Fields
 
 NAN = math.nan
 COVARIANCE_DIAGONAL = (0, 6, 11, 15, 18, 20)  # places in the upper triangle of a 6x6 matrix
 
 
-def attitude(v: TelemetrySource) -> Message | None:
+def attitude(v: TelemetrySource) -> Fields | None:
     s = v.state
-    return dialect.MAVLink_attitude_message(boot_ms(v), *s.euler, *s.rates_frd) if s.attitude_valid else None
+    return (boot_ms(v), *s.euler, *s.rates_frd) if s.attitude_valid else None
 
 
-def attitude_quaternion(v: TelemetrySource) -> Message | None:
+def attitude_quaternion(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not s.attitude_valid:
         return None
-    return dialect.MAVLink_attitude_quaternion_message(boot_ms(v), *s.attitude, *s.rates_frd)
+    return (boot_ms(v), *s.attitude, *s.rates_frd)
 
 
-def local_position_ned(v: TelemetrySource) -> Message | None:
+def local_position_ned(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not (s.position_valid or s.altitude_valid):
         return None
-    return dialect.MAVLink_local_position_ned_message(boot_ms(v), *s.position_ned, *s.velocity_ned)
+    return (boot_ms(v), *s.position_ned, *s.velocity_ned)
 
 
-def global_position_int(v: TelemetrySource) -> Message | None:
+def global_position_int(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not s.global_valid:
         return None
@@ -42,33 +43,31 @@ def global_position_int(v: TelemetrySource) -> Message | None:
     home = v.commander.flight.home
     relative = alt - home.alt_m if home is not None else -s.position_ned[2]
     vn, ve, vd = s.velocity_ned
-    return dialect.MAVLink_global_position_int_message(
+    return (
         boot_ms(v), int32(lat * 1e7), int32(lon * 1e7), int32(alt * 1e3), int32(relative * 1e3),
         int16(vn * 100.0), int16(ve * 100.0), int16(vd * 100.0), heading_cdeg(v),
     )  # fmt: skip
 
 
-def gps_global_origin(v: TelemetrySource) -> Message | None:
+def gps_global_origin(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not s.origin_set:
         return None
-    return dialect.MAVLink_gps_global_origin_message(
-        int32(s.origin_lat_deg * 1e7), int32(s.origin_lon_deg * 1e7), int32(s.origin_alt_m * 1e3), s.time_us
-    )
+    return (int32(s.origin_lat_deg * 1e7), int32(s.origin_lon_deg * 1e7), int32(s.origin_alt_m * 1e3), s.time_us)
 
 
-def home_position(v: TelemetrySource) -> Message | None:
+def home_position(v: TelemetrySource) -> Fields | None:
     home = v.commander.flight.home
     if home is None:
         return None
     q = [math.cos(0.5 * home.yaw), 0.0, 0.0, math.sin(0.5 * home.yaw)]
-    return dialect.MAVLink_home_position_message(
+    return (
         int32(home.lat_deg * 1e7), int32(home.lon_deg * 1e7), int32(home.alt_m * 1e3), *home.position_ned, q,
         0.0, 0.0, 0.0, v.state.time_us,
     )  # fmt: skip
 
 
-def altitude(v: TelemetrySource) -> Message | None:
+def altitude(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not s.altitude_valid:
         return None
@@ -76,17 +75,15 @@ def altitude(v: TelemetrySource) -> Message | None:
     amsl = s.origin_alt_m + up if s.origin_set else NAN
     home = v.commander.flight.home
     clearance = s.range_m()
-    return dialect.MAVLink_altitude_message(
-        s.time_us, amsl, amsl, up, up + home.position_ned[2] if home else up, amsl - clearance, clearance
-    )
+    return (s.time_us, amsl, amsl, up, up + home.position_ned[2] if home else up, amsl - clearance, clearance)
 
 
-def vfr_hud(v: TelemetrySource) -> Message | None:
+def vfr_hud(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not s.altitude_valid:
         return None
     speed = math.hypot(s.velocity_ned[0], s.velocity_ned[1])
-    return dialect.MAVLink_vfr_hud_message(
+    return (
         0.0, speed, round(math.degrees(s.yaw)) % 360, clamped(s.thrust_setpoint * 100.0, 0, 100),
         s.origin_alt_m - s.position_ned[2], -s.velocity_ned[2],
     )  # fmt: skip
@@ -99,11 +96,11 @@ def _diagonal(first: float, second: float, third: float, fourth: float) -> list[
     return row
 
 
-def odometry(v: TelemetrySource) -> Message | None:
+def odometry(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not (s.position_valid and s.attitude_valid):
         return None
-    return dialect.MAVLink_odometry_message(
+    return (
         s.time_us, dialect.MAV_FRAME_LOCAL_NED, dialect.MAV_FRAME_BODY_FRD, *s.position_ned, list(s.attitude),
         *rotate_inverse(s.attitude, s.velocity_ned), *s.rates_frd,
         _diagonal(s.position_std_h, s.position_std_v, s.tilt_std, s.yaw_std),
@@ -128,9 +125,9 @@ def estimator_flags(s: EstimatedState) -> int:
     return flags if s.velocity_valid else flags | 0x80
 
 
-def estimator_status(v: TelemetrySource) -> Message:
+def estimator_status(v: TelemetrySource) -> Fields:
     s = v.state
-    return dialect.MAVLink_estimator_status_message(
+    return (
         s.time_us, estimator_flags(s),
         s.innovation_over_gate(VELOCITY_TEST, 3), s.innovation_over_gate(POSITION_TEST, 2),
         s.innovation_over_gate(HEIGHT_TEST), s.innovation_over_gate(HEADING_TEST), 0.0, 0.0,
@@ -138,29 +135,25 @@ def estimator_status(v: TelemetrySource) -> Message:
     )  # fmt: skip
 
 
-def attitude_target(v: TelemetrySource) -> Message | None:
+def attitude_target(v: TelemetrySource) -> Fields | None:
     s = v.state
     if not v.commander.armed:
         return None
-    return dialect.MAVLink_attitude_target_message(
-        boot_ms(v), 0, list(s.attitude_setpoint), *s.rates_setpoint, s.thrust_setpoint
-    )
+    return (boot_ms(v), 0, list(s.attitude_setpoint), *s.rates_setpoint, s.thrust_setpoint)
 
 
-def position_target_local_ned(v: TelemetrySource) -> Message | None:
+def position_target_local_ned(v: TelemetrySource) -> Fields | None:
     d = v.commander.passed
     if d.kind != KIND_TRAJECTORY:
         return None
     fields = (*d.position_ned, *d.velocity_ned, *d.acceleration_ned)
     mask = sum(1 << bit for bit, value in enumerate(fields) if not math.isfinite(value))
     mask |= (0 if math.isfinite(d.yaw) else 0x400) | (0 if math.isfinite(d.yaw_rate) else 0x800)
-    return dialect.MAVLink_position_target_local_ned_message(
-        boot_ms(v), dialect.MAV_FRAME_LOCAL_NED, mask, *fields, d.yaw, d.yaw_rate
-    )
+    return (boot_ms(v), dialect.MAV_FRAME_LOCAL_NED, mask, *fields, d.yaw, d.yaw_rate)
 
 
 def _pulses(v: TelemetrySource) -> list[int]:
-    """Return the pulse (µs) to each rotor; none when nobody shares the actuators."""
+    """Return the pulse (µs) to each rotor; none when the actuators are not shared."""
     if v.actuators is None:
         return []
     armed = int(v.actuators["armed"])
@@ -168,40 +161,40 @@ def _pulses(v: TelemetrySource) -> list[int]:
     return [clamped(1000.0 + 1000.0 * u, 900, 2000) if armed else 900 for u in commands]
 
 
-def servo_output_raw(v: TelemetrySource) -> Message | None:
+def servo_output_raw(v: TelemetrySource) -> Fields | None:
     pulses = _pulses(v)
     if not pulses:
         return None
     padded = pulses + [0] * (8 - len(pulses))
-    return dialect.MAVLink_servo_output_raw_message(v.state.time_us & 0xFFFFFFFF, 0, *padded)
+    return (v.state.time_us & 0xFFFFFFFF, 0, *padded)
 
 
-def actuator_output_status(v: TelemetrySource) -> Message | None:
+def actuator_output_status(v: TelemetrySource) -> Fields | None:
     pulses = _pulses(v)
     if not pulses:
         return None
     padded = pulses + [0] * (32 - len(pulses))
-    return dialect.MAVLink_actuator_output_status_message(v.state.time_us, len(pulses), padded)
+    return (v.state.time_us, len(pulses), padded)
 
 
-def orbit_execution_status(v: TelemetrySource) -> Message | None:
+def orbit_execution_status(v: TelemetrySource) -> Fields | None:
     c = v.commander
     if c.mode != "ORBIT" or c.orbit.centre is None:
         return None
     lat, lon, alt = v.state.geodetic(c.orbit.centre)
-    return dialect.MAVLink_orbit_execution_status_message(
+    return (
         v.state.time_us, math.copysign(c.orbit.radius, c.orbit.speed), dialect.MAV_FRAME_GLOBAL,
         int32(lat * 1e7), int32(lon * 1e7), alt,
     )  # fmt: skip
 
 
-def gps_raw_int(v: TelemetrySource) -> Message | None:
+def gps_raw_int(v: TelemetrySource) -> Fields | None:
     g = v.state.sensors
     if not int(g["gps_time_us"]):
         return None
     vn, ve, _ = (float(x) for x in g["gps_velocity_ned"])
     eph, epv, alt = float(g["gps_eph_m"]), float(g["gps_epv_m"]), int32(float(g["gps_alt_m"]) * 1e3)
-    return dialect.MAVLink_gps_raw_int_message(
+    return (
         int(g["gps_time_us"]), int(g["gps_fix_type"]),
         int32(float(g["gps_lat_deg"]) * 1e7), int32(float(g["gps_lon_deg"]) * 1e7), alt,
         clamped(eph * 100.0, 0, 65534, 65535), clamped(epv * 100.0, 0, 65534, 65535),
@@ -219,49 +212,44 @@ def _pressure_altitude(pressure_hpa: float) -> float:
     return float(288.15 / 0.0065 * (1.0 - (pressure_hpa / 1013.25) ** 0.190263))
 
 
-def highres_imu(v: TelemetrySource) -> Message | None:
+def highres_imu(v: TelemetrySource) -> Fields | None:
     r = v.state.sensors
     if not int(r["imu_time_us"]):
         return None
     pressure = float(r["pressure_hpa"])
-    return dialect.MAVLink_highres_imu_message(
+    return (
         int(r["imu_time_us"]), *r["accel_frd"].tolist(), *r["gyro_frd"].tolist(), *r["mag_frd"].tolist(),
         pressure, 0.0, _pressure_altitude(pressure), float(r["temperature_c"]), 0x1BFF,
     )  # fmt: skip
 
 
-def scaled_imu(v: TelemetrySource) -> Message | None:
+def scaled_imu(v: TelemetrySource) -> Fields | None:
     r = v.state.sensors
     if not int(r["imu_time_us"]):
         return None
     accel_mg = [int16(a * 1e3 / GRAVITY) for a in r["accel_frd"].tolist()]
     gyro_mrad, mag_mgauss = ([int16(x * 1e3) for x in r[name].tolist()] for name in ("gyro_frd", "mag_frd"))
-    return dialect.MAVLink_scaled_imu_message(
-        boot_ms(v), *accel_mg, *gyro_mrad, *mag_mgauss, int16(float(r["temperature_c"]) * 100.0)
-    )
+    return (boot_ms(v), *accel_mg, *gyro_mrad, *mag_mgauss, int16(float(r["temperature_c"]) * 100.0))
 
 
-def distance_sensor(v: TelemetrySource) -> Message | None:
+def distance_sensor(v: TelemetrySource) -> Fields | None:
     distance = v.state.range_m()
     if not math.isfinite(distance):
         return None
-    return dialect.MAVLink_distance_sensor_message(
+    return (
         boot_ms(v), 10, 5000, clamped(distance * 100.0, 0, 65535), dialect.MAV_DISTANCE_SENSOR_LASER, 0,
         dialect.MAV_SENSOR_ROTATION_PITCH_270, 255,
     )  # fmt: skip
 
 
-def scaled_pressure(v: TelemetrySource) -> Message | None:
+def scaled_pressure(v: TelemetrySource) -> Fields | None:
     r = v.state.sensors
     if not int(r["baro_time_us"]):
         return None
-    return dialect.MAVLink_scaled_pressure_message(
-        boot_ms(v), float(r["pressure_hpa"]), 0.0, int16(float(r["temperature_c"]) * 100.0)
-    )
+    return (boot_ms(v), float(r["pressure_hpa"]), 0.0, int16(float(r["temperature_c"]) * 100.0))
 
 
-def vibration(v: TelemetrySource) -> Message:
+def vibration(v: TelemetrySource) -> Fields:
     # as PX4 fills it: coning (not measured here), gyro, accelerometer
-    return dialect.MAVLink_vibration_message(
-        v.state.time_us, 0.0, v.vibration.gyro, v.vibration.accel, *v.vibration.clipped
-    )
+    s = v.state
+    return (s.time_us, 0.0, s.vibration_gyro, s.vibration_accel, *s.clipped)

@@ -19,6 +19,7 @@ from autopilot.mavlink import motion_makers as motion
 from autopilot.mavlink import status_makers as status
 from autopilot.mavlink.file_tree import FileSessions, FileTree, packed
 from autopilot.mavlink.status_makers import Maker, Message, TelemetrySource
+from foundation import wire
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.signing import Signing
@@ -77,6 +78,10 @@ TABLE: tuple[Stream, ...] = (
     Stream("CURRENT_MODE", 0.5, 0.5, status.current_mode),
     Stream("VIBRATION", 0.5, 0.1, motion.vibration),
     Stream("AVAILABLE_MODES_MONITOR", 0.3, 0.3, status.available_modes_monitor),
+    Stream("GIMBAL_DEVICE_ATTITUDE_STATUS", 10, 5, status.gimbal_device_attitude_status),
+    Stream("GIMBAL_MANAGER_STATUS", 5, 0.5, status.gimbal_manager_status),
+    Stream("GIMBAL_MANAGER_INFORMATION", 0, 0, status.gimbal_manager_information),
+    Stream("GIMBAL_DEVICE_INFORMATION", 0, 0, status.gimbal_device_information),
     Stream("AUTOPILOT_VERSION", 0, 0, status.autopilot_version),
     Stream("FLIGHT_INFORMATION", 0, 0, status.flight_information),
     Stream("SCALED_IMU", 0, 0, motion.scaled_imu),
@@ -104,6 +109,7 @@ PARAMETERS_PER_TICK = 18  # PX4 lists 900 parameters in 0.9 s
 TRANSFERS_PER_TICK = 20  # messages of each download: 180 kB/s of a log at 100 ticks a second
 TRANSFER_BACKLOG = 200  # messages waiting on the wire, at which downloads pause
 FASTEST_US = 1_000
+NOT_HELD = (struct.error, OverflowError, ValueError)  # raised for a value that its field cannot hold
 QUEUE_LIMIT = 20_000  # messages; a port drops the oldest if its client reads none
 
 
@@ -163,11 +169,14 @@ class Port:
         """Queue a message."""
         try:
             frame = self._packer.pack(message)
-        except (struct.error, OverflowError, ValueError):  # a value that its field cannot hold
+        except NOT_HELD:
             self.lost += 1
-            return
+        else:
+            self._queue(frame, message.crc_extra)
+
+    def _queue(self, frame: bytes, crc_extra: int) -> None:
         if self.signing.active:
-            frame = self.signing.sign(frame, message.crc_extra, self._node.time_us)
+            frame = self.signing.sign(frame, crc_extra, self._node.time_us)
         self._out.append(frame)
         if len(self._out) > QUEUE_LIMIT:
             self.lost += len(self._out) - QUEUE_LIMIT // 2
@@ -179,16 +188,23 @@ class Port:
 
     def send_heartbeat(self) -> None:
         """Queue a HEARTBEAT now; the next regular one follows a full interval later."""
-        message = self._node.telemetry(HEARTBEAT_ID)
-        if message is not None:
-            self.send(message)
+        self.send_telemetry(HEARTBEAT_ID)
         self._streams[HEARTBEAT_ID][0] = self._node.time_us + self._streams[HEARTBEAT_ID][1]
+
+    def telemetry(self, message_id: int) -> bytes | None:
+        """Return the payload of a telemetry message of the present tick; None when there is nothing to tell."""
+        return self._node.telemetry(message_id)
 
     def send_telemetry(self, message_id: int) -> None:
         """Queue one telemetry message now, if there is something to tell."""
-        message = self._node.telemetry(message_id)
-        if message is not None:
-            self.send(message)
+        try:
+            payload = self.telemetry(message_id)
+        except NOT_HELD:
+            self.lost += 1
+            return
+        if payload is not None:
+            layout = wire.BY_ID[message_id]
+            self._queue(self._packer.frame(layout, payload), layout.extra[0])
 
     def set_interval(self, message_id: int, interval_us: int) -> None:
         """Stream a message at another interval (µs), -1 stops it. HEARTBEAT keeps its rate."""
@@ -220,37 +236,32 @@ class Port:
         """Start to send every parameter, a few per tick."""
         self._parameters = iter(values)
 
-    def tick(self) -> None:
-        """Queue what is due."""
-        node = self._node
-        now = node.time_us
+    def tick(self, now: int) -> None:
+        """Queue what is due at `now` (µs)."""
         if now >= self._next_due_us:
-            self._send_due(node, now)
+            self._send_due(now)
         if self._parameters is not None:
             self._send_parameters(self._parameters)
         if self.transfers:
             self._send_transfers()
 
-    def stream(self) -> None:
+    def stream(self, now: int) -> None:
         """Queue the telemetry that is due, and nothing else: between two ticks, for what is faster than they are."""
-        node = self._node
-        if node.time_us >= self._next_due_us:
-            self._send_due(node, node.time_us)
+        if now >= self._next_due_us:
+            self._send_due(now)
 
     def _find_shortest(self) -> None:
         self.shortest_us = min(stream[1] for stream in self._streams.values())  # HEARTBEAT is always there
         self._node.find_shortest()
 
-    def _send_due(self, node: "Node", now: int) -> None:
+    def _send_due(self, now: int) -> None:
         for message_id, stream in self._streams.items():
             due = stream[0]
             if now >= due:
                 interval = stream[1]
                 # late by more than one interval: start a new grid instead of sending a burst
                 stream[0] = due + interval if now - due < interval else now + interval
-                message = node.telemetry(message_id)
-                if message is not None:
-                    self.send(message)
+                self.send_telemetry(message_id)
         self._next_due_us = min((stream[0] for stream in self._streams.values()), default=now)
 
     def _send_transfers(self) -> None:
@@ -368,7 +379,7 @@ class Node:
         self._shown = (vehicle.commander.mode, vehicle.commander.armed)
         self._complained: dict[str, int] = {}
         self._made_us = -1
-        self._made: dict[int, Message | None] = {}
+        self._made: dict[int, bytes | None] = {}
 
     @property
     def time_us(self) -> int:
@@ -378,16 +389,22 @@ class Node:
         """Look which stream is the fastest: a port has changed its rates, come or gone."""
         self.shortest_us = min((port.shortest_us for port in self.ports), default=1_000_000)
 
-    def telemetry(self, message_id: int) -> Message | None:
-        """Return the message of the present tick, made once for all ports; None when there is nothing to tell."""
-        if self._made_us != self.time_us:
-            self._made_us = self.time_us
+    def telemetry(self, message_id: int) -> bytes | None:
+        """Return the payload of the present tick, made once for all ports; None when there is nothing to tell.
+
+        Raises one of NOT_HELD.
+        """
+        now = self.vehicle.state.time_us
+        if self._made_us != now:
+            self._made_us = now
             self._made.clear()
         try:
             return self._made[message_id]
         except KeyError:
-            message = self._made[message_id] = BY_ID[message_id].make(self.vehicle)
-            return message
+            fields = BY_ID[message_id].make(self.vehicle)
+            payload = None if fields is None else wire.BY_ID[message_id].payload_of(fields)
+            self._made[message_id] = payload
+            return payload
 
     def forget_telemetry(self) -> None:
         """Make messages afresh: something has changed within the tick."""
@@ -399,7 +416,7 @@ class Node:
             port.send(message)
 
     def forward(self, source: Port, data: bytes) -> None:
-        """Pass a message of somebody else on to the other links, as PX4 does; a minimal port hears the vehicle only."""
+        """Forward a client's message to the other links, as PX4 does; a minimal port carries the vehicle only."""
         for port in self.ports:
             if port is not source and port.profile != "minimal":
                 port.send_raw(data)

@@ -1,6 +1,6 @@
 """Messages about the vehicle's condition (modes, health, battery, identity, clocks), and the source of all messages.
 
-A maker may return None.
+A maker returns the fields of its message, or None.
 """
 
 import math
@@ -10,11 +10,13 @@ from typing import Any, TypeAlias
 
 from autopilot.commander.commander import Commander
 from autopilot.commander.health import STICK_MODES, SensorCalibration, sensor_health
-from autopilot.estimator.estimated_state import EstimatedState, Vibration
+from autopilot.estimator.estimated_state import EstimatedState
+from autopilot.mavlink.gimbal import GimbalManager
 from autopilot.parameters import ParameterTable
 from foundation.airframe import Airframe
 from foundation.mavlink import MODES, PX4_AUTOPILOT, dialect
 from foundation.sensors import CALENDAR_START_US
+from foundation.wire import Fields
 
 Message: TypeAlias = dialect.MAVLink_message  # pymavlink's generated classes carry no types a checker can use
 
@@ -29,7 +31,7 @@ class TelemetrySource:
     parameters: ParameterTable
     actuators: Any | None  # ACTUATORS record, None when it is not shared
     calibration: SensorCalibration
-    vibration: Vibration
+    gimbal: GimbalManager | None = None  # of the camera; None: it is fixed
 
 
 def clamped(value: float, low: int, high: int, unknown: int = 0) -> int:
@@ -61,7 +63,7 @@ def heading_cdeg(v: TelemetrySource) -> int:
     return round(math.degrees(v.state.yaw) * 100.0) % 36000
 
 
-Maker = Callable[[TelemetrySource], Message | None]
+Maker = Callable[[TelemetrySource], Fields | None]
 
 
 SENSOR_GYRO, SENSOR_ACCEL, SENSOR_MAG = 0x1, 0x2, 0x4
@@ -107,7 +109,7 @@ def system_status(v: TelemetrySource) -> int:
     return int(dialect.MAV_STATE_UNINIT if c.arming_failures() else dialect.MAV_STATE_STANDBY)
 
 
-def heartbeat(v: TelemetrySource) -> Message:
+def heartbeat(v: TelemetrySource) -> Fields:
     c = v.commander
     base = 1 | (128 if c.armed else 0)
     if c.mode in STICK_MODES:
@@ -116,12 +118,10 @@ def heartbeat(v: TelemetrySource) -> Message:
         base |= 16
     else:
         base |= 4 | 8 | 16
-    return dialect.MAVLink_heartbeat_message(
-        v.airframe.mav_type, PX4_AUTOPILOT, base, c.custom_mode, system_status(v), 3
-    )
+    return (v.airframe.mav_type, PX4_AUTOPILOT, base, c.custom_mode, system_status(v), 3)
 
 
-def sys_status(v: TelemetrySource) -> Message:
+def sys_status(v: TelemetrySource) -> Fields:
     health, s = sensor_health(v.state), v.state.sensors
     present = SENSOR_GYRO | SENSOR_ACCEL | SENSOR_MAG | SENSOR_PRESSURE | SENSOR_GPS | CONTROL_BITS | SENSOR_AHRS
     present |= SENSOR_BATTERY | PREARM_CHECK | EXTENSION_USED | SENSOR_FENCE
@@ -152,7 +152,7 @@ def sys_status(v: TelemetrySource) -> Message:
         good |= PREARM_CHECK
     good &= present
     has_battery = health.battery
-    return dialect.MAVLink_sys_status_message(
+    return (
         present, present, good, 200,
         clamped(float(s["battery_voltage"]) * 1000.0, 0, 65534, 65535) if has_battery else 65535,
         clamped(float(s["battery_current"]) * 100.0, 0, 32767, -1) if has_battery else -1,
@@ -169,11 +169,11 @@ def landed_state(v: TelemetrySource) -> int:
     return int(shown.get(v.commander.mode, dialect.MAV_LANDED_STATE_IN_AIR))
 
 
-def extended_sys_state(v: TelemetrySource) -> Message:
-    return dialect.MAVLink_extended_sys_state_message(0, landed_state(v))
+def extended_sys_state(v: TelemetrySource) -> Fields:
+    return (0, landed_state(v))
 
 
-def battery_status(v: TelemetrySource) -> Message | None:
+def battery_status(v: TelemetrySource) -> Fields | None:
     b = v.state.sensors
     if not int(b["battery_time_us"]):
         return None
@@ -188,7 +188,7 @@ def battery_status(v: TelemetrySource) -> Message | None:
         charge = dialect.MAV_BATTERY_CHARGE_STATE_LOW
     else:
         charge = dialect.MAV_BATTERY_CHARGE_STATE_OK
-    return dialect.MAVLink_battery_status_message(
+    return (
         0, dialect.MAV_BATTERY_FUNCTION_ALL, dialect.MAV_BATTERY_TYPE_LIPO, 32767,
         [per_cell] * cells + [65535] * (10 - cells), clamped(float(b["battery_current"]) * 100.0, 0, 32767, -1),
         clamped((1.0 - remaining) * pack.capacity_ah * 1000.0, 0, 1 << 30, -1), -1,
@@ -196,9 +196,9 @@ def battery_status(v: TelemetrySource) -> Message | None:
     )  # fmt: skip
 
 
-def current_mode(v: TelemetrySource) -> Message:
+def current_mode(v: TelemetrySource) -> Fields:
     c = v.commander
-    return dialect.MAVLink_current_mode_message(standard_mode(c.mode), c.custom_mode, MODES[c.intended].custom_mode)
+    return (standard_mode(c.mode), c.custom_mode, MODES[c.intended].custom_mode)
 
 
 def mission_state(v: TelemetrySource) -> int:
@@ -213,50 +213,64 @@ def mission_state(v: TelemetrySource) -> int:
     return int(dialect.MISSION_STATE_ACTIVE if c.armed and c.mode == "MISSION" else dialect.MISSION_STATE_PAUSED)
 
 
-def mission_current(v: TelemetrySource) -> Message:
+def mission_current(v: TelemetrySource) -> Fields:
     total, current = len(v.commander.flight.plans.mission), v.commander.mission.current
     mode = 1 if v.commander.mode == "MISSION" else 2
-    return dialect.MAVLink_mission_current_message(
-        min(current, max(total - 1, 0)), total or 65535, mission_state(v), mode
-    )
+    return (min(current, max(total - 1, 0)), total or 65535, mission_state(v), mode)
 
 
-def autopilot_version(v: TelemetrySource) -> Message:
+def autopilot_version(v: TelemetrySource) -> Fields:
     uid = int(v.parameters["MAV_SYS_ID"])
-    return dialect.MAVLink_autopilot_version_message(
+    return (
         CAPABILITIES, FLIGHT_SW_VERSION, FLIGHT_SW_VERSION, 0, 0, [0] * 8, [0] * 8, [0] * 8, VENDOR_ID, PRODUCT_ID,
         uid, [uid & 0xFF] + [0] * 17,
     )  # fmt: skip
 
 
-def flight_information(v: TelemetrySource) -> Message:
-    return dialect.MAVLink_flight_information_message(boot_ms(v), 0, v.commander.takeoff_us, 0)
+def flight_information(v: TelemetrySource) -> Fields:
+    return (boot_ms(v), 0, v.commander.takeoff_us, 0)
 
 
-def rc_channels(v: TelemetrySource) -> Message | None:
-    """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None until somebody has held them."""
+def rc_channels(v: TelemetrySource) -> Fields | None:
+    """Return the sticks as a receiver's channels: roll, pitch, throttle, yaw. None until they have been held."""
     sticks = v.commander.flight.sticks
     if sticks.time_us < 0:
         return None
     axes = (sticks.right, sticks.forward, 2.0 * sticks.throttle - 1.0, sticks.yaw)
     pulses = [clamped(1500.0 + 500.0 * axis, 1000, 2000) for axis in axes]
     fresh = sticks.fresh(v.state.time_us, v.parameters["COM_RC_LOSS_T"])
-    return dialect.MAVLink_rc_channels_message(boot_ms(v), 4, *pulses, *[65535] * 14, 100 if fresh else 0)
+    return (boot_ms(v), 4, *pulses, *[65535] * 14, 100 if fresh else 0)
 
 
-def available_modes_monitor(v: TelemetrySource) -> Message:
-    return dialect.MAVLink_available_modes_monitor_message(0)  # the list of modes never changes
+def available_modes_monitor(v: TelemetrySource) -> Fields:
+    return (0,)  # the list of modes never changes
 
 
-def system_time(v: TelemetrySource) -> Message:
+def system_time(v: TelemetrySource) -> Fields:
     """Return SYSTEM_TIME: the GPS receiver's calendar from the first 3-D fix on, 0 before."""
     is_set = v.state.origin_set or int(v.state.sensors["gps_fix_type"]) >= 3
-    return dialect.MAVLink_system_time_message(CALENDAR_START_US + v.state.time_us if is_set else 0, boot_ms(v))
+    return (CALENDAR_START_US + v.state.time_us if is_set else 0, boot_ms(v))
 
 
-def ping(v: TelemetrySource) -> Message:
-    return dialect.MAVLink_ping_message(v.state.time_us, v.state.time_us // 1_000_000 & 0xFFFFFFFF, 0, 0)
+def ping(v: TelemetrySource) -> Fields:
+    return (v.state.time_us, v.state.time_us // 1_000_000 & 0xFFFFFFFF, 0, 0)
 
 
-def timesync(v: TelemetrySource) -> Message:
-    return dialect.MAVLink_timesync_message(0, v.state.time_us * 1000)
+def timesync(v: TelemetrySource) -> Fields:
+    return (0, v.state.time_us * 1000)
+
+
+def gimbal_manager_information(v: TelemetrySource) -> Fields | None:
+    return v.gimbal.information(boot_ms(v)) if v.gimbal else None
+
+
+def gimbal_manager_status(v: TelemetrySource) -> Fields | None:
+    return v.gimbal.status(boot_ms(v)) if v.gimbal else None
+
+
+def gimbal_device_information(v: TelemetrySource) -> Fields | None:
+    return v.gimbal.device_information(boot_ms(v)) if v.gimbal else None
+
+
+def gimbal_device_attitude_status(v: TelemetrySource) -> Fields | None:
+    return v.gimbal.attitude_status(boot_ms(v)) if v.gimbal else None

@@ -11,10 +11,10 @@ from dronecats.agent.controller import Aircraft
 from dronecats.agent.latency import Question
 from dronecats.agent.models.model import Request
 from dronecats.agent.pictures import PicturePath
-from foundation.camera import Camera, CameraModel, Frame, encode
+from foundation.camera import Camera, CameraModel, Frame, encode, encode_depth
 from foundation.errors import CameraError
 from foundation.protocol import CAP_S
-from foundation.run_folder.layout import frame_name
+from foundation.run_folder.layout import depth_name, frame_name
 from foundation.run_folder.rows import Decision
 from foundation.run_folder.writing import LineLog, PromptLog
 
@@ -141,10 +141,12 @@ class Cockpit:
             yield
 
     def keep_pictures(self, frames: Sequence[Frame]) -> tuple[bytes, ...]:
-        """Return frames as the JPEGs that a model gets, each kept in the run folder."""
+        """Return frames as the JPEGs that a model gets, each kept in the run folder, with its depth if it has one."""
         pictures = tuple(encode(frame.image_rgb) for frame in frames)
         for frame, jpeg in zip(frames, pictures, strict=True):
             (self.frames_dir / frame_name(frame.frame_id, frame.drone)).write_bytes(jpeg)
+            if frame.depth_mm is not None:
+                (self.frames_dir / depth_name(frame.frame_id, frame.drone)).write_bytes(encode_depth(frame.depth_mm))
         return pictures
 
     def log_prompt(self, request: Request, frames: Sequence[Frame], time_s: float) -> None:

@@ -39,10 +39,17 @@ class Segment:
 
 
 def displacement(go: Go, camera: CameraModel) -> tuple[float, float, float]:
-    """Return (right, forward, up) in metres of the point, back-projected with the pilot's depth."""
+    """Return (right, forward, up) in metres of the point, back-projected with the pilot's depth.
+
+    Forward is the body's: the depth counts along the axis of the camera, which its mount may pitch.
+    """
     f = camera.focal_px
     px, py = go.x * camera.width / POINT_SPAN, go.y * camera.height / POINT_SPAN
-    return (px - camera.width / 2.0) / f * go.depth_m, go.depth_m, (camera.height / 2.0 - py) / f * go.depth_m
+    right, above = (px - camera.width / 2.0) / f * go.depth_m, (camera.height / 2.0 - py) / f * go.depth_m
+    if not camera.pitch_deg:
+        return right, go.depth_m, above
+    c, s = math.cos(math.radians(camera.pitch_deg)), math.sin(math.radians(camera.pitch_deg))
+    return right, go.depth_m * c - above * s, go.depth_m * s + above * c
 
 
 def plan(action: Action | None, camera: CameraModel) -> tuple[Segment, ...]:
@@ -115,6 +122,14 @@ class Aircraft(Protocol):
         ...
 
 
+class GimballedAircraft(Aircraft, Protocol):
+    """A drone whose camera is on a gimbal. `hil.link.link.Link` implements it."""
+
+    def point_camera(self, pitch: float) -> None:
+        """Command the gimbal to a pitch (rad, up from the horizon). Raises LinkError when it is refused."""
+        ...
+
+
 class Drone:
     """Flies one action after the other. A decider chooses them."""
 
@@ -146,7 +161,8 @@ class Drone:
 
     def plan(self, action: Action | None) -> None:
         """Plan an action, None for an unreadable reply. `begin` flies it."""
-        self._segments, self._counts_from = list(plan(action, self.history.camera)), None
+        camera = self.history.camera.at_pitch(self._seen.gimbal_pitch if self._seen else None)
+        self._segments, self._counts_from = list(plan(action, camera)), None
 
     def begin(self, now_s: float) -> None:
         """Start to fly the plan."""

@@ -144,9 +144,7 @@ def await_reply(
         while not asking.answered:
             yield
             if patience_s is not None and now_s() > start_s + patience_s:
-                raise ModelError(
-                    f"the model has not answered for {patience_s:g} s, and not until the end of the episode"
-                )
+                raise ModelError(f"the model has not answered for {patience_s:g} s, nor before the end of the episode")
         asking.reply()
     return False
 

@@ -12,7 +12,7 @@ from dronecats.flight.run.identity import suite_digest
 from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import as_kept
 from episodes.records import catalogue
-from episodes.records.record import VERSION, EpisodeRecord
+from episodes.records.record import EpisodeRecord
 from foundation.errors import UsageError
 from foundation.run_folder.results import Benchmark, BenchmarkRun, FlownSuite
 
@@ -55,13 +55,12 @@ def suite_of(episodes: Sequence[str], names: Sequence[str]) -> ChosenSuite:
             raise UsageError(f"two episodes have the id '{record.id}'. Give each its own id")
         if record.id in catalogue.all_ids() and not catalogue.ships(record):
             raise UsageError(f"{episode}: '{record.id}' is the id of a shipped episode. Choose another id")
-    versions = {record.version for record in records.values()}
     title = None if episodes else "+".join(names)
     digest = suite_digest((record.id, record.to_json()) for record in records.values())
     return ChosenSuite(
         name=title,
         records=records,
-        identity=FlownSuite(name=title, version=max(versions, default=VERSION), sha256=digest),
+        identity=FlownSuite(name=title, version=catalogue.VERSION, sha256=digest),
     )
 
 

@@ -169,8 +169,8 @@ def audit_table(rows: Iterable[ScoreRow], floors: Mapping[str, Floor | None]) ->
         numbers("false", decimals=1), numbers("steps"), *([words("")] if has_notes else []),
     ]  # fmt: skip
     notes = [
-        "solved, at first, in three: % of the flights; false: false declarations per flight; steps: median of"
-        " the solved flights"
+        "Flights that were solved, at the first declaration, and within three; false: false declarations per flight;"
+        " steps: median over the solved flights"
     ]
     if not any(floors.values()):
         notes.append("no blind pilot has flown all of these episodes. Fly one with: --pilot blind:ring")

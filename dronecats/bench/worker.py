@@ -20,7 +20,7 @@ from dronecats.flight.spec.flight_spec import FlightSpec
 from dronecats.flight.spec.spec_file import from_json
 from foundation.compiled import in_turn
 from foundation.errors import DronecatsError
-from foundation.threads import COMPUTING, expect_more
+from foundation.threads import COMPUTING
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,7 +46,6 @@ class Worker:
         self._idle = threading.Event()
         self._ended: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
         sys.setswitchinterval(SWITCH_S)
-        expect_more()
         with in_turn():  # all start at once: the first compiles, the others find the cache
             compile_all()
         gc.freeze()  # code and kernels are permanent: collections can skip them

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict
@@ -57,7 +58,8 @@ def _check(args: argparse.Namespace) -> int:
     if args.save and not cv2.haveImageWriter(str(args.save)):
         raise UsageError(f"--save {str(args.save)!r} must end in .jpg or .png")
     began_s = time.monotonic()
-    camera = open_camera(args.url, host_us, load(args.calibration) if args.calibration else None)
+    calibration = load(args.calibration) if args.calibration else None
+    camera = open_camera(args.url, host_us, calibration, max_age_s=math.inf)  # stamps may be on the vehicle's clock
     try:
         camera.newest()
         first_s = time.monotonic() - began_s
@@ -65,7 +67,7 @@ def _check(args: argparse.Namespace) -> int:
     finally:
         camera.close()
     if args.save and not _written(args.save, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR)):
-        raise UsageError(f"--save {str(args.save)!r} cannot be written")
+        raise UsageError(f"--save {str(args.save)!r} cannot be written. Choose another file")
     measured = {"first_frame_s": first_s, **asdict(delivery)}
     if args.json:
         print(json.dumps(measured))
@@ -98,9 +100,9 @@ def _table(measured: dict[str, Any]) -> "ReportTable":
         else "assumed, so points are inexact; to measure it: dronecats camera calibrate"
     )
     rate = "unknown" if measured["rate_hz"] is None else f"{measured['rate_hz']:.1f} Hz"
-    limit = ", limited by the requests" if measured["asked"] else ""
+    limit = ", limited by the time of a request" if measured["asked"] else ""
     age = (
-        "unknown: its time stamps are of the vehicle's clock"
+        "unknown, because the time stamps are on the vehicle's clock"
         if measured["age_ms"] is None
         else f"{ms(measured['age_ms'])}, at worst {ms(measured['oldest_ms'])}, from its arrival on this computer"
         " until it is decoded"
@@ -163,7 +165,7 @@ def _views_in_folder(args: argparse.Namespace, board: Any, report: Callable[[str
     for path in pictures(Path(args.url)):
         picture = decoded(path.read_bytes())
         if picture is None:
-            raise UsageError(f"{path} is not a picture")
+            raise UsageError(f"{path} cannot be read as a picture. Remove it from the folder")
         size = size or picture.shape
         if picture.shape != size:
             raise UsageError(f"{path} has another size than the pictures before it. Use pictures of one size")

@@ -93,13 +93,14 @@ def _print(result: dict[str, Any]) -> None:
     columns = [TableColumn(name=n, title=t, unit=u, decimals=d) for n, (t, u, d) in heads.items()]
     a, b = result["sources"]
     replies = f"{result['same_replies']} of {result['steps']} replies are the same"
-    print(f"{replies}, aligned by {result['aligned_by']}; poses: {a} and {b}")
+    print(f"{replies}, aligned by {result['aligned_by']}; poses: {a if a == b else f'{a} and {b}'}")
     for drone in result["drones"]:
-        print(f"{drone_label(drone['drone'])}: {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m long paths")
+        print(f"{drone_label(drone['drone'])}: paths of {drone['path_a_m']:.1f} m and {drone['path_b_m']:.1f} m")
         spans = ([span[name] for name in heads] for span in drone["minutes"])
         show(table_of(columns, spans))
         print(
-            f"  {drone['final_m']:.2f} m apart at the end; at most {drone['beside_m']:.2f} m away from the other's path"
+            f"  {drone['final_m']:.2f} m apart at the end; no pose is more than {drone['beside_m']:.2f} m from the"
+            " other path"
         )
     worst_m = max(drone["first"]["max_m"] for drone in result["drones"])
     if result["agree"]:

@@ -36,7 +36,7 @@ def _edit(args: argparse.Namespace) -> int:
     editor = Editor(args.what, args.out, port, hosts)
     return serve(
         editor,
-        f"editing at {editor.url} ({reach(hosts)}); records are written to {args.out}/ · Ctrl-C ends",
+        f"editing at {editor.url} ({reach(hosts)})\nrecords are written to {args.out}/, Ctrl-C ends",
         browser=not args.no_browser,
     )
 
@@ -55,10 +55,6 @@ def add_new_options(parser: argparse.ArgumentParser) -> None:
         help="number in the first record's id (default: the first that no shipped record has)",
     )
     parser.add_argument("--map-seed", type=int, default=1, metavar="N", help="seed of the map (default 1)")
-    parser.add_argument("--official", action="store_true", help="make all shipped records again instead")
-    parser.add_argument(
-        "--jobs", type=int, default=0, metavar="N", help="processes for --official (default: one per core)"
-    )
     parser.set_defaults(run=_new)
 
 
@@ -66,37 +62,29 @@ def _new(args: argparse.Namespace) -> int:
     """Write the records and print their files."""
     from episodes.authoring.propose import proposals
 
-    if args.official:
-        if args.map or args.cell:
-            raise UsageError("--official makes records for every map and cell. Leave --map and --cell out")
-        batches = proposals.make(args.jobs or None)
-    else:
-        if not (args.map and args.cell):
-            raise UsageError("choose a map and a cell, for example --map residential --cell approaching")
-        first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
-        task = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
-        proposals.validate(task)
-        batches = iter([proposals.propose(task)])
+    if not (args.map and args.cell):
+        raise UsageError("choose a map and a cell, for example --map residential --cell approaching")
+    first = proposals.first_free(args.map, args.cell) if args.first is None else args.first
+    request = proposals.RecordRequest(args.map, args.cell, first, args.count, args.seed, args.map_seed)
+    records = proposals.propose(request)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UsageError(f"--out '{args.out}' cannot be created: {error.strerror}. Choose another --out") from None
     files = []
-    for batch in batches:
-        for record in batch:
-            file = args.out / f"{record.id}.json"
-            _write(file, record.to_json(), replace=args.official)
-            print(f"{file}  {record.instruction}", flush=True)
-            files.append(file)
-    if files and not args.official:
-        print_next("episodes new", files=files, file=files[0])
+    for record in records:
+        file = args.out / f"{record.id}.json"
+        _write(file, record.to_json())
+        print(f"{file}  {record.instruction}", flush=True)
+        files.append(file)
+    print_next("episodes new", files=files, file=files[0])
     return 0
 
 
-def _write(file: Path, text: str, replace: bool) -> None:
-    """Write a record. Raises UsageError for a file that holds another one, unless `replace`, or cannot be written."""
+def _write(file: Path, text: str) -> None:
+    """Write a record. Raises UsageError for a file that holds another one or cannot be written."""
     try:
-        if not replace and file.exists() and file.read_bytes() != text.encode():
+        if file.exists() and file.read_bytes() != text.encode():
             raise UsageError(f"'{file}' has another record. Choose another --out or --first")
         file.write_text(text, encoding="utf-8")
     except OSError as error:
@@ -118,7 +106,7 @@ def _sheet(args: argparse.Namespace) -> int:
         raise UsageError(f"--out {args.out}: a sheet is a JPEG. Name it {args.out.with_suffix('.jpg')}")
 
     write_contact_sheet(args.assets, args.out)
-    print(args.out)
+    print(f"written: {args.out}")
     return 0
 
 
@@ -133,7 +121,7 @@ def _optics(args: argparse.Namespace) -> int:
     from episodes.authoring.scene_pictures import write_optics_sheet
 
     write_optics_sheet(args.file)
-    print(args.file)
+    print(f"written: {args.file}")
     return 0
 
 

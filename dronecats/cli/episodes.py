@@ -36,12 +36,19 @@ def add_episodes_options(parser: argparse.ArgumentParser) -> None:
     listing.add_argument("--json", action="store_true", help="print one JSON object")
     listing.set_defaults(run=_list)
     showing = actions.add_parser("show", help="print one episode: its map, cell, suites, drones, par and instruction")
-    showing.add_argument("episode", metavar="ID", help="an episode's id, or a record's file or folder")
+    showing.add_argument(
+        "episode", metavar="ID", help="an episode's id, a record file, or the folder of a flown episode"
+    )
     showing.add_argument("--json", action="store_true", help="print one JSON object, with the record")
     showing.add_argument("--picture", type=Path, metavar="FILE", help="write the first frame (.png or .jpg)")
     showing.set_defaults(run=_show)
     checking = actions.add_parser("check", help="check records against the built scene; status 1 if one is rejected")
-    checking.add_argument("episodes", nargs="*", metavar="ID", help="ids, files or folders (default: all shipped)")
+    checking.add_argument(
+        "episodes",
+        nargs="*",
+        metavar="ID",
+        help="ids, record files, or folders of flown episodes (default: all shipped)",
+    )
     checking.add_argument("--suite", metavar="NAME", help="one-drone, commanding, quick, all (default) or v1")
     checking.add_argument(
         "--json", action="store_true", help='print {"checked": n, "rejected": {ID: reason}, "suite": [reason]}'
@@ -104,6 +111,8 @@ def _show(args: argparse.Namespace) -> int:
         print(json.dumps(summary, ensure_ascii=False))
         return 0
     show(table_of((words(""), words("")), _lines(record, member, par)))
+    if args.picture is not None:
+        print(f"written: {args.picture}")
     return 0
 
 

@@ -32,7 +32,7 @@ def exit_status(program: str, work: Callable[[], int]) -> int:
         return INTERRUPTED
     finally:
         # A Ctrl-C inside an `exec` of text (dataclasses and Numba make functions so) marks the whole process as killed
-        # by it, whoever catches it, and Python then kills itself instead of returning a status. Each `exec` clears it.
+        # by it even if it is caught, and Python then kills itself instead of returning a status. Each `exec` clears it.
         exec("")
 
 

@@ -73,6 +73,10 @@ VEHICLE = (
         name="optics", kind=Path, metavar="FILE", vehicle="--sitl", replay="may change", help="lens, noise, weather"
     ),
     Option(
+        name="depth", kind=bool, vehicle="--sitl", replay="may change",
+        help="also give a depth image, to an agent of your own: docs/cameras.md",
+    ),
+    Option(
         name="autopilot", choices=("ours", "px4"), vehicle="--sitl", replay="may change",
         help="autopilot of the simulated vehicle (default ours)",
     ),
@@ -177,6 +181,7 @@ def _simulated(args: argparse.Namespace) -> "FlightSpec":
         autopilot=args.autopilot or "ours",
         px4=args.px4,
         speed=factor,
+        camera="depth" if args.depth else None,
         optics=load_optics(args.optics).as_dict() if args.optics else None,
     )
     return FlightSpec(
@@ -213,6 +218,8 @@ def _replayed(args: argparse.Namespace) -> "FlightSpec":
             vehicle = replace(vehicle, **{name: value})
     if args.speed:
         vehicle = replace(vehicle, speed=speed(args.speed))
+    if args.depth:
+        vehicle = replace(vehicle, camera="depth")
     if args.optics:
         vehicle = replace(vehicle, optics=load_optics(args.optics).as_dict())
     changes: dict[str, Any] = {

@@ -188,11 +188,19 @@ def _print(audit: "Audit") -> None:
     rules.append(("strict parsing of repaired replies", audit.strict))
     columns = (words("rule"), numbers("episodes"), numbers("success"), numbers("lost"), numbers("gained"))
     print()
-    show(table_of(columns, ((text, r.told, r.successes, r.lost, r.gained) for text, r in rules)))
-    gain = "" if audit.think.gain_m_per_step is None else f", {audit.think.gain_m_per_step:+.2f} m/step after them"
-    print(f"\nthink: {audit.think.thinks} steps, {audit.think.matched} matched by closing rate{gain}")
-    print(f"  a stall ended within three steps: {_share(audit.think.stalls)}")
-    print(f"  the lost target was seen again within three steps: {_share(audit.think.losses)}")
+    caption = (
+        "Episodes: scored episodes whose logs show the outcome by this rule. Success: successes of these by the"
+        " paper's rule. Lost, gained: successes that this rule would remove or add."
+    )
+    cells = ((text, r.decided, r.successes, r.lost, r.gained) for text, r in rules)
+    show(table_of(columns, cells, caption))
+    gain = audit.think.gain_m_per_step
+    print(
+        f"\nthink: {counted(audit.think.thinks, 'step')}, {audit.think.matched} compared with other steps of equal"
+        f" closing rate{'' if gain is None else f'; gain {gain:+.2f} m per step'}"
+    )
+    print(f"  stalls that ended within three steps: {_share(audit.think.stalls)}")
+    print(f"  lost targets that were seen again within three steps: {_share(audit.think.losses)}")
     print(
         f"repaired replies: {audit.mended} of {audit.steps} decisions; strict parsing changes {audit.changed} of"
         " these decisions"

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
         gltf.save(scene, args.out)
     except OSError as error:
         raise UsageError(f"'{args.out}' cannot be written: {error.strerror}") from None
-    print(f"{args.out}: {args.out.stat().st_size / 1e6:.1f} MB")
+    print(f"written: {args.out}, {args.out.stat().st_size / 1e6:.1f} MB")
     return 0
 
 
@@ -123,7 +123,7 @@ def _table(facts: dict[str, Any]) -> "ReportTable":
     kinds = ", ".join(f"{count} {kind}" for kind, count in facts["kinds"].items())
     lines = [
         ("extent", f"north {n0:g} … {n1:g} m, east {e0:g} … {e1:g} m, height {h0:g} … {h1:g} m"),
-        ("triangles", f"{facts['triangles']}, textures of {facts['texels'] / 1e6:.1f} million texels"),
+        ("triangles", f"{facts['triangles']:,}, textures of {facts['texels'] / 1e6:.1f} million texels"),
         ("objects", f"{facts['instances']}: {kinds[:600]}"),
         ("ground", f"heights in a grid of {facts['ground_cell_m']:g} m"),
         ("spawn", f"{', '.join(f'{v:g}' for v in facts['spawn_ned'])} m north, east, down"),

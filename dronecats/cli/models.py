@@ -14,6 +14,7 @@ from dronecats.cli.next_commands import print_next
 from dronecats.cli.options import MODEL, add, describe_model, is_set, model_of, with_options
 from dronecats.cli.output import show
 from foundation.errors import UsageError
+from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.agent.models.probe import ProbeResult
@@ -24,14 +25,14 @@ INSTRUCTION = "go to the cyan SUV"  # of the request that `show` prints
 REPLY_SHOWN = 120  # characters
 SCHEMA_FINDINGS = {
     None: "no schema is sent",
-    True: "enforced; the reply follows it although the question wanted something else",
-    False: "NOT enforced; the reply does not follow it",
+    True: "enforced: the reply follows it, although the question asked for something else",
+    False: "NOT enforced: the reply does not follow it",
 }
 POINTING_FINDINGS = {
-    "as declared": "the model points in the declared order, xy and yx",
+    "as declared": "the model follows the declared order, both [x, y] and [y, x]",
     "always [x, y]": "the model always points as [x, y], in both declared orders",
     "always [y, x]": "the model always points as [y, x], in both declared orders",
-    "as not declared": "the model points in the order that is not declared, xy and yx",
+    "as not declared": "the model always uses the opposite of the declared order",
     "not at all": "the model did not point at the mark",
 }
 
@@ -249,9 +250,9 @@ def _findings(result: "ProbeResult") -> list[str]:
     reasons = (ending_reason(answer.reply.finish, answer.reply.tokens_out) for answer in result.answers)
     lines += [f"Unfinished: {reason}." for reason in dict.fromkeys(reasons) if reason]
     tokens_in, tokens_out = result.tokens
-    usd = f"${cost:.6f}" if cost is not None else "unknown (its row has no prices, or the endpoint reported no tokens)"
-    tokens = f"{_count(tokens_in)} tokens in, {_count(tokens_out)} out"
-    lines.append(f"Cost of these {len(result.answers)}: {usd} ({tokens}).")
+    usd = f"${cost:.6f}" if cost is not None else "unknown, because prices or token counts are missing"
+    lines.append(f"Cost of these {counted(len(result.answers), 'question')}: {usd}.")
+    lines.append(f"Tokens: {_count(tokens_in)} in, {_count(tokens_out)} out.")
     if result.too_long:
         lines.append(
             f"Too long: the question and a reply of {spec.max_tokens} tokens exceed {spec.context_tokens} tokens."

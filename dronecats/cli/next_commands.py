@@ -61,6 +61,8 @@ def print_next(made_by: str, **made: str | Path | Sequence[str | Path]) -> None:
     """Print the commands after `made_by` if standard output is a terminal, where a person reads it."""
     if not sys.stdout.isatty():
         return
-    label = "next, in another terminal: " if made_by in KEEPS_RUNNING else "next: "
     lines = next_commands(made_by, **made)
-    print(f"\n{label}{lines[0]}", *(f"{' ' * len(label)}{line}" for line in lines[1:]), sep="\n", flush=True)
+    if made_by in KEEPS_RUNNING:
+        print("\nnext, in another terminal:", *(f"  {line}" for line in lines), sep="\n", flush=True)
+    else:
+        print(f"\nnext: {lines[0]}", *(f"      {line}" for line in lines[1:]), sep="\n", flush=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from dronecats.agent.models.spec import PROVIDERS
-from dronecats.flight.spec.disturbances import DECLARED
+from dronecats.flight.spec.disturbances import DECLARED, Disturbance, DisturbanceOption
 from foundation.errors import UsageError
 
 if TYPE_CHECKING:
@@ -174,10 +174,19 @@ LATENCY = Option(
     name="latency", metavar="POLICY", replay="may change",
     help="time of a reply: real, fixed:SECONDS … (default real, in lockstep fixed:0.5): docs/latency.md",
 )  # fmt: skip
+
+
+def _help(option: DisturbanceOption, field: Disturbance) -> str:
+    if option.choices:
+        return f"{option.help}: {', '.join(option.choices)} (default {option.choices[0]})"
+    return option.help if option.read or not field.quantity else f"{option.help}; {field.quantity.wanted}"
+
+
 DISTURBANCES = tuple(
     Option(
-        name=option.name, metavar=option.metavar, kind=option.kind, vehicle="--sitl", replay="may change",
-        help=option.help if option.read or not field.quantity else f"{option.help}; {field.quantity.wanted}",
+        name=option.name, metavar=option.metavar, kind=option.kind, choices=option.choices, vehicle="--sitl",
+        replay="may change",
+        help=_help(option, field),
     )
     for _, _, field in DECLARED
     if (option := field.option)

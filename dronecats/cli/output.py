@@ -12,6 +12,7 @@ import io
 import os
 import shutil
 import sys
+import textwrap
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, TextIO
@@ -35,6 +36,14 @@ def show(*tables: "ReportTable", file: TextIO | None = None) -> None:
     file = file or sys.stdout
     columns = max(40, shutil.get_terminal_size().columns) if file.isatty() else None
     print("\n\n".join(as_terminal(table, columns) for table in tables), file=file, flush=True)
+
+
+def print_wrapped(*lines: str, indent: str = "  ") -> None:
+    """Print lines on standard output. A terminal gets them wrapped at its width, with `indent` before the rest."""
+    columns = max(40, shutil.get_terminal_size().columns) if sys.stdout.isatty() else None
+    for line in lines:
+        parts = textwrap.wrap(line, columns, subsequent_indent=indent, break_long_words=False) if columns else [line]
+        print(*parts, sep="\n", flush=True)
 
 
 def print_line(line: str) -> None:

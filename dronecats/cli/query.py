@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING, Any
 from dronecats.cli.output import print_note, show
 from foundation.errors import UsageError
 from foundation.files import whole_file
+from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.report.results.database import Selected
     from dronecats.report.table import ReportTable
 
-FORMATS = ("mcap", "rerun", "lerobot", "ulog", "kml", "geojson", "csv", "parquet")
+FORMATS = {"mcap": "message", "rerun": "message", "lerobot": "frame", "ulog": "message", "kml": "place",
+           "geojson": "place", "csv": "row", "parquet": "row"}  # format → what a file of it is counted in  # fmt: skip
 
 
 def add_query_options(parser: argparse.ArgumentParser) -> None:
@@ -76,7 +78,7 @@ def _answer(args: argparse.Namespace) -> "Selected":
     except OSError as error:
         raise UsageError(f"{args.parquet} cannot be written: {error.strerror}") from None
     for episode in answer.damage:
-        print_note(f"dronecats query: damaged, so only the table episodes has it: {episode}")
+        print_note(f"dronecats query: damaged, and only in the table episodes: {episode}")
     return answer
 
 
@@ -154,6 +156,7 @@ def add_export_options(parser: argparse.ArgumentParser) -> None:
 def _export(args: argparse.Namespace) -> int:
     """Write the files. Names the episodes that are left out on standard error."""
     from dronecats.report.export.formats import export
+    from dronecats.report.export.layouts import FILES
     from dronecats.report.recorded.run import recorded_runs
 
     out = args.out or Path(f"{args.runs[0].resolve().name}-{args.to}")
@@ -164,6 +167,7 @@ def _export(args: argparse.Namespace) -> int:
         files = {str(path): count for path, count in done.files.items()}
         print(json.dumps({"to": args.to, "out": str(out), "files": files, "left_out": done.left_out}))
     else:
+        layouts = FILES.get(args.to, ())
         for path, count in done.files.items():
-            print(f"{path}  {count}")
+            print(f"{path}  {counted(count, 'panel' if path.name in layouts else FORMATS[args.to])}")
     return 0

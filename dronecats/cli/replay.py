@@ -51,7 +51,7 @@ def _replay(args: argparse.Namespace) -> int:
     page = ReplayPage([flight_moments(path) for path in args.runs], port, args.speed, args.at, hosts)
     return serve(
         page,
-        f"replay at {page.url} ({reach(hosts)}) · space plays, ? shows the keys · Ctrl-C ends",
+        f"replay at {page.url} ({reach(hosts)})\nspace plays, ? shows the keys, Ctrl-C ends",
         browser=not args.no_browser,
     )
 

@@ -13,6 +13,7 @@ from dronecats.flight.spec.disturbances import UNDISTURBED
 from foundation.errors import UsageError
 
 AIR = ("wind", "gusts")  # disturbances that blow from boot on
+SEEN = ("sun", "sky", "season")  # that only a camera sees
 LEAST_CHARGE = 0.5  # SIM_BAT_MIN_PCT: a session may last as long as one likes
 PX4_INSTANCES = 10  # further ones all send to port 14549
 
@@ -40,7 +41,7 @@ def add_sitl_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder of parameters, plans, logs and clients' files (default runs/sitl-I)",
     )
-    add(parser, (option for option in DISTURBANCES if option.name in AIR))
+    add(parser, (option for option in DISTURBANCES if option.name in (*AIR, *SEEN)))
     parser.add_argument("--optics", type=Path, metavar="FILE", help="with --camera: lens, noise, weather")
     parser.add_argument("--faults", type=Path, metavar="FILE", help="fault script: docs/disturbances.md")
     parser.add_argument(
@@ -75,11 +76,12 @@ def run(args: argparse.Namespace) -> int:
     catalogue.load(episode)
     if args.seed < 0:
         raise UsageError(f"--seed must be 0 or more, got {args.seed}")
-    air = UNDISTURBED.with_options({name: getattr(args, name) for name in AIR})
+    disturbed = UNDISTURBED.with_options({name: getattr(args, name) for name in (*AIR, *SEEN)})
     if args.faults is not None and not args.faults.is_file():
         raise UsageError(f"--faults {args.faults} does not exist. Give the path of a TOML file")
-    if args.optics is not None and args.camera is None:
-        raise UsageError("--optics goes with --camera. Add it, or leave --optics out")
+    for name in ("optics", *SEEN):
+        if getattr(args, name) is not None and args.camera is None:
+            raise UsageError(f"--{name} goes with --camera. Add it, or leave --{name} out")
     default_camera = args.camera is True  # --camera without a port
     if args.camera is not None and not 0 <= args.camera <= 65535:
         raise UsageError(f"--camera {args.camera} is not a port. Choose one from 1 to 65535, or 0 for any free one")
@@ -106,7 +108,7 @@ def run(args: argparse.Namespace) -> int:
     interrupt_on_signals()
     from dronecats.flight.sitl import compile_ahead
 
-    print(f"loading the flight core and the camera{compile_ahead.duration()} …", flush=True)
+    print(f"loading core and camera{compile_ahead.duration()} …", flush=True)
     from dronecats.flight.processes.supervisor import Supervisor
     from dronecats.flight.sitl.board_simulator import BoardSimulator
     from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
@@ -125,7 +127,7 @@ def run(args: argparse.Namespace) -> int:
         speed=factor,
         instance=args.instance,
         count=args.count or 1,
-        disturbances=air.vehicle,
+        disturbances=disturbed.vehicle,
         from_boot=True,
         faults=str(args.faults) if args.faults else None,
         state_dir=str(args.state or Path("runs") / f"sitl-{args.instance}"),
@@ -152,11 +154,13 @@ def run(args: argparse.Namespace) -> int:
                 watched = CameraConfig(
                     episode=episode,
                     airframe=args.airframe,
+                    seed=args.seed,
                     count=args.count or 1,
                     truth=truth,
                     port=CAMERA_PORT + args.instance if default_camera else args.camera,
                     or_next_free=default_camera,
                     optics=optics,
+                    conditions=disturbed.conditions.of_map,
                 )
                 child = supervisor.start(CAMERA, watched)
                 camera = child.ready(lambda: None)["url"]
@@ -164,6 +168,7 @@ def run(args: argparse.Namespace) -> int:
             wires = WatchedWires(
                 episode=episode,
                 drones=args.count or 1,
+                conditions=disturbed.conditions.of_map,
                 truth=f"udpout://127.0.0.1:{ports['truth']}",
                 telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in ports.get("log", ())),
             )

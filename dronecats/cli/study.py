@@ -21,7 +21,7 @@ from dronecats.cli.options import (
     level_list,
     with_folder,
 )
-from dronecats.cli.output import print_note
+from dronecats.cli.output import print_note, print_wrapped
 from dronecats.cli.study_load import add_load_options
 from dronecats.cli.study_loop import add_loop_options
 from dronecats.cli.study_rate import add_rate_options
@@ -165,7 +165,7 @@ def _report(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(as_json(report)))
         return 0
-    print(*report.content.opening, *report.content.summary, sep="\n")
+    print_wrapped(*report.content.opening, *report.content.summary)
     print(f"page: {report.page}, report: {report.markdown}")
     if report.parquet is None:
         print(f"no Parquet was written: {not_installed('duckdb')}")

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from dronecats.cli.next_commands import print_next
-from dronecats.cli.output import show
+from dronecats.cli.output import print_wrapped, show
 from foundation.errors import UsageError
 from foundation.files import whole_file, write_text
+from foundation.wording import counted
 
 if TYPE_CHECKING:
     from dronecats.report.leaderboard.verification import Verification
@@ -92,7 +93,8 @@ def _print(entry: "Verification") -> None:
 
     kind = "a model" if entry.is_model else "a built-in pilot, not a model"
     print(
-        f"{entry.name}: {entry.pilot}, {kind}; {entry.flights} × suite {entry.suite or '(none)'}, {entry.steps} steps"
+        f"{entry.name}: {entry.pilot}, {kind}; {counted(entry.flights, 'flight')} of each episode,"
+        f" suite {entry.suite or '(none)'}, {counted(entry.steps, 'step')}"
     )
     if entry.partial:
         print(f"PARTIAL: {entry.partial}")
@@ -105,8 +107,9 @@ def _print(entry: "Verification") -> None:
         ("checked", entry.checked if entry.verified else ()),
         ("not checked", entry.unchecked),
     ):
-        for sentence in sentences:
-            print(f"{label}: {sentence}")
+        if sentences:
+            print(f"{label}:")
+            print_wrapped(*(f"  - {sentence}" for sentence in sentences), indent="    ")
 
 
 def add_leaderboard_options(parser: argparse.ArgumentParser) -> None:

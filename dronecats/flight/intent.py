@@ -1,4 +1,4 @@
-"""Draws each decision into the frame it was made on, with the setpoints that fly it."""
+"""Draws each decision into its frame, with the setpoints that fly it."""
 
 import math
 from pathlib import Path

@@ -1,7 +1,7 @@
-"""One picture of a flight: the map from above with where everybody was, and what the pilot saw and chose below it.
+"""One picture of a flight: the map from above with all paths, and below it the images and decisions of the pilot.
 
-Drawn from the files of an episode folder alone (design, "Files of a run"); whatever is missing is left out, because a
-picture of a flight that broke off is the one that is needed most.
+It is drawn from the files of an episode folder only. Missing parts are left out, because a picture of a broken flight
+is needed most.
 """
 
 import math
@@ -34,12 +34,12 @@ FRAMES = 8
 _COLUMNS = 4
 _WIDTH_IN, _MAP_IN, _ROW_IN = 12.8, 8.0, 2.25
 _DPI = 100
-# told apart on grass, asphalt and paper, and by most colour-blind readers (Okabe and Ito's palette, brightened)
+# distinct on grass, asphalt and paper, and for most colour-blind readers (Okabe and Ito's palette, brightened)
 _DRONES = ("#ffb000", "#3fa7ff", "#ff5c8a", "#b48cff", "#00d0a0", "#ff7a1a")
 _ACCEPTED, _REJECTED, _TARGET = "#18c93a", "#ff2a2a", "#ff2fd6"
 FLIGHT_COLORS = (_DRONES[0], _TARGET, _ACCEPTED)  # of the marks of a flight that succeeds
 _MARGIN_M = 8.0
-AERIAL_HFOV_DEG = 20.0  # a long lens from high above: little parallax, so roofs stay over their houses
+AERIAL_HFOV_DEG = 20.0  # a long lens from high above has little parallax, so roofs are drawn above their houses
 AERIAL_WIDTH_PX, AERIAL_HEIGHT_PX = 1600, 1000
 AERIAL_MARGIN_M = 12.0
 
@@ -140,7 +140,7 @@ def _declarations(axes: Axes, logs: Logs) -> None:
 
 
 def _frame_map(axes: Axes, poses: list[Pose], extent: Extent | None) -> None:
-    """Show where things happened, with a margin, in the shape of the axes; inside the map as far as there is one."""
+    """Set the limits of the axes around all places, with a margin, in the axes' shape and inside the map, if any."""
     points: list[Vec3] = [p.position_ned for p in poses] + [p.target_ned for p in poses if p.target_ned]
     box = axes.get_window_extent()
     shape = box.width / box.height
@@ -242,9 +242,9 @@ def describe(decision: Decision) -> str:
 
 
 def _spread(logs: Logs) -> list[Decision]:
-    """Return up to FRAMES decisions over the whole flight: the first step, the last, the decisive one, evenly between.
+    """Return up to FRAMES decisions over the whole flight: first, last, the decisive one, and others evenly between.
 
-    A fleet's steps are kept whole as far as they fit, so that its views can be compared.
+    For a fleet, all drones of a step are shown if they fit, so that their views can be compared.
     """
     steps: dict[int, list[Decision]] = {}
     for decision in logs.decisions:
@@ -263,7 +263,7 @@ def _spread(logs: Logs) -> list[Decision]:
 
 
 def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
-    """Return a picture (H, W, 3) RGB, north up, around everything that an episode's truth.jsonl mentions."""
+    """Return a picture (H, W, 3) RGB, north up, around all places in an episode's truth.jsonl."""
     points = _mentioned(folder)
     points += [start.position_ned for start in world.record.starts] + [world.target_centre(0.0)]
     norths, easts = [p[0] for p in points], [p[1] for p in points]
@@ -280,7 +280,7 @@ def aerial(world: World, folder: Path) -> tuple[NDArray[np.uint8], Extent]:
 
 
 def _mentioned(folder: Path) -> list[Vec3]:
-    """Return the places of drones and target, m NED; none where the log is damaged."""
+    """Return the places of drones and target, m NED; none if the log is damaged."""
     try:
         rows = [row for row in truth(folder) if isinstance(row, Pose | FrameTruth)]
     except UsageError:

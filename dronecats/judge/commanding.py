@@ -1,13 +1,15 @@
 """Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones near.
 
 Paper, "Commanding Several Drones". They do not enter the verdict. A place is a point of a frame at its declared depth,
-seen by the declared camera, level, from the true place of the drone at the frame.
+seen by the declared camera from a level drone at its true place at the frame.
 """
 
 import itertools
 import math
 import statistics
 from collections.abc import Mapping, Sequence
+
+from msgspec import UNSET
 
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
@@ -79,8 +81,10 @@ def place(go: PointedGo, frame: FrameTruth) -> Vec3 | None:
         return None
     ahead, aside, below = _CAMERA.offset_frd
     right_m = (go.x / POINT_SPAN - 0.5) * _CAMERA.width / _FOCAL_PX * go.depth_m + aside
-    down_m = (go.y / POINT_SPAN - 0.5) * _CAMERA.height / _FOCAL_PX * go.depth_m + below
-    forward_m, yaw = go.depth_m + ahead, math.radians(frame.yaw_deg)
+    under_m = (go.y / POINT_SPAN - 0.5) * _CAMERA.height / _FOCAL_PX * go.depth_m
+    pitch = math.radians(frame.camera_pitch_deg) if frame.camera_pitch_deg is not UNSET else 0.0
+    forward_m = go.depth_m * math.cos(pitch) + under_m * math.sin(pitch) + ahead
+    down_m, yaw = under_m * math.cos(pitch) - go.depth_m * math.sin(pitch) + below, math.radians(frame.yaw_deg)
     north, east, down = frame.position_ned
     return (
         north + forward_m * math.cos(yaw) - right_m * math.sin(yaw),
@@ -111,10 +115,10 @@ def nears(here: Vec3, there: Vec3, candidates: Sequence[Vec3]) -> int | None:
 
 def commanding_sentence(diagnostics: CommandingDiagnostics) -> str:
     """Return the diagnostics in a sentence."""
-    apart = "" if diagnostics.spread_m is None else f", sent {diagnostics.spread_m:.1f} m apart (median)"
+    apart = "" if diagnostics.spread_m is None else f"; commanded places {diagnostics.spread_m:.1f} m apart (median)"
     return (
-        f"commanded: one point for all on {diagnostics.identical_points} of {diagnostics.all_go_steps} steps on which"
-        f" all were told to go; {diagnostics.candidates_neared} candidates neared{apart}"
+        f"commanded: one point for all drones on {diagnostics.identical_points} of the {diagnostics.all_go_steps}"
+        f" steps with a go for every drone; candidates approached: {diagnostics.candidates_neared}{apart}"
     )
 
 

@@ -300,8 +300,12 @@ def distances_sentence(distances: Distances, delta_m: float) -> str:
     if len(declared) > 1:
         closest = f", the nearest {_declaration_text(nearest[1], delta_m)}" if nearest else ""
         clauses.append(f"{len(declared)} declarations{closest}")
-    plane = "; horizontally, since the target has no altitude" if distances.target.get("altitude_m") is None else ""
-    return f"DISTANCE ONLY: {'; '.join(clauses)}{plane}; whether the target was in view nobody measured"
+    plane = (
+        "; horizontal distances, because the target has no altitude"
+        if distances.target.get("altitude_m") is None
+        else ""
+    )
+    return f"DISTANCE ONLY: {'; '.join(clauses)}{plane}; it was not measured whether the target was in view"
 
 
 def _declaration_text(declared: DecidedNear, delta_m: float) -> str:

@@ -217,14 +217,14 @@ def log_contradictions(logs: Logs) -> list[str]:
     if late:
         named_s, logged_s = late[0].t_frame, logs.frames[late[0].drone, late[0].frame_id].t
         sentences.append(
-            f"step {late[0].step} names a frame of {named_s:g} s that was taken at {logged_s:g} s{_more(late)}"
+            f"step {late[0].step} dates its frame at {named_s:g} s, but the logger at {logged_s:g} s{_more(late)}"
         )
     for kind, rows in (("pose", logs.poses), ("frame", logs.frames.values())):
         off = [row for row in rows if not consistent(row)]
         if off:
             sentences.append(
-                f"the {kind} of {drone_label(off[0].drone)} at {off[0].t:g} s is not as far from the target as its"
-                f" positions are{_more(off)}"
+                f"the {kind} of {drone_label(off[0].drone)} at {off[0].t:g} s has a distance to the target"
+                f" that does not fit its positions{_more(off)}"
             )
     return sentences
 
@@ -245,7 +245,7 @@ def reply_contradictions(logs: Logs, reread: Rereading) -> list[str]:
     ]
     if not differing:
         return []
-    return [f"the reply of step {differing[0].step} does not say the action that was taken{_more(differing)}"]
+    return [f"the reply of step {differing[0].step} gives another action than the logged one{_more(differing)}"]
 
 
 def reply_groups(logs: Logs) -> dict[int, list[int]]:
@@ -276,7 +276,7 @@ def commander_contradictions(logs: Logs, exchanges: Sequence[Exchange]) -> list[
 def folder_contradictions(name: str, record: Mapping[str, Any] | None) -> list[str]:
     """Return a sentence if the folder's name is not the id of its episode."""
     identity = (record or {}).get("id", name)
-    return [] if identity == name else [f"{EPISODE} is of {identity}, and its folder is named {name}"]
+    return [] if identity == name else [f"{EPISODE} has the id {identity}, but its folder is named {name}"]
 
 
 def _frame(decision: Decision, logs: Logs) -> FrameTruth | None:

@@ -112,7 +112,9 @@ def _outcome_name(logs: Logs, verdict: Judgement, seen: bool, estimated: bool) -
 def _note(verdict: Judgement, last: Measured | None) -> str | None:
     """Return a sentence about an open part of the verdict; None: nothing is open."""
     if verdict.success and verdict.unknown:
-        return f"deciding and ne_m are of the first declaration known to qualify: {reasons(verdict.unknown)}"
+        return (
+            f"deciding and ne_m are those of the first declaration that is known to qualify: {reasons(verdict.unknown)}"
+        )
     if not verdict.success and last is not None and last.unknown and verdict.ne_m is None:
         return f"no declaration qualifies, and ne_m is not known: {last.unknown}"
     return None
@@ -145,21 +147,21 @@ def ending(logs: Logs) -> str | None:
     if logs.begin is None:
         return "the episode never began"
     if logs.end is None:
-        return "the log breaks off: the logger did not see the episode end"
+        return "the log breaks off before the end of the episode"
     rows: list[Pose | FrameTruth] = [*logs.poses, *logs.frames.values()]
     if logs.true and not any(row.distance_m is not None for row in rows):
         return "the logger measured nothing"
     reason, ended_s = logs.end.reason, logs.end.t
     if reason == "decided":
         good = any(d.qualifies(RADIUS_M) for d in declarations(logs))
-        return None if good else f"the flight was ended as decided, and no declaration in {DECISIONS} decides it"
+        return None if good else f"the flight ended early as decided, but no declaration in {DECISIONS} qualifies"
     if reason != "cap":
         return logs.end.error or reason
     cap_s = logs.begin.cap_s or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
     if ended_s < cap_s - LATE_S:
-        return f"the log says that the flight ended at its cap of {cap_s:g} s, and ends at {ended_s:g} s"
+        return f"the log says that the flight ended at its cap of {cap_s:g} s, but it ends at {ended_s:g} s"
     if not logs.decisions:
-        return f"the flight was flown to its cap, and {DECISIONS} is empty"
+        return f"the flight lasted to its cap, but {DECISIONS} is empty"
     return None
 
 

@@ -99,14 +99,14 @@ def measured(decision: Decision, logs: Logs) -> Measured:
     frame = logs.frames.get((drone, decision.frame_id))
     subject = f"step {step} of {drone_label(drone)} was decided on frame {decision.frame_id}"
     if frame is None or (frame.distance_m is None and frame.visible is None):
-        return Measured(step, drone, t, None, None, f"{subject}, of which the logger has no truth")
+        return Measured(step, drone, t, None, None, f"{subject}, for which the logger has no truth")
     if abs(frame.t - decision.t_frame) > SAME_S:
-        difference = f"taken at {decision.t_frame:g} s, or by the logger at {frame.t:g} s"
+        difference = f"taken at {decision.t_frame:g} s, but at {frame.t:g} s by the logger"
         return Measured(step, drone, t, None, None, f"{subject}, {difference}")
     if not consistent(frame):
-        return Measured(step, drone, t, None, None, f"{subject}, whose distance is not that of its positions")
+        return Measured(step, drone, t, None, None, f"{subject}, whose distance does not fit its positions")
     is_complete = frame.distance_m is not None and frame.visible is not None
-    reason = None if is_complete else f"{subject}, which was measured in part"
+    reason = None if is_complete else f"{subject}, which was only partly measured"
     return Measured(step, drone, t, frame.distance_m, frame.visible, reason)
 
 

@@ -162,7 +162,7 @@ def wandering(seat: Seat) -> Iterator[str]:
 
 
 PATTERNS = {
-    "declare": Pattern("declares where it stands, again and again", declaring),
+    "declare": Pattern("declares again and again at its start place", declaring),
     "straight": Pattern("flies straight on in strides of 1.2 m and declares after each", straight()),
     "straight-16": Pattern("flies 12 m straight on, then declares after every 1.2 m (16 m)", straight(from_m=12.0)),
     "right-60": Pattern("turns 60° to the right, then as `straight`", straight(60.0)),
@@ -171,7 +171,7 @@ PATTERNS = {
     "back": Pattern("turns round, then as `straight`", straight(180.0)),
     "right-90-16": Pattern("turns 90° to the right, then as `straight-16` (16 m)", straight(90.0, 12.0)),
     "back-16": Pattern("turns round, then as `straight-16` (16 m)", straight(180.0, 12.0)),
-    "random": Pattern("strides, turns and declares by lot", wandering),
+    "random": Pattern("moves, turns and declares at random", wandering),
     "fan": Pattern("flies out and back along rays 30° apart and declares on the way out", fan, sweeps=True),
     "spiral": Pattern("flies a square spiral with arms 6 m apart and declares after every 3 m", spiral, sweeps=True),
     "ring": Pattern("flies out 15 m and round the start, and declares after every 6 m (16 m)", ring, sweeps=True),

@@ -88,7 +88,7 @@ def read_request(body: bytes) -> tuple[str, list[bytes]]:
     if not isinstance(request.get("model"), str):
         raise UsageError("`model` must be a string.")
     if request.get("stream"):
-        raise UsageError("`stream` is not offered: ask for the whole reply.")
+        raise UsageError("`stream` is not supported: request the whole reply.")
     messages = request.get("messages")
     if not isinstance(messages, list) or not messages:
         raise UsageError("`messages` must be a list with at least one message.")
@@ -123,7 +123,7 @@ def _read_content(content: Any, texts: list[str], images: list[bytes]) -> None:
 def _image(value: Any) -> bytes:
     url = value.get("url") if isinstance(value, dict) else value
     if not isinstance(url, str) or not url.startswith("data:image/") or ";base64," not in url[:64]:
-        raise UsageError("`image_url.url` must be a base64 data URL of an image: nothing is fetched from elsewhere.")
+        raise UsageError("`image_url.url` must be a base64 data URL of an image, because this server fetches nothing.")
     try:
         return base64.b64decode(url.split(",", 1)[1], validate=True)
     except (binascii.Error, ValueError) as error:
@@ -174,14 +174,14 @@ class _Handler(BaseHTTPRequestHandler):
             model = {"id": self.server.name, "object": "model", "created": 0, "owned_by": self.server.owned_by}
             self._send(HTTPStatus.OK, {"object": "list", "data": [model]})
         else:
-            self._refuse(HTTPStatus.NOT_FOUND, "There is /v1/models and /v1/chat/completions here, nothing else.")
+            self._refuse(HTTPStatus.NOT_FOUND, "This server has only /v1/models and /v1/chat/completions.")
 
     def do_POST(self) -> None:
         body = self._body()
         if body is None:
             return
         if self.path.split("?")[0].rstrip("/") != "/v1/chat/completions":
-            self._refuse(HTTPStatus.NOT_FOUND, "There is /v1/models and /v1/chat/completions here, nothing else.")
+            self._refuse(HTTPStatus.NOT_FOUND, "This server has only /v1/models and /v1/chat/completions.")
             return
         try:
             prompt, images = read_request(body)
@@ -198,7 +198,7 @@ class _Handler(BaseHTTPRequestHandler):
         declared = self.headers.get("Content-Length", "")
         if not (declared.isascii() and declared.isdigit()) or len(declared) > 18:
             self.close_connection = True
-            self._refuse(HTTPStatus.LENGTH_REQUIRED, "A Content-Length is needed.")
+            self._refuse(HTTPStatus.LENGTH_REQUIRED, "The request needs a Content-Length.")
             return None
         if int(declared) > MAX_BODY_BYTES:
             self._discard(min(int(declared), 4 * MAX_BODY_BYTES))  # a client still writing would never see the answer

@@ -52,7 +52,8 @@ class SurveyedTarget:
         is_out = altitude is not None and not -500.0 <= altitude <= 9000.0
         if is_out or not (abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
             raise UsageError(
-                f"a target at latitude {latitude:g}, longitude {longitude:g}, altitude {altitude} is nowhere"
+                f"a target at latitude {latitude:g}, longitude {longitude:g}, altitude"
+                f" {altitude} is not a place on Earth"
             )
         if not 0.0 <= std_m <= 100.0:
             raise UsageError(f"--target-std must be 0 to 100 m, got {std_m:g}")
@@ -96,7 +97,7 @@ def target_of(value: Any) -> SurveyedTarget:
         return msgspec.convert(value, SurveyedTarget)
     except msgspec.ValidationError:
         wanted = "latitude_deg, longitude_deg, altitude_m (or null) and std_m, in numbers"
-        raise UsageError(f"a surveyed target wants {wanted}") from None
+        raise UsageError(f"a surveyed target needs {wanted}") from None
 
 
 Array = NDArray[np.float64]
@@ -312,7 +313,7 @@ def _estimator_log(flight: RecordedFlight) -> EstimatorLog:
             return from_ulog(kept)
     path = flight.folder / layout.TLOG
     if not path.is_file():
-        raise UsageError(f"{path} cannot be read: No such file or directory")
+        raise UsageError(f"{path} does not exist")
     return from_telemetry(flight.telemetry.get(0, DroneTelemetry(0)), path)
 
 
@@ -383,7 +384,7 @@ def against_truth(folder: Path, map_origin: Vec3) -> dict[str, float]:
     common = [(p, p.position_std_m) for p in estimated_log.poses if p.position_std_m and true.covers(p.t)]
     origin = estimated_log.head.origin
     if not common or not origin:
-        raise UsageError(f"{folder} has no moment, or no origin, at which the estimate can be compared with the truth")
+        raise UsageError(f"{folder} has no time or no origin for a comparison of the estimate with the truth")
     estimated = [geodetic_to_ned(*map_origin, *ned_to_geodetic(*origin, *p.position_ned)) for p, _ in common]
     apart = np.subtract(estimated, [true.at(p.t) for p, _ in common])
     std = np.array([std_m for _, std_m in common])

@@ -167,7 +167,7 @@ def _check_record_ids(episodes: Iterable[ScoredEpisode]) -> None:
 
 MODELS = "Models"
 BUILT_IN = "Built-in pilots, no models"
-FLOOR = "The best without looking"
+FLOOR = "The best blind pilot"
 COMMANDING = "commanding"  # the cell that a fleet flies
 ONE_DRONE = tuple(cell for cell in CELLS if cell != COMMANDING)
 PERCENT = 100.0
@@ -366,18 +366,19 @@ def fraction(count: int, of: int) -> TableCell:
 
 def mean(flights: Iterable[ScoredEpisode], metric: str) -> TableCell:
     """Return the mean of a metric over the flights that have it."""
-    values = _values(flights, metric)
-    return TableCell(value=statistics.fmean(values), of=len(values)) if values else NONE
+    known = known_values(flights, metric)
+    return TableCell(value=statistics.fmean(known), of=len(known)) if known else NONE
 
 
 def total(flights: Iterable[ScoredEpisode], metric: str) -> int:
     """Return the sum of a count over the flights that have it."""
-    return round(sum(_values(flights, metric)))
+    return round(sum(known_values(flights, metric)))
 
 
-def _values(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
-    values = (flight.values.get(metric) for flight in flights if flight.scored)
-    return [float(value) for value in values if value is not None]
+def known_values(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:
+    """Return the values of a metric of episodes, of every scored flight that has it."""
+    known = (flight.values.get(metric) for flight in flights if flight.scored)
+    return [float(value) for value in known if value is not None]
 
 
 def steps(flights: Iterable[ScoredEpisode], metric: str) -> list[float]:

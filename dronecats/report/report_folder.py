@@ -36,7 +36,7 @@ def opening(data: ReportData, delta_m: float, exclusions: Sequence[Exclusion] = 
     for benchmark in unflown(run for entrant in data.entrants for run in entrant.runs):
         sentences.append(
             f"Of the benchmark in {benchmark.folder}, {benchmark.missing} of {benchmark.flights} flights are not in"
-            " here."
+            " this report."
         )
     if delta_m != RADIUS_M:
         sentences.append(f"The success radius is {delta_m:g} m instead of the benchmark's {RADIUS_M:g} m.")

@@ -66,7 +66,7 @@ def full(axes: Sequence[Axis]) -> Design:
     """Return every combination of the levels, or of the ends of a range; the first factor changes slowest."""
     count = math.prod(len(axis.ends) for axis in axes)
     if count > POINTS_MAX:
-        raise UsageError(f"all combinations are {count:,} points, more than {POINTS_MAX:,}; take a fraction, or latin")
+        raise UsageError(f"all combinations are {count:,} points, more than {POINTS_MAX:,}. Take a fraction, or latin")
     points = itertools.product(*(axis.ends for axis in axes))
     return Design(description="full factorial", points=_points(axes, points))
 
@@ -158,7 +158,7 @@ def _generated(names: Sequence[str], generators: Sequence[str]) -> dict[int, tup
                 f"a generator must be one factor = a product of others, for example D = ABC; got '{text:.60}'"
             )
         if target[0] in generated or target[0] in product or len(set(product)) < len(product):
-            raise UsageError(f"'{text:.60}': a factor is generated once, from other factors that each appear once")
+            raise UsageError(f"'{text:.60}': generate each factor once, from other factors that appear once each")
         generated[target[0]] = (sign, tuple(sorted(product)))
     for place in itertools.chain.from_iterable(product for _, product in generated.values()):
         if place in generated:

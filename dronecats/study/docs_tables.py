@@ -6,7 +6,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from dronecats.flight.spec.disturbances import DECLARED
+from dronecats.flight.spec.disturbances import DECLARED, Disturbance, DisturbanceOption
 from dronecats.judge.metrics.audit import RULES
 from dronecats.judge.metrics.failure_mode import MODES
 from dronecats.judge.metrics.judging import METRICS
@@ -39,6 +39,7 @@ def tables(page: str) -> dict[str, str]:
     return {
         "pictures": _options("frame"),
         "vehicle": _options("vehicle"),
+        "conditions": _options("conditions"),
         "wire": markdown(("name", "values", "meaning"), [(f"`{q.name}`", _range(q), q.help) for q in quantities]),
     }
 
@@ -73,13 +74,19 @@ def _options(part: str) -> str:
     rows = [
         (
             f"`--{option.name.replace('_', '-')} {option.metavar}`",
-            "" if option.read or not declared.quantity else _range(declared.quantity),
+            _values(option, declared),
             "; ".join(filter(None, (option.help, option.more))),
         )
         for declared_part, _, declared in DECLARED
         if declared_part == part and (option := declared.option)
     ]
     return markdown(("option", "values", "effect"), rows)
+
+
+def _values(option: DisturbanceOption, declared: Disturbance) -> str:
+    if option.choices:
+        return ", ".join(f"`{word}`" for word in option.choices)
+    return "" if option.read or not declared.quantity else _range(declared.quantity)
 
 
 def _levels(factor: Factor) -> str:

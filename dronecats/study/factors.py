@@ -1,7 +1,7 @@
 """The registry of factors: everything that a study can vary, and how a level is set on a flight.
 
-Factors of pictures, wire and vehicle come from the declarations in `dronecats/flight/spec/disturbances.py`. Factors are
-set in the order of the registry, so a rate is set before its jitter.
+Factors of pictures, wire, vehicle and light come from the declarations in `dronecats/flight/spec/disturbances.py`.
+Factors are set in the order of the registry, so a rate is set before its jitter.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -139,7 +139,9 @@ def _put_stall_length(flight: FlightSpec, level: Level) -> FlightSpec:
     return replace(flight, latency=flight.latency.with_part(f"{STALL}:{share},{level_text(level)}"))
 
 
-def _disturbance(level: disturbances.DisturbanceLevel) -> Factor:
+def _disturbance(level: disturbances.DisturbanceLevel | disturbances.DisturbanceWord) -> Factor:
+    if isinstance(level, disturbances.DisturbanceWord):
+        return Factor(name=level.name, help=level.help, sets=level.name, words=level.words)
     return Factor(
         name=level.name,
         help=level.help,
@@ -219,9 +221,7 @@ def at_levels(flight: FlightSpec, levels: Mapping[str, Level]) -> FlightSpec:
     for name, factor in FACTORS.items():
         if name in levels:
             flight = factor.at(flight, levels[name])
-    disturbed = {
-        name: level for name, level in levels.items() if isinstance(level, int | float) and not FACTORS[name].put
-    }
+    disturbed = {name: level for name, level in levels.items() if not FACTORS[name].put}
     # all at once: a delay must agree with the new rate, not with the old one
     return replace(flight, disturbances=flight.disturbances.with_levels(disturbed)) if disturbed else flight
 

@@ -105,8 +105,8 @@ def _difference_text(name: str, before: Any, after: Any) -> str | None:
     if before == after:
         return None
     if name in ("cells", "episodes"):
-        removed = [f"no {value} now" for value in before if value not in after]
-        added = [f"no {value} there" for value in after if value not in before]
+        removed = [f"{value} is missing now" for value in before if value not in after]
+        added = [f"{value} is missing there" for value in after if value not in before]
         return f"{name}, {', '.join([*removed, *added][:NAMED]) or 'in another order'}"
     return f"{name}, {_value_text(before)} there and {_value_text(after)} now"
 

@@ -168,7 +168,7 @@ def check_effects(flight: FlightSpec, points: Sequence[DesignPoint], held: Mappi
         compares_levels = is_varied and name not in COMPARED and len({point[name] for point in points}) > 1
         if len({point.get(name) for point in effective}) < (2 if compares_levels else 1):
             reason = next(reason for reason in reasons if reason is not None)
-            where = "at all of its levels except one" if effective else "in any flight"
+            where = "at all of its levels but one" if effective else "in any flight"
             level = "" if is_varied else f" at {level_text(held[name])}"
             raise UsageError(f"{name}{level} has no effect {where}: {reason}")
         if is_varied:

@@ -44,7 +44,7 @@ SHADE = Sun((0.22, 0.62, -0.753))  # over the viewer's shoulder
 PAINTS = ("cyan", "red", "yellow", "green", "orange", "blue", "purple", "pink")  # in turn, row by row
 INSCRIPTIONS = {"sign": "GATE 7"}
 DRONE, HOVER_M = "drone", 1.3  # of a fleet, which no record names; above the ground
-QUALITY = 80
+QUALITY = 75
 INK, PAGE = (36, 38, 42), (246, 246, 244)
 
 # The reading probe

@@ -1,4 +1,4 @@
-"""Work on many episodes, shared out among processes that end with whoever started them."""
+"""Divides work on many episodes among processes, which end with their parent."""
 
 import multiprocessing
 import os
@@ -43,7 +43,7 @@ def share_out(work: Callable[[Item], Result], items: Sequence[Item], jobs: int |
                 "a process ended unexpectedly, perhaps for lack of memory. Use fewer --jobs."
             ) from None
         finally:
-            if not complete:  # nobody wants what is being worked on
+            if not complete:  # the pending results are not needed
                 for process in set(multiprocessing.active_children()) - before_us:
                     process.kill()
 

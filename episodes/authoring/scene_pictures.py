@@ -4,6 +4,7 @@ The same arguments give the same bytes.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -12,13 +13,14 @@ from numpy.typing import NDArray
 
 from episodes import maps
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
-from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
+from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps.scene import Scene
 from episodes.records import catalogue
 from episodes.records.record import EpisodeRecord
 from episodes.world.world import World
 from foundation.camera import CameraModel, CameraPose, camera_pose
+from foundation.conditions import SceneConditions
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
 
@@ -41,13 +43,12 @@ QUALITIES = range(90, 40, -5)  # JPEG; the first that is small enough
 
 SUFFIXES = (".png", ".jpg", ".jpeg")  # of a first frame
 
-# The sheet of camera options
+# The sheet of the options of camera, light and season
 SHOWN: dict[str, Optics] = {
     "all off": Optics(),
     "lens: k1 -0.25, vignetting 1": Optics(lens=LensModel(k1=-0.25, k2=0.05, vignetting=1.0)),
     "sensor: 300 e, read 12 e": Optics(sensor=Sensor(300.0, 12.0)),
     "exposure: 50 ms at 1 m/s, 60 deg/s": Optics(exposure=Exposure(0.05, 12)),
-    "sun: hour 18.5": Optics(sun=SunPlace(hour=18.5)),
     "haze: 0.02 per m": Optics(haze=Haze(0.02)),
     "rain: 40 mm/h": Optics(rain=Rain(40.0)),
     "haze, rain, lens, noise": Optics(
@@ -57,6 +58,12 @@ SHOWN: dict[str, Optics] = {
         haze=Haze(0.01),
         rain=Rain(20.0),
     ),
+}
+LIGHTS: dict[str, SceneConditions] = {
+    "--sun 280,8": SceneConditions(sun_azimuth_deg=280.0, sun_elevation_deg=8.0),
+    "--sky overcast": SceneConditions(sky="overcast"),
+    "--sky dusk": SceneConditions(sky="dusk"),
+    "--season autumn": SceneConditions(season="autumn"),
 }
 TILE_PX, COLUMNS, LABEL_PX, SHEET_QUALITY = (480, 270), 2, 24, 82
 
@@ -137,11 +144,14 @@ def first_frame(record: EpisodeRecord, camera: CameraModel) -> Picture:
         moved = world.moved(0.0, world.fleet.other_starts(drone))
         views.append(renderer.render(camera_pose(start.position_ned, attitude, camera), moved).rgb)
     renderer.close()
-    if len(views) == 1:
-        return views[0]
-    if len(views) % 2:
-        views.append(np.zeros_like(views[0]))
-    return np.concatenate([np.concatenate(views[k : k + 2], axis=1) for k in range(0, len(views), 2)])
+    return in_rows(views, min(len(views), 2))
+
+
+def in_rows(pictures: Sequence[Picture], columns: int) -> Picture:
+    """Return pictures of one size beside and below each other; the places that are left over are light."""
+    spare = -len(pictures) % columns
+    filled = [*pictures, *[np.full_like(pictures[0], 246)] * spare]
+    return np.concatenate([np.concatenate(filled[k : k + columns], axis=1) for k in range(0, len(filled), columns)])
 
 
 def write_first_frame(record: EpisodeRecord, file: Path) -> None:
@@ -156,11 +166,12 @@ def write_first_frame(record: EpisodeRecord, file: Path) -> None:
 
 
 def write_optics_sheet(file: Path, episode: str | None = None) -> None:
-    """Write one place under every camera option as JPEG. Raises UsageError when it cannot be written."""
-    world = World(catalogue.load(episode or catalogue.DEFAULT))
+    """Write one place under every option of camera, light and season as JPEG. Raises UsageError if that fails."""
+    record = catalogue.load(episode or catalogue.DEFAULT)
+    world = World(record)
     tiles = [_optics_tile(name, optics, world) for name, optics in SHOWN.items()]
-    rows = [np.concatenate(tiles[k : k + COLUMNS], axis=1) for k in range(0, len(tiles), COLUMNS)]
-    write_picture(jpeg(np.concatenate(rows), SHEET_QUALITY), file)
+    tiles += [_optics_tile(name, Optics(), World(record, conditions=light)) for name, light in LIGHTS.items()]
+    write_picture(jpeg(in_rows(tiles, COLUMNS), SHEET_QUALITY), file)
 
 
 def _optics_tile(name: str, optics: Optics, world: World) -> Picture:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from episodes.maps import blocks, campus, residential, residential_places, user
 from episodes.maps.scene import Places, Scene
 from foundation.errors import UsageError
+from foundation.kept_values import kept
 from foundation.threads import once
 from foundation.wording import suggestion
 
@@ -19,6 +20,7 @@ _PLACES: dict[str, Callable[[int], Places]] = {
     "campus": campus.places,
     "residential": residential_places.places,
 }
+_SOURCES = ("episodes/maps/**/*.py", "foundation/*.py", "vehicles/*.py")  # all that a map depends on
 # Of its picture: north, east and height above the ground there in m, heading and pitch in degrees
 VANTAGE: dict[str, tuple[float, float, float, float, float]] = {
     "blocks": (-46.0, -30.0, 9.0, 32.0, -9.0),
@@ -54,7 +56,7 @@ def build(name: str, seed: int = 1) -> Scene:
 
 @once(3)  # a run flies many episodes on one map, and a scene is never changed
 def _shipped(name: str, seed: int) -> Scene:
-    return _MAPS[name](seed)
+    return kept(f"map-{name}-{seed}", _SOURCES, lambda: _MAPS[name](seed))
 
 
 def digest(name: str) -> str | None:

@@ -21,12 +21,12 @@ from foundation.terrain import HeightField
 ORIGIN = (46.518500, 6.566900, 394.0)  # geodetic latitude, longitude (degrees) and height (m) of the middle
 JULY, HOUR = 196, 14.2  # day of the year and true solar hour
 REACH, CELL = 80.0, 0.5  # m, half extent and cell of the height field, which is level
-FAR = 400.0  # m, half extent of the floor
+FAR, HORIZON_M = 400.0, 9000.0  # m, half extent of the floor in small squares, and of all of it
 FIELD = 58.0  # m, half extent of what is free between the ring's sides
 SPOT_GRID_M, SPOT_CLEAR_M = 2.0, 2.0
 LANE_CLEAR_M = 1.6
 
-TINTS: tuple[tuple[int, int, int], ...] = (  # sRGB; greys with a hint of a hue: nobody would call them by a colour
+TINTS: tuple[tuple[int, int, int], ...] = (  # sRGB; greys with a hint of a hue, without a common name
     (168, 160, 148),
     (128, 138, 148),
     (150, 134, 122),
@@ -77,12 +77,14 @@ def _floor_look() -> Material:
     value = np.ones((512, 512))
     value[(row % 102 < 2) | (column % 102 < 2)] = 0.94
     value[(row < 5) | (column < 5)] = 0.82
-    return Material("floor", (1.0, 1.0, 1.0), np.asarray(value[..., None] * np.array((146, 147, 145)), np.uint8))
+    picture = np.asarray(value[..., None] * np.array((146, 147, 145)), np.uint8)
+    return Material("floor", (1.0, 1.0, 1.0), picture, drift=0.06)
 
 
 def _floor() -> Mesh:
-    """Return the floor in squares of 20 m."""
-    line = np.arange(-FAR, FAR + 1.0, 20.0)
+    """Return the floor in squares of 20 m, and in larger pieces out to the horizon."""
+    far = np.array((500.0, 750.0, 1200.0, 2000.0, 3500.0, HORIZON_M))
+    line = np.concatenate([-far[::-1], np.arange(-FAR, FAR + 1.0, 20.0), far])
     n, w = np.broadcast_arrays(line[:, None], line[None, :])
     # ∂/∂rows × ∂/∂columns = north × west = up
     return g.assemble([g.grid(np.stack([n, w, 0.0 * n], axis=2), _floor_look(), tile_m=5.0)])
@@ -101,7 +103,7 @@ def _arch(wide: float, high: float, deep: float, thick: float, look: Material) -
     legs = [sorted((side * radius, side * (radius + thick))) for side in (-1, 1)]
     return [
         g.grid(np.array(rows), look, 20.0),
-        *[g.box((-deep / 2, a, 0.0), (deep / 2, b, spring), look) for a, b in legs],
+        *[g.without(g.box((-deep / 2, a, 0.0), (deep / 2, b, spring), look), (0.0, 0.0, -1.0)) for a, b in legs],
     ]
 
 

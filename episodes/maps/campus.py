@@ -1,6 +1,7 @@
 """A campus: a plaza and four courts between halls of three to five storeys, lawns, walks, and fixtures by the dozen.
 
-All fixtures of a kind look the same, so that only their places tell them apart. The plan is in `campus_plan`.
+All fixtures of a kind look the same, so that only their places tell them apart. No two people look the same. The plan
+is in `campus_plan`.
 """
 
 import itertools
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps import assets, campus_ground, campus_plan
-from episodes.maps.assets import buildings, campus_fixtures, people, service_vehicles, street
+from episodes.maps.assets import buildings, campus_fixtures, people, plants, service_vehicles
 from episodes.maps.scene import Instance, Landmark, Lane, Mesh, Places, Scene, Spot, sun_at
 from foundation.terrain import HeightField
 
@@ -28,27 +29,30 @@ Block = tuple[float, float, float, NDArray[np.float64], NDArray[np.float64]]  # 
 
 
 def _standing_movers() -> dict[str, Mesh]:
-    """Return one standing object for each kind of moving target. All objects of a kind have the same paint."""
+    """Return what stands for each kind of moving vehicle. All of a kind have the same paint."""
     return {
         "delivery-robot": service_vehicles.delivery_robot("white"),
-        "person": people.person("grey"),
         "service-cart": service_vehicles.service_cart("white"),
     }
 
 
 def _placed_meshes(seed: int) -> Iterator[PlacedMesh]:
     """Yield all objects of the campus except the halls. Their order gives the numbers in the names of instances."""
-    makers, movers = assets.FIXTURES, _standing_movers()
+    makers, movers, people_seen = assets.FIXTURES, _standing_movers(), itertools.count()
     yield "fountain", campus_fixtures.fountain(3), *campus_plan.TIERED, 0.0
     for kind, north, east, facing in campus_plan.FIXTURES:
-        mesh = movers[kind] if kind in movers else makers[kind]()
+        if kind == "person":
+            mesh = people.passer_by(next(people_seen))
+        else:
+            mesh = movers[kind] if kind in movers else makers[kind]()
         yield kind, mesh, north, east, math.radians(facing)
     rng = np.random.default_rng((seed, 11))
-    for species, north, east, height in campus_plan.TREES:
-        mesh = street.tree(species, height, 1 + int(rng.integers(2)))
+    for k, (species, north, east, height) in enumerate(campus_plan.TREES):
+        mesh = plants.tree(species, height, 1 + 2 * (k % 3) + int(rng.integers(2)))
         yield "tree", mesh, north, east, float(rng.uniform(0.0, 2.0 * np.pi))
-    for north, east, height in campus_plan.CONIFERS:
-        yield "conifer", street.conifer(height, 1 + int(rng.integers(2))), north, east, float(rng.uniform(0, 6))
+    for k, (north, east, height) in enumerate(campus_plan.CONIFERS):
+        mesh = plants.conifer(height, 1 + 2 * (k % 3) + int(rng.integers(2)))
+        yield "conifer", mesh, north, east, float(rng.uniform(0, 6))
     for row in _shrubs(rng):
         yield row
     for row in _backdrop():
@@ -66,15 +70,15 @@ def _shrubs(rng: np.random.Generator) -> Iterator[PlacedMesh]:
                 n = north + math.cos(yaw) * out - math.sin(yaw) * along
                 e = east + math.sin(yaw) * out + math.cos(yaw) * along
                 if np.hypot(taken[:, 0] - n, taken[:, 1] - e).min() > 3.6:
-                    yield "shrub", street.bush((0.5, 0.58, 0.42)[k % 3], k % 3 + 1), n, e, float(rng.uniform(0, 6))
+                    yield "shrub", plants.bush((0.5, 0.58, 0.42)[k % 3], k % 3 + 1), n, e, float(rng.uniform(0, 6))
 
 
 def _backdrop() -> Iterator[PlacedMesh]:
     """Yield the woods around the campus, so that no view ends in a bare horizon."""
     for side in (-1, 1):
         for k, along in enumerate((-90.0, -30.0, 30.0, 90.0)):
-            yield "wood", street.wood(64.0, 10.0, 1 + k % 2), side * 104.0, along, np.pi / 2
-            yield "wood", street.wood(64.0, 10.0, 1 + k % 2), along, side * 104.0, 0.0
+            yield "wood", plants.wood(64.0, 10.0, 1 + k), side * 104.0, along, np.pi / 2
+            yield "wood", plants.wood(64.0, 10.0, 5 + k), along, side * 104.0, 0.0
 
 
 def build(seed: int = 1) -> Scene:

@@ -10,6 +10,7 @@ from functools import cache
 
 import numpy as np
 
+from episodes.maps import countryside
 from episodes.maps import geometry as g
 from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array
@@ -163,9 +164,9 @@ def ground() -> list[tuple[str, Mesh]]:
         pieces.setdefault(area.use, []).append((inside, area.yaw))
     far = np.abs(rest).max(axis=(1, 2)) > REACH
     pieces["lawn"], pieces["meadow"] = [(rest[~far], 0.0)], [(rest[far], 0.0)]
-    return [
-        (use, g.assemble([_part(tri, yaw, *looks[use]) for tri, yaw in triangles])) for use, triangles in pieces.items()
-    ]
+    parts = {use: [_part(tri, yaw, *looks[use]) for tri, yaw in triangles] for use, triangles in pieces.items()}
+    parts["meadow"].append(countryside.beyond(FAR[-1], _rolling, 1))
+    return [(use, g.assemble(made)) for use, made in parts.items()]
 
 
 def _triangles() -> Array:

@@ -4,14 +4,16 @@ The main street runs north through the origin. `residential_plan` has the street
 free places for targets.
 """
 
+import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from episodes.maps import residential_plan as plan
-from episodes.maps.assets import houses, street, vehicles
+from episodes.maps.assets import houses, plants, street, vehicles
+from episodes.maps.assets.house_plans import door_y
 from episodes.maps.residential_ground import ground, markings
 from episodes.maps.residential_plan import (
     CORNER,
@@ -114,13 +116,24 @@ def parked(homes: tuple[Plot, ...], seed: int) -> list[Parked]:
         for along in rng.choice(free, count, replace=False):
             kind, paint = kinds[int(rng.integers(5))], paints[int(rng.integers(4))]
             cars.append(Parked(kind, paint, way, float(along), side * (KERBSIDE_OUT + 0.1), heading(way, side)))
+    sedans = [k for k, car in enumerate(cars) if car.kind == "sedan"]
+    for k in sedans[1::2]:
+        cars[k] = replace(cars[k], kind="estate")  # as long and as wide
     return cars
 
 
 def _cars(homes: tuple[Plot, ...], seed: int) -> Iterator[Furnishing]:
     for index, car in enumerate(parked(homes, seed)):
         north, east = car.street.at(car.along, car.out)
-        yield Furnishing(car.kind, vehicles.car(car.kind, car.paint, f"RS {1200 + 37 * index}"), north, east, car.yaw)
+        mesh = vehicles.car(car.kind, car.paint, plate(index), vehicles.trim_of(index))
+        yield Furnishing(car.kind, mesh, north, east, car.yaw)
+
+
+def plate(index: int) -> str:
+    """Return the number plate of a parked car: each has letters and digits of its own."""
+    letters = "ABCDEFGHJKLMNPRSTUVWXYZ"
+    first, second = letters[(7 * index + 3) % len(letters)], letters[(11 * index + 17) % len(letters)]
+    return f"{first}{second} {1000 + (2963 * index + 1741) % 9000}"
 
 
 def _fence(
@@ -135,7 +148,11 @@ def _fence(
         share = (k + 0.5) / count
         north, east = n0 + share * (n1 - n0), e0 + share * (e1 - e0)
         yield Furnishing(
-            "fence", street.board_fence(round(length / count, 3)), north, east, math.atan2(e1 - e0, n1 - n0)
+            "fence",
+            street.board_fence(round(length / count, 3), tone=plot.number // 2),
+            north,
+            east,
+            math.atan2(e1 - e0, n1 - n0),
         )
 
 
@@ -165,36 +182,37 @@ def _garden(plot: Plot, homes: tuple[Plot, ...], seed: int, terrain: HeightField
     def put(kind: str, mesh: Mesh, along: float, out: float, yaw: float) -> Furnishing:
         return Furnishing(kind, mesh, *plot.at(float(along), float(out)), float(yaw))
 
-    species = ("oak", "maple", "birch")[int(rng.integers(3))]
+    species = plants.BROADLEAVES[(int(rng.integers(3)) + 2 * plot.number) % len(plants.BROADLEAVES)]
+    shape = 2 * (plot.number % 3)
     if rng.random() < (0.62 if plot.street is MAIN else 0.3):
         height = (6.4, 7.2, 8.0)[int(rng.integers(3))]
-        tree = street.tree(species, height, 1 + int(rng.integers(2)))
+        tree = plants.tree(species, height, 1 + shape + int(rng.integers(2)))
         yield put("tree", tree, middle + 5.0 * off + rng.uniform(-1, 1), rng.uniform(9.8, 10.6), rng.uniform(0, 6))
     back = float(rng.uniform(-6, 6)) + middle
-    fir = street.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + int(rng.integers(2)))
+    fir = plants.conifer((7.0, 9.0, 11.0)[int(rng.integers(3))], 1 + shape + int(rng.integers(2)))
     deep, turn = rng.uniform(27, 30), rng.uniform(0, 6)
     if plot.street is MAIN or plot.number // 2 % 2:
         yield put("conifer", fir, back, deep, turn)
     has_neighbour = any(o.along == middle + 20.0 for o in homes if o.street is plot.street)
     if rng.random() < (0.6 if plot.street is MAIN else 0.4) and has_neighbour:
-        yield put("hedge", street.hedge(3.6, 1.1, 0.7, 2 + plot.number // 2 % 6), middle + 9.7, 11.6, plot.yaw)
+        yield put("hedge", plants.hedge(3.6, 1.1, 0.7, 2 + plot.number // 2 % 6), middle + 9.7, 11.6, plot.yaw)
     yield from _fences(plot, homes, terrain)
     near, far = sorted((middle + 9.0 * off, drive + (DRIVE_HALF + 0.4) * off))
     kind = (plot.number // 2 + plot.side) % 3 if plot.street is MAIN else int(rng.integers(6))
     if kind == 0:
-        yield put("fence", street.picket_fence(far - near), (near + far) / 2, 7.35, along_street)
+        yield put("fence", street.picket_fence(far - near, tone=plot.number // 2), (near + far) / 2, 7.35, along_street)
     elif kind == 4:
-        hedge = street.hedge(round(far - near, 1), 0.8, 0.6, 1 + plot.number % 3)
+        hedge = plants.hedge(round(far - near, 1), 0.8, 0.6, 1 + plot.number % 3)
         yield put("hedge", hedge, (near + far) / 2, 7.6, along_street)
-    door, wide = plot.house + plot.left * houses.door_y(house_plan), max(house_plan.porch, 1.6) / 2 + 0.8
+    door, wide = plot.house + plot.left * door_y(house_plan), max(house_plan.porch, 1.6) / 2 + 0.8
     wall = house_plan.width / 2 - 0.9
     for k, a in enumerate(np.linspace(plot.house - wall, plot.house + wall, 6 if plot.street is MAIN else 4)):
         if abs(a - door) > wide:
-            bush = street.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1)
+            bush = plants.bush((0.42, 0.5, 0.58)[k % 3], k % 3 + 1)
             yield put("bush", bush, a, FRONT - 0.75, rng.uniform(0, 6))
-    yield put("mailbox", street.mailbox(), drive + off * (DRIVE_HALF + 0.7), 4.75, plot.yaw)
+    yield put("mailbox", street.mailbox(plot.number * 3 // 2), drive + off * (DRIVE_HALF + 0.7), 4.75, plot.yaw)
     if rng.random() < 0.5:
-        yield put("bin", street.bin(), drive - off * (DRIVE_HALF + 0.25), 12.9, plot.yaw)
+        yield put("bin", street.bin(plot.number // 2), drive - off * (DRIVE_HALF + 0.25), 12.9, plot.yaw)
 
 
 def _lamps(homes: tuple[Plot, ...]) -> Iterator[Furnishing]:
@@ -235,25 +253,29 @@ def _signs() -> Iterator[Furnishing]:
 def _backdrop(seed: int) -> Iterator[Furnishing]:
     """Yield trees and woods beyond the gardens, so that no view ends in a bare horizon."""
     rng = np.random.default_rng((seed, 77))
-    firs = [street.conifer(h, 1) for h in (9.0, 11.0, 7.0)]
+    shapes = itertools.cycle(range(1, 7))
+
+    def fir() -> Mesh:
+        return plants.conifer((9.0, 11.0, 7.0)[int(rng.integers(3))], next(shapes))
+
     for east, side in ((-32.0, -1), (96.0, 1)):
         for n in np.arange(-84.0, 85.0, 28.0).tolist():
             place = (n + rng.uniform(-4, 4), east + side * rng.uniform(4, 9) + (16.0 * side if abs(n) > 35.0 else 0.0))
-            fir = firs[int(rng.integers(3))]
-            yield Furnishing("conifer", fir, float(place[0]), float(place[1]), float(rng.uniform(0, 6)))
+            yield Furnishing("conifer", fir(), float(place[0]), float(place[1]), float(rng.uniform(0, 6)))
     for n in (-24.0, 20.0):
-        tree = street.tree("maple", 8.0, 1)
-        yield Furnishing("tree", tree, n, -40.0 - float(rng.uniform(0, 6)), float(rng.uniform(0, 6)))
+        yield Furnishing(
+            "tree", plants.tree("maple", 8.0, 1), n, -40.0 - float(rng.uniform(0, 6)), float(rng.uniform(0, 6))
+        )
     for k, n in enumerate((-96.0, -32.0, 32.0, 96.0)):
-        yield Furnishing("wood", street.wood(66.0, 10.0, 1 + k % 2), n, -84.0, 0.0)
-        yield Furnishing("wood", street.wood(66.0, 10.0, 2 - k % 2), n, 148.0, 0.0)
+        yield Furnishing("wood", plants.wood(66.0, 10.0, 1 + k), n, -84.0, 0.0)
+        yield Furnishing("wood", plants.wood(66.0, 10.0, 5 + k), n, 148.0, 0.0)
     for end in (-1, 1):
         for k, e in enumerate((-56.0, 8.0, 72.0, 136.0)):
-            yield Furnishing("wood", street.wood(66.0, 10.0, 1 + k % 2), end * 130.0, e, math.pi / 2)
+            yield Furnishing("wood", plants.wood(66.0, 10.0, 1 + k), end * 130.0, e, math.pi / 2)
         for e in np.arange(-36.0, 110.0, 36.0).tolist():
-            fir = firs[int(rng.integers(3))]
+            mesh = fir()
             north, east = end * rng.uniform(108, 118), e + rng.uniform(-8, 8)
-            yield Furnishing("conifer", fir, float(north), float(east), float(rng.uniform(0, 6)))
+            yield Furnishing("conifer", mesh, float(north), float(east), float(rng.uniform(0, 6)))
 
 
 def furnishings(homes: tuple[Plot, ...], seed: int, terrain: HeightField) -> tuple[Furnishing, ...]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from episodes.maps import countryside
 from episodes.maps import geometry as g
 from episodes.maps.assets.materials import TRIM, WHITE_WOOD, surface
 from episodes.maps.geometry import Array
@@ -212,7 +213,10 @@ def ground(homes: tuple[Plot, ...]) -> list[tuple[str, Mesh]]:
         part = g.soup(tri, use.look, 25.0, use.tile)
         flat = np.concatenate([piece[1] for piece in pieces[name]])
         keep = np.linalg.norm(g.face_normals(tri), axis=1) > 1e-9  # as `soup` does
-        made.append((name, g.assemble([replace(part, uv=flat[keep] / use.tile)])))
+        parts = [replace(part, uv=flat[keep] / use.tile)]
+        if name == "field":
+            parts.append(countryside.beyond(FAR_M, lambda north, east: height(north, east, homes), 2))
+        made.append((name, g.assemble(parts)))
     sheet = [(-130.0, 150.0), (-130.0, -90.0), (130.0, -90.0), (130.0, 150.0)]
     flat_sheet = g.soup([[(*sheet[i], -0.3) for i in ring] for ring in ((0, 1, 2), (0, 2, 3))], uses["field"].look)
     return [*made, ("subsoil", g.assemble([flat_sheet]))]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from episodes.maps.assets import houses
+from episodes.maps.assets import house_plans
 from episodes.maps.geometry import Array
 from foundation.terrain import HeightField
 
@@ -21,6 +21,7 @@ FRONT = 14.0  # m, house fronts from the centre line
 DEPTH = 32.0  # m, back fences from the centre line
 DRIVE_HALF = 2.3  # m
 DRIVE_END = 13.6  # m from the centre line
+NEAR_M = 21.0  # m along the street, within which no two houses look alike
 FLANK = 0.25  # m, the sides of a dropped kerb
 
 # distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
@@ -59,7 +60,7 @@ class Plot:
     street: Street
     along: float  # m, middle of the plot
     side: int
-    plan: houses.HousePlan
+    plan: house_plans.HousePlan
     house: float  # m along the street, middle of the main block; the whole house is centred on the plot
     drive: float  # m along the street, middle of the drive
 
@@ -76,7 +77,7 @@ class Plot:
 
     @property
     def left(self) -> int:
-        """Return the sign of the way along the street that lies to the left of somebody who leaves the house."""
+        """Return the sign of the way along the street that lies to the left of a person who leaves the house."""
         return -self.side if self.street.north else self.side
 
 
@@ -92,10 +93,12 @@ def _sites() -> list[tuple[Street, float, int]]:
 
 def plots(seed: int) -> tuple[Plot, ...]:
     """Return the plots; `seed` decides their houses, the sites stay."""
-    homes = []
+    homes: list[Plot] = []
     for number, (street, along, side) in enumerate(_sites()):
         garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1
-        plan = replace(houses.plan_of(seed * 1000 + number), garage=garage, garage_width=5.4)
+        near = [home.plan for home in homes if home.street is street and abs(home.along - along) < NEAR_M]
+        drawn = house_plans.unlike(house_plans.plan_of(seed * 1000 + number), near)
+        plan = replace(drawn, garage=garage, garage_width=5.4)
         blank = Plot(number, street, along, side, plan, 0.0, 0.0)
         house = along - blank.left * garage * plan.garage_width / 2
         drive = house + blank.left * garage * (plan.width + plan.garage_width) / 2

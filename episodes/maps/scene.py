@@ -6,7 +6,7 @@ vertices have z ≤ 0 (down is positive).
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +28,9 @@ class Material:
     texture: NDArray[np.uint8] | None = None  # (H, W, 3) sRGB, repeats; None = plain colour
     emission: float = 0.0  # fraction of `color` that shines by itself (lamps)
     specular: float = 0.0  # 0 matt … 1 glass and car paint
+    drift: float = 0.0  # share by which the tone of natural ground drifts from place to place, up and down
+    cutout: NDArray[np.bool_] | None = None  # (H, W) of the texture's texels those that are there; None = all
+    foliage: bool = False  # leaves: lit from both sides by their normals alone, and no obstacle to a vehicle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +43,14 @@ class Mesh:
     triangles: NDArray[np.int32]  # (T, 3) vertex indices
     material: NDArray[np.int32]  # (T,) index into `materials`
     materials: tuple[Material, ...]
+
+    def without_foliage(self) -> "Mesh":
+        """Return the part of the mesh that a vehicle can hit; the mesh itself when it has no foliage."""
+        leafy = np.array([m.foliage for m in self.materials], np.bool_)
+        if not leafy.any():
+            return self
+        kept = ~leafy[self.material]
+        return replace(self, triangles=self.triangles[kept], material=self.material[kept])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,12 +99,14 @@ def turn(turned: float | Quat) -> NDArray[np.float64]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sun:
-    """A directional light."""
+    """A directional light, and the sky that belongs to it."""
 
     toward_ned: Vec3  # unit vector from the scene towards the sun
     color: Vec3 = (1.0, 0.96, 0.88)  # linear RGB, times `strength`
     strength: float = 2.6
     sky: Vec3 = (0.36, 0.52, 0.78)  # linear RGB of the ambient light from above
+    clouds: float = 0.35  # share of the sky that clouds cover, 0 … 1; `color`, `strength` and `sky` do not follow it
+    glow: Vec3 = (0.0, 0.0, 0.0)  # linear RGB of the light that the low sky has above the place of the sun
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,7 +164,7 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A thing of the map by which others may be told apart."""
+    """A thing of the map by which instructions distinguish other things."""
 
     name: str  # of the instance
     phrase: str  # what a person calls it, article included; true of no other instance of the map

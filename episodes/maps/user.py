@@ -38,7 +38,7 @@ def names() -> list[str]:
 
 def build(name: str) -> Scene:
     """Return a user's map. Raises UsageError when there is none of that name or its file is wrong."""
-    from episodes.maps import gltf  # with its rays and pictures, which whoever only asks for names can do without
+    from episodes.maps import gltf  # loads rays and pictures, which a list of names does not need
 
     return gltf.load(path_of(name))
 

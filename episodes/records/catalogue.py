@@ -22,6 +22,7 @@ FOLDER = RECORDS / "v2"
 FORMER = RECORDS / "v1"  # the first hundred, which results from before the second are about
 OPEN_GROUND = "open-ground"  # where `dronecats sitl` starts: 30 m free of solids; no episode of the benchmark
 
+VERSION = 3  # of the benchmark: what the episodes show and ask. Raised when images or records change
 SUITES = ("one-drone", "commanding", "quick", "all", "v1")
 # Every cell on every map it is flown on, the commanding ones twice: twelve, for a run over a cup of coffee.
 QUICK = (
@@ -103,6 +104,8 @@ def _file(name: str) -> Path | None:
 
 
 def _unknown(name: str) -> str:
+    if len(name) <= 80 and Path(name).is_dir():
+        return f"folder {name!r} has no episode.json. To name the record files in it: {name.rstrip('/')}/*.json"
     near = nearest(name, all_ids(), cutoff=0.4) or [DEFAULT]
     shown = name if len(name) <= 80 else name[:77] + "..."
     return f"episode {shown!r} is neither an id nor a record file: {did_you_mean(near)} See: dronecats episodes list"
@@ -147,7 +150,7 @@ class BlindFlight:
     def __post_init__(self) -> None:
         """Raise ValueError for an impossible flight."""
         if not self.first <= self.within_three <= self.success or self.false_declarations > self.declarations:
-            raise ValueError(f"no flight is {self}")
+            raise ValueError(f"{self} is not a flight")
 
 
 BlindTable = dict[str, dict[str, BlindFlight]]  # pilot → episode → flight

@@ -45,11 +45,12 @@ def with_drones(record: EpisodeRecord, drones: int) -> EpisodeRecord:
             record = more
     if len(record.starts) < drones:
         raise UsageError(
-            f"--drones {drones}: around the start places of {record.id} there is room for"
-            f" {len(record.starts)} drones only"
+            f"--drones {drones}: the start places of {record.id} have room for {len(record.starts)} drones only"
         )
     if failure := next(failed(record), None):
-        raise UsageError(f"--drones {drones}: {record.id} would not pass its checks: {failure.sentence}")
+        raise UsageError(
+            f"--drones {drones}: {record.id} with so many drones does not pass its checks: {failure.sentence}"
+        )
     return record
 
 

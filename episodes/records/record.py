@@ -86,7 +86,7 @@ class Path3D:
 class TargetRecord:
     """Placed on the map, standing or on a path; or native: an instance that the map brings."""
 
-    asset: Annotated[MapName, _about("Of a native target, the kind of the instance.")]  # else one of `assets.names()`
+    asset: Annotated[MapName, _about("For a native target, the kind of the instance.")]  # else one of `assets.names()`
     paint: Annotated[str, _choice(assets.PAINTS)] | None = None  # None if the target is native
     # the text on the licence plates or on the board
     inscription: (
@@ -118,16 +118,14 @@ class EpisodeRecord:
             extra={"wrong": "may hold small letters, digits and hyphens only"},
         ),
     ]
-    map: Annotated[
-        MapName, _about("One that ships (blocks, campus, residential) or one of the user's own, by its name.")
-    ]
+    map: Annotated[MapName, _about("Name of a shipped map (blocks, campus, residential) or of the user's own map.")]
     map_seed: RecordSeed
     cell: Annotated[str, _choice(CELLS)]
-    instruction: Annotated[str, Meta(min_length=1, max_length=500, description="What the agent is told.")]
+    instruction: Annotated[str, Meta(min_length=1, max_length=500, description="The instruction to the agent.")]
     target: TargetRecord
     starts: Annotated[
         tuple[StartPose, ...],
-        Meta(min_length=1, max_length=MAX_STARTS, description="Where each drone hovers when the episode begins."),
+        Meta(min_length=1, max_length=MAX_STARTS, description="Hover pose of each drone at the start of the episode."),
     ]
     start_distance_m: Annotated[
         float,
@@ -210,14 +208,14 @@ def _target_faults(at: str, target: TargetRecord) -> Iterator[tuple[str, str]]:
     needed: tuple[str, ...] = ("position_ned", "yaw_deg")
     if target.native is not None:
         absent = ("paint", "inscription", "path")
-        reason = "but a native target keeps the look and the place that it has on the map"
+        reason = "but a native target keeps its look and place on the map"
     else:
         needed = ("paint", *needed)
         if target.path is not None:
             absent, needed, reason = needed[1:], needed[:1], "but the path of the target already sets its pose"
     for name in absent:
         if getattr(target, name) is not None:
-            yield f"{at}.{name}", f"is given, {reason}"
+            yield f"{at}.{name}", f"is set, {reason}"
     for name in needed:
         if getattr(target, name) is None:
             yield f"{at}.{name}", "is missing"
@@ -234,9 +232,9 @@ def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
     """Yield the fields that contradict the cell: motion, visibility at the start, and look-alikes."""
     moving, commanding = record.target.path is not None, record.cell == "commanding"
     if record.cell in MOVING and not moving:
-        yield "target.path", f"is missing: the target of a {record.cell} episode moves"
+        yield "target.path", f"is missing, because the target of a {record.cell} episode moves"
     if record.cell not in MOVING and moving:
-        yield "target.path", f"is given, but the target of a {record.cell} episode stands still"
+        yield "target.path", f"is set, but the target of a {record.cell} episode stands still"
     if record.visible_at_start == (record.cell in HIDDEN):
         value = str(record.visible_at_start).lower()
         yield "visible_at_start", f"is {value}, which contradicts the cell '{record.cell}'"
@@ -245,16 +243,16 @@ def _cell_faults(record: EpisodeRecord) -> Iterator[tuple[str, str]]:
         ("target.inscription", not record.target.inscription),
     ):
         if commanding and is_missing:
-            yield name, "is missing: a commanding episode needs 'candidates' and 'target.inscription'"
+            yield name, "is missing, because a commanding episode needs 'candidates' and 'target.inscription'"
     if not commanding and record.candidates:
-        yield "candidates", f"is given, but a {record.cell} episode has one target only"
+        yield "candidates", f"is set, but a {record.cell} episode has one target only"
     if commanding and record.target.native is not None:
-        yield "target.native", "is given, but the target of a commanding episode is placed, as its look-alikes are"
+        yield "target.native", "is set, but the target of a commanding episode is placed, like its look-alikes"
     for k, candidate in enumerate(record.candidates):
         if candidate.path is not None or candidate.native is not None:
             yield f"candidates[{k}]", "has a path or is native, but look-alikes are placed and stand still"
     if moving and record.target.asset in STATIONARY:
-        yield "target.path", f"is given, but a {record.target.asset} cannot move"
+        yield "target.path", f"is set, but a {record.target.asset} cannot move"
 
 
 TABLES = {"start": StartPose, "path": Path3D, "target": TargetRecord}  # by their names in the schema

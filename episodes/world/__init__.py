@@ -1,1 +1,1 @@
-"""The world of one episode at one time: what stands, what moves and what is visible."""
+"""The world of one episode at one time: static objects, moving targets and visibility."""

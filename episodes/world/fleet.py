@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from episodes.maps.assets.multirotor import X500, Outline, multirotor
 from episodes.maps.scene import Instance, Moved, turn
 from episodes.records.record import StartPose
-from episodes.world.visibility import Hides, ray_scene
+from episodes.world.rays import RayScene
+from episodes.world.visibility import Hides
 from foundation.frames import Quat, Vec3, quat_from_euler
 
 Array = NDArray[np.float64]
@@ -80,7 +81,7 @@ class _Shape:
     def __init__(self, shape: Outline) -> None:
         mesh = multirotor(shape)
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
-        self._scene = ray_scene(mesh.vertices[mesh.triangles])
+        self._scene = RayScene.of_mesh(mesh)
 
     def between(self, origin: Vec3, points: Array, pose: DronePose) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether the ray from the origin meets the drone first."""
@@ -94,7 +95,7 @@ class _Shape:
             start = np.broadcast_to((-(axes @ toward)).astype(np.float32), (len(near), 3))
             ray = np.ascontiguousarray((way[near] @ axes.T).astype(np.float32))
             reach = np.full(len(near), 0.999, dtype=np.float32)  # a ray's parameter is 1 at its point
-            hidden[near] = np.asarray(self._scene.run(np.ascontiguousarray(start), ray, reach, query="OCCLUDED")) >= 0
+            hidden[near] = self._scene.are_blocked(np.ascontiguousarray(start), ray, reach)
         return hidden
 
 

@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 from episodes.maps.scene import Instance, Scene
 from foundation.frames import Vec3
 from foundation.terrain import OPEN, MovingBox, Obstacles
-from foundation.threads import recurring
+from foundation.threads import once
 
 CELL_M = 2.0
 BATCH = 4096  # triangles sorted at a time: bounds the memory that sorting takes
-REACH_M = 0.7  # m, from a vehicle's origin to the farthest part of it: the camera sits half a metre ahead
+REACH_M = 0.7  # m, from a vehicle's origin to its farthest part: the camera is half a metre ahead
 
 Array = NDArray[np.float64]
 
 
 def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
-    """Return everything in a scene, but for its ground, that a vehicle can hit that reaches `reach_m` from its origin.
+    """Return all parts of a scene that a vehicle can hit, without the ground.
 
-    Static solids keep their triangles; the first movable solid becomes an upright box.
+    Static solids keep their triangles; the first movable solid becomes an upright box. `reach_m`: from the vehicle's
+    origin to its farthest part.
     """
     movable = [instance for instance in scene.instances if instance.solid and instance.movable]
     box = bounding_box(movable[0]) if movable else None
@@ -35,16 +36,16 @@ def obstacles(scene: Scene, reach_m: float = REACH_M) -> Obstacles:
     return sorted_into_cells(triangles, owner, names, reach_m, moving=box) if names else replace(OPEN, moving=box)
 
 
-@recurring(3)
+@once(3)
 def _of_map(scene: Scene, reach_m: float) -> Obstacles | None:
     triangles, owner, names = _static_triangles(scene.instances)
     return sorted_into_cells(triangles, owner, names, reach_m) if names else None
 
 
 def _static_triangles(instances: Sequence[Instance]) -> tuple[Array, NDArray[np.int32], tuple[str, ...]]:
-    """Return the triangles of static solids without the ground, the index of each triangle's name, and the names."""
+    """Return the triangles of static solids without ground and leaves, the index of each one's name, and the names."""
     static = [i for i in instances if i.solid and i.kind != "ground" and not i.movable]
-    placed = [instance.triangles_ned() for instance in static]
+    placed = [replace(instance, mesh=instance.mesh.without_foliage()).triangles_ned() for instance in static]
     owner = np.repeat(np.arange(len(static), dtype=np.int32), [len(t) for t in placed])
     return np.concatenate([np.zeros((0, 3, 3)), *placed]), owner, tuple(instance.name for instance in static)
 
@@ -64,7 +65,7 @@ def sorted_into_cells(
     cell_m: float = CELL_M,
     moving: MovingBox | None = None,
 ) -> Obstacles:
-    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each goes into every cell it comes within reach of."""
+    """Return triangles (T, 3, 3) in metres NED as Obstacles. Each is in all cells within reach of it."""
     low, high = triangles.min(axis=1) - reach_m, triangles.max(axis=1) + reach_m
     origin = np.floor(low.min(axis=0) / cell_m) * cell_m
     cells = np.ceil((high.max(axis=0) - origin) / cell_m).astype(np.int64)
@@ -89,9 +90,9 @@ def sorted_into_cells(
 def with_more(
     before: Obstacles, triangles: Array, owner: NDArray[np.int32], names: tuple[str, ...]
 ) -> Obstacles | None:
-    """Return the result of `sorted_into_cells` for all triangles of `before` and these, byte for byte and sooner.
+    """Return the result of `sorted_into_cells` for the triangles of `before` and these, with the same bytes but faster.
 
-    None when these reach beyond the cells of `before`, as its cells would change then.
+    None if these triangles reach beyond the cells of `before`, because the cells would change.
     """
     low, high = triangles.min(axis=1) - before.reach_m, triangles.max(axis=1) + before.reach_m
     origin, cells = np.array(before.origin_ned), np.array(before.cells, np.int64)
@@ -141,9 +142,9 @@ def _cells_of(
     cell_m: float,
     reach_m: float,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Return (cell, triangle) for every cell that a batch of triangles, counted from `number`, comes within reach of.
+    """Return (cell, triangle) for all cells within reach of a batch; `number`: index of its first triangle.
 
-    Cells off a triangle's plane are left out: a slanted roof would otherwise fill all those of its bounding box.
+    Cells off a triangle's plane are left out. Otherwise a slanted roof would fill all cells of its bounding box.
     """
     first = np.floor((low - origin) / cell_m).astype(np.int32)
     span = np.minimum(np.floor((high - origin) / cell_m).astype(np.int32), cells - 1) - first + 1

@@ -20,7 +20,7 @@ from foundation.terrain import HeightField
 # Distance (m) between the two points of the path that the heading is drawn through: a vehicle's wheelbase, and about
 # a step of what walks.
 AXLES_M = {
-    "bus": 6.0, "pickup": 3.35, "van": 3.1, "suv": 2.75, "sedan": 2.75, "hatchback": 2.55,
+    "bus": 6.0, "pickup": 3.35, "van": 3.1, "suv": 2.75, "sedan": 2.75, "estate": 2.75, "hatchback": 2.55,
     "service_cart": 1.7, "motorcycle": 1.4, "cyclist": 1.05, "delivery_robot": 0.45,
     "person": 0.6, "pedestrian": 0.6,
 }  # fmt: skip

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from episodes.maps.scene import Instance, Mesh, turn
+from episodes.world.rays import NOTHING, RayScene
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Quat, Vec3, rotate_inverse
 from foundation.measurement import InPicture
@@ -68,43 +67,34 @@ def surface_samples(mesh: Mesh, count: int = SAMPLES) -> tuple[Array, Array]:
     return a + u[:, None] * (b - a) + v[:, None] * (c - a), cross[which] / area[which, None]
 
 
-def ray_scene(triangles: NDArray[np.floating]) -> EmbreeScene:
-    """Return triangles (T, 3, 3), m in any axes, laid out for rays."""
-    scene = EmbreeScene()
-    corners = np.ascontiguousarray(triangles.reshape(-1, 3), dtype=np.float32)
-    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
-    return scene
-
-
 class Solids:
     """Static solids, laid out for rays."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
         self._instances = [i for i in instances if i.solid and not i.movable]
-        world, self._boxes = [], np.empty((len(self._instances), 2, 3))
+        self._boxes = np.empty((len(self._instances), 2, 3))
         for k, instance in enumerate(self._instances):
             placed = instance.vertices_ned()
-            world.append(placed[instance.mesh.triangles])
             self._boxes[k] = placed.min(axis=0), placed.max(axis=0)
-        self._owner = np.repeat(np.arange(len(world)), [len(triangles) for triangles in world])
-        self._scene = ray_scene(np.concatenate(world))
+        self._hard = [i.mesh.without_foliage() for i in self._instances]
+        self._owner = np.repeat(np.arange(len(self._instances)), [len(i.mesh.triangles) for i in self._instances])
+        self._scene = RayScene.of_instances(self._instances)
 
     def hidden(self, origin: Vec3, points: Array) -> NDArray[np.bool_]:
         """Return for each point (N, 3) whether something solid lies between it and the origin."""
-        start = np.broadcast_to(np.array(origin, dtype=np.float32), points.shape)
+        start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
         way = (points - np.array(origin)).astype(np.float32)
         # rays are not normalised: a parameter of 1 is the point itself
-        reach = np.full(len(points), 0.999, dtype=np.float32)
-        return np.asarray(self._scene.run(np.ascontiguousarray(start), way, reach, query="OCCLUDED")) >= 0
+        return self._scene.are_blocked(start, way, np.full(len(points), 0.999, dtype=np.float32))
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
         """Return the distance (m) to the first solid along a direction; inf when there is none."""
         unit = np.array(direction) / np.linalg.norm(direction)
-        hit = self._scene.run(np.array([origin], np.float32), unit[None].astype(np.float32), output=1)
-        return float(hit["tfar"][0]) if hit["primID"][0] >= 0 else math.inf
+        hits = self._scene.first_hits(np.array([origin], np.float32), unit[None].astype(np.float32))
+        return float(hits.distance[0]) if hits.triangle[0] != NOTHING else math.inf
 
     def clearance_m(self, point: Vec3) -> float:
-        """Return the distance (m) from a point to the nearest solid surface."""
+        """Return the distance (m) from a point to the nearest solid surface, leaves apart."""
         p = np.array(point)
         outside = np.maximum(np.maximum(self._boxes[:, 0] - p, p - self._boxes[:, 1]), 0.0)
         to_box = np.linalg.norm(outside, axis=1)
@@ -114,7 +104,7 @@ class Solids:
                 break
             instance = self._instances[k]
             local = turn(instance.turned).T @ (p - np.array(instance.position_ned))
-            best = min(best, distance_to_mesh(instance.mesh, local))
+            best = min(best, distance_to_mesh(self._hard[k], local))
         return best
 
 
@@ -144,6 +134,7 @@ class Without(Solids):
     def __init__(self, everything: Solids, left_out: Instance) -> None:
         """Share the layout of `everything`. Raises ValueError when the one left out is not part of it."""
         self._instances, self._boxes = everything._instances, everything._boxes.copy()
+        self._hard = everything._hard
         self._owner, self._scene = everything._owner, everything._scene
         self._out = next((k for k, instance in enumerate(self._instances) if instance.id == left_out.id), -1)
         if self._out < 0:
@@ -157,9 +148,9 @@ class Without(Solids):
         """
         start = np.ascontiguousarray(np.broadcast_to(np.array(origin, dtype=np.float32), points.shape))
         way = np.ascontiguousarray((points - np.array(origin)).astype(np.float32))
-        hit = self._scene.run(start, way, np.full(len(points), 0.999, dtype=np.float32), output=1)
-        hidden = (hit["primID"] >= 0) & (hit["tfar"] < 0.999)
-        hidden[hidden] = self._owner[hit["primID"][hidden]] != self._out
+        hits = self._scene.first_hits(start, way, np.full(len(points), 0.999, dtype=np.float32))
+        hidden = (hits.triangle != NOTHING) & (hits.distance < 0.999)
+        hidden[hidden] = self._owner[hits.triangle[hidden]] != self._out
         return np.asarray(hidden)
 
     def range_m(self, origin: Vec3, direction: Vec3) -> float:
@@ -168,17 +159,17 @@ class Without(Solids):
         gone = 0.0
         while True:
             from_here = (np.array(origin) + gone * unit[0]).astype(np.float32)[None]
-            hit = self._scene.run(from_here, unit, output=1)
-            if hit["primID"][0] < 0:
+            hits = self._scene.first_hits(from_here, unit)
+            if hits.triangle[0] == NOTHING:
                 return math.inf
-            gone += float(hit["tfar"][0])
-            if self._owner[hit["primID"][0]] != self._out:
+            gone += float(hits.distance[0])
+            if self._owner[hits.triangle[0]] != self._out:
                 return gone
             gone += 1e-3  # through the surface of the one left out
 
 
 def distance_to_mesh(mesh: Mesh, point: Array) -> float:
-    """Return the distance (m) from a point in the mesh's axes to its nearest triangle.
+    """Return the distance (m) from a point in the mesh's axes to its nearest triangle; inf when it has none.
 
     Closest point by the regions of the triangle (Ericson, Real-Time Collision Detection, section 5.1.5), as the nearer
     of its plane's foot when inside and its three edges.
@@ -199,7 +190,7 @@ def distance_to_mesh(mesh: Mesh, point: Array) -> float:
         gap = to - share[:, None] * edge
         nearest = np.minimum(nearest, np.einsum("ij,ij->i", gap, gap))
     nearest = np.where(inside, above**2 / square, nearest)
-    return math.sqrt(float(nearest.min()))
+    return math.sqrt(float(nearest.min(initial=np.inf)))
 
 
 class TargetView:
@@ -207,7 +198,7 @@ class TargetView:
 
     def __init__(self, mesh: Mesh, solids: Hides) -> None:
         self._points, self._normals = surface_samples(mesh)
-        self._own = ray_scene(mesh.vertices[mesh.triangles])
+        self._own = RayScene.of_mesh(mesh)
         self._solids = solids
         self._radius = float(np.linalg.norm(mesh.vertices, axis=1).max())
 
@@ -235,8 +226,8 @@ class TargetView:
         if len(front) == 0:
             return Visibility(0.0, None)
         start = np.ascontiguousarray(np.broadcast_to(local_eye.astype(np.float32), (len(front), 3)))
-        hit = self._own.run(start, way[front].astype(np.float32), output=1)
-        shown = front[hit["tfar"] > 0.9998]  # the first thing the ray meets on the target is the sample itself
+        hits = self._own.first_hits(start, way[front].astype(np.float32))
+        shown = front[hits.distance > 0.9998]  # the first thing the ray meets on the target is the sample itself
         total = float(weight[shown].sum())
         if total <= 0.0:
             return Visibility(0.0, None)

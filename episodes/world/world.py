@@ -10,12 +10,14 @@ import numpy as np
 from episodes import maps
 from episodes.maps import assets
 from episodes.maps.assets.multirotor import X500, Outline
+from episodes.maps.conditions import in_conditions
 from episodes.maps.scene import Instance, Moved, Scene, turn
 from episodes.records.record import EpisodeRecord, TargetRecord
 from episodes.world.fleet import DronePose, Fleet
 from episodes.world.target import TargetMotion, Wheels, motion, on_ground
 from episodes.world.visibility import Hides, Solids, TargetView, Together, Without, in_camera, picture_box
 from foundation.camera import CameraModel, camera_pose
+from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, quat_yaw, rotate, wrap_pi
 from foundation.measurement import TargetMeasurement
@@ -30,14 +32,21 @@ NATIVE_TURNED_RAD = math.radians(0.1)
 class World:
     """The map of a record with its target and look-alikes. Time is seconds since the episode began."""
 
-    def __init__(self, record: EpisodeRecord, drone: Outline = X500, drones: int | None = None) -> None:
+    def __init__(
+        self,
+        record: EpisodeRecord,
+        drone: Outline = X500,
+        drones: int | None = None,
+        conditions: SceneConditions = AS_BUILT,
+    ) -> None:
         """Build the scene; of a fleet, each drone looks like `drone`, and there are as many as the record has starts.
 
-        Raises UsageError for an unknown map, asset or paint, or a native target that the map does not have.
+        `conditions` change what a camera sees of the map, and nothing else. Raises UsageError for an unknown map, asset
+        or paint, or a native target that the map does not have.
         """
         self.record = record
         self._motion = motion(record.target)
-        built = maps.build(record.map, record.map_seed)
+        built = in_conditions(maps.build(record.map, record.map_seed), conditions)
         next_id = max(i.id for i in built.instances) + 1
         native = _native(built, record)
         if native:  # to the last digit where the map has it; a record's are rounded
@@ -172,7 +181,7 @@ def _solids(name: str, seed: int) -> Solids:
 def _placed(number: int, name: str, target: TargetRecord, ground: HeightField, *, movable: bool = False) -> Instance:
     """Return a target or look-alike of a record as an instance at the beginning, on its wheels if it has any."""
     if target.paint is None:
-        raise UsageError(f"field '{name}.paint' is missing: only a target that the map brings has none.")
+        raise UsageError(f"field '{name}.paint' is missing. Only a target of the map may lack it.")
     mesh = assets.build(target.asset, target.paint, target.inscription)
     level = motion(target).pose(0.0)
     place, turned = on_ground(Wheels.if_any(target.asset, mesh), ground, level)

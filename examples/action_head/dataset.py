@@ -59,7 +59,7 @@ def read(folder: Path) -> Decisions:
     Raises UsageError where there is no such dataset, it is damaged, or nothing in it can be learnt from.
     """
     if not (folder / "meta" / "info.json").is_file():
-        raise UsageError(f"{folder} is no dataset: `dronecats export RUN --to lerobot --out {folder}` writes one.")
+        raise UsageError(f"{folder} is not a dataset. Make one: dronecats export RUN --to lerobot --out {folder}")
     try:
         rows = [row for file in sorted((folder / "data").rglob("*.parquet")) for row in _rows(file)]
         flights = pq.read_table(folder / "meta" / "episodes", columns=["episode_index", "tasks", "flight.episode"])
@@ -67,7 +67,7 @@ def read(folder: Path) -> Decisions:
     except (OSError, KeyError, pa.ArrowException) as error:
         raise UsageError(f"{folder} is damaged: {str(error).splitlines()[0]}") from None
     if not rows:
-        raise UsageError(f"{folder} has no flight that succeeded: there is nothing to learn from.")
+        raise UsageError(f"{folder} has no successful flight, so there is nothing to learn from.")
     return _decisions(rows, about)
 
 
@@ -80,7 +80,7 @@ def _rows(file: Path) -> Iterator[_Row]:
             if row["judge.success"] and any(row["action"][: len(features.KINDS)]):
                 shown = features.picture(row[IMAGE]["bytes"])
                 if shown.min() == shown.max():
-                    raise UsageError(f"{file} has blank pictures: fly what is learnt from with --rendered.")
+                    raise UsageError(f"{file} has blank pictures. Fly again with --rendered.")
                 yield _Row(shown, np.array(row["action"], np.float32), row["episode_index"])
 
 
@@ -119,7 +119,7 @@ def action_of(vector: NDArray[np.float32]) -> Action:
             return Think()
         case [False, False, False, True]:
             return Finished()
-    raise UsageError(f"an action of the dataset is none: {vector.tolist()}")
+    raise UsageError(f"the dataset has an invalid action: {vector.tolist()}")
 
 
 def is_held_out(episode: str) -> bool:

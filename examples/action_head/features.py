@@ -1,7 +1,7 @@
 """The inputs of the head as arrays: the picture, the instruction's words and what the drone did last.
 
 All of it is in the prompt and the picture, so that a served head sees what any model sees and no more. The words are
-hashed, not listed, so that an instruction nobody has seen is a vector like any other.
+hashed, not listed, so that an instruction outside the training data has a vector too.
 """
 
 import re
@@ -32,7 +32,7 @@ def picture(jpeg: bytes) -> NDArray[np.uint8]:
     """Return a JPEG's picture, RGB, (3, HEIGHT, WIDTH). Raises UsageError for bytes that are none."""
     shown = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR_RGB) if jpeg else None
     if shown is None:
-        raise UsageError("The picture cannot be read: the head wants a JPEG or a PNG.")
+        raise UsageError("The picture cannot be read. Send a JPEG or a PNG.")
     small = cv2.resize(shown, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
     return np.ascontiguousarray(small.transpose(2, 0, 1), np.uint8)
 

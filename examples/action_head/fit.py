@@ -36,7 +36,7 @@ class Batch:
     kinds: Tensor  # int64 (n,)
     points: Tensor  # (n, 2), 0 … 1; outside where the shift has moved it out of the picture
     depths_m: Tensor  # (n,)
-    angles_deg: Tensor  # (n,); of a picture that was misnamed nobody knows where to turn
+    angles_deg: Tensor  # (n,); no angle is known for a misnamed picture
     named: Tensor  # bool (n,), whether the words are the flight's own
 
 

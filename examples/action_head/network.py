@@ -100,13 +100,13 @@ def load(path: Path) -> tuple[ActionHead, float]:
     try:
         content = torch.load(path, weights_only=True, map_location="cpu")
         if content["format"] != FORMAT:
-            raise UsageError(f"'{path}' is a head of another version: train it anew.")
+            raise UsageError(f"'{path}' is a head of another version. Train it again.")
         head = ActionHead(Shape(**content["shape"]))
         head.load_state_dict(content["weights"])
         return head, float(content["declares_at"])
     except FileNotFoundError:
-        raise UsageError(f"'{path}' does not exist: `python -m examples.action_head.train` writes one.") from None
+        raise UsageError(f"'{path}' does not exist. Make one: python -m examples.action_head.train") from None
     except UsageError:
         raise
     except Exception as error:  # whatever PyTorch's reader makes of a file that is no head
-        raise UsageError(f"'{path}' is no trained head: {str(error).splitlines()[0][:120]}") from None
+        raise UsageError(f"'{path}' is not a trained head: {str(error).splitlines()[0][:120]}") from None

@@ -80,7 +80,7 @@ def pilot(head: Beholder, declares_at: float) -> Pilot:
 
     def answer(prompt: str, pictures: list[bytes]) -> str:
         if not pictures:
-            raise UsageError("The head wants a picture of each drone.")
+            raise UsageError("The head needs a picture of each drone.")
         request = actions.read_prompt(prompt)
         words = features.words(request.command)
         replies = []

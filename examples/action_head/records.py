@@ -43,11 +43,11 @@ def must_be_new(records: Iterable[EpisodeRecord]) -> None:
     maps, seeds = {(episode.map, episode.map_seed) for episode in shipped}, {episode.seed for episode in shipped}
     for record in records:
         if (record.map, record.map_seed) in maps:
-            raise UsageError(f"{record.id} stands on a map of the benchmark: choose another map seed.")
+            raise UsageError(f"{record.id} is on a map of the benchmark. Choose another map seed.")
         if record.seed in seeds:
-            raise UsageError(f"{record.id} has the seed of a shipped record: choose another seed.")
+            raise UsageError(f"{record.id} has the seed of a shipped record. Choose another seed.")
         if any(_same_place(record, episode) for episode in shipped):
-            raise UsageError(f"{record.id} has the start and the words of a shipped record: choose another seed.")
+            raise UsageError(f"{record.id} has the start and the instruction of a shipped record. Choose another seed.")
 
 
 def _same_place(record: EpisodeRecord, shipped: EpisodeRecord) -> bool:
@@ -59,7 +59,7 @@ def _same_place(record: EpisodeRecord, shipped: EpisodeRecord) -> bool:
 def write(out: Path, share: float, jobs: int) -> int:
     """Draft the records into a folder and return how many it got; the same arguments give the same files.
 
-    Each map has a folder of its own, so that they are flown map by map: whoever flies makes a map once.
+    Each map has a folder of its own, so that they are flown map by map, and each map is made once.
 
     Raises UsageError when the folder cannot be written, or a record is the benchmark's.
     """
@@ -79,13 +79,15 @@ def main(words: list[str] | None = None) -> int:
     """Read the command line and draft."""
     parser = argparse.ArgumentParser(prog="python -m examples.action_head.records", description=__doc__)
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the record files")
-    parser.add_argument("--share", type=float, default=1.0, metavar="X", help="how much of it, 0 … 1 (default: all)")
+    parser.add_argument(
+        "--share", type=float, default=1.0, metavar="X", help="share of the records to make, 0 … 1 (default 1)"
+    )
     parser.add_argument("--jobs", type=int, default=2, metavar="J", help="processes (default 2)")
     args = parser.parse_args(words)
     if not 0.0 < args.share <= 1.0:
-        raise UsageError(f"--share wants a number above 0 and at most 1, got {args.share:g}.")
+        raise UsageError(f"--share must be above 0 and at most 1, got {args.share:g}.")
     if args.jobs < 1:
-        raise UsageError(f"--jobs wants a number from 1 on, got {args.jobs}.")
+        raise UsageError(f"--jobs must be 1 or more, got {args.jobs}.")
     write(args.out, args.share, args.jobs)
     return 0
 

@@ -29,11 +29,11 @@ def main(words: list[str] | None = None) -> int:
     """Read the command line and serve until interrupted."""
     parser = argparse.ArgumentParser(prog="python -m examples.action_head.serve", description=__doc__)
     parser.add_argument("head", type=Path, help="file that `python -m examples.action_head.train` has written")
-    parser.add_argument("--port", type=int, default=0, metavar="N", help="TCP port (default: one that is free)")
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="of PyTorch (default 1)")
+    parser.add_argument("--port", type=int, default=0, metavar="N", help="TCP port (default: a free one)")
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads of PyTorch (default 1)")
     args = parser.parse_args(words)
     if args.threads < 1 or not 0 <= args.port <= 65535:
-        raise UsageError("--threads wants a number from 1 on, and --port one from 0 to 65535.")
+        raise UsageError("--threads must be 1 or more, and --port 0 to 65535.")
     ended = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: ended.set())

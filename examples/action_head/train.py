@@ -25,7 +25,7 @@ def train(folder: Path, out: Path, training: Training) -> None:
     flights = len(set(data.flights.tolist()))
     script.print_line(f"{len(data)} decisions of {flights} flights, {int(data.held_out.sum())} of them held out")
     if data.held_out.all():
-        raise UsageError(f"{folder} has held-out flights alone: more of them are needed to learn from.")
+        raise UsageError(f"{folder} has only held-out flights. Fly more, to have flights to learn from.")
 
     def report(epoch: int, loss: float) -> None:
         script.print_line(f"epoch {epoch + 1}/{training.epochs}: loss {loss:.3f}, {time.monotonic() - begun:.0f} s")
@@ -34,12 +34,13 @@ def train(folder: Path, out: Path, training: Training) -> None:
     result = judged(head, data)
     if result is None:
         raise UsageError(
-            f"{folder} has no held-out flight that arrives, so the threshold of a declaration is unknown: fly more."
+            f"{folder} has no held-out flight that arrives, so the threshold of a declaration is unknown. Fly more."
         )
     script.print_line(
-        f"held out: {result.right_kind:.0%} right actions of {result.decisions}, points off by {result.point_error:.1%}"
-        f" of the width and depths by a factor of {result.depth_factor:.2f} (medians);"
-        f" declares from {result.declares_at:g} on: {result.declared:.0%} of arrivals, {result.precise:.0%} true"
+        f"held out: {result.right_kind:.0%} right actions of {result.decisions}, points off by"
+        f" {result.point_error:.1%} of the width and depths by a factor of {result.depth_factor:.2f} (medians); with"
+        f" the threshold {result.declares_at:g}, {result.declared:.0%} of the arrivals are declared and"
+        f" {result.precise:.0%} of the declarations are true"
     )
     save(
         out,
@@ -54,14 +55,16 @@ def main(words: list[str] | None = None) -> int:
     """Read the command line and train."""
     normal = Training()
     parser = argparse.ArgumentParser(prog="python -m examples.action_head.train", description=__doc__)
-    parser.add_argument("dataset", type=Path, help="folder that `dronecats export --to lerobot` has written")
+    parser.add_argument("dataset", type=Path, help="folder that `dronecats export --to lerobot` made")
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="file of the trained head")
     parser.add_argument("--epochs", type=int, default=normal.epochs, metavar="N", help=f"(default {normal.epochs})")
     parser.add_argument("--seed", type=int, default=0, metavar="S", help="the same seed gives the same weights")
-    parser.add_argument("--threads", type=int, default=normal.threads, metavar="N", help="of PyTorch (default 1)")
+    parser.add_argument(
+        "--threads", type=int, default=normal.threads, metavar="N", help="threads of PyTorch (default 1)"
+    )
     args = parser.parse_args(words)
     if args.epochs < 1 or args.threads < 1:
-        raise UsageError("--epochs and --threads want a number from 1 on.")
+        raise UsageError("--epochs and --threads must be 1 or more.")
     train(args.dataset, args.out, Training(epochs=args.epochs, seed=args.seed, threads=args.threads))
     return 0
 

@@ -84,7 +84,7 @@ def hold(lock: Path, folder: Path, *, shared: bool = False) -> TextIO:
     except BlockingIOError:
         file.close()
         raise UsageError(
-            f"another process is flying {folder}; wait for it, or choose another folder (option out)"
+            f"another process is flying {folder}. Wait for it, or choose another folder with --out"
         ) from None
     return file
 
@@ -122,11 +122,11 @@ def fresh_run(pilot_name: str) -> Path:
                 return runs / (name + suffix)
     except OSError as error:
         raise UsageError(_unwritable(runs, error)) from None
-    raise UsageError(f"runs/{name} exists a thousand times; choose a folder (option out)")
+    raise UsageError(f"runs/{name} exists a thousand times. Choose a folder with --out")
 
 
 def _unwritable(run: Path, error: OSError) -> str:
-    return f"the run folder {run} cannot be written: {error.strerror}; choose another (option out)"
+    return f"the run folder {run} cannot be written: {error.strerror}. Choose another folder with --out"
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:

@@ -32,6 +32,11 @@ def frame_name(frame_id: int, drone: int = 0) -> str:
     return f"{frame_id:06d}{_of(drone)}.jpg"
 
 
+def depth_name(frame_id: int, drone: int = 0) -> str:
+    """Return the name of a frame's depth picture within FRAMES: NNNNNN.depth.png, of others NNNNNN_dK.depth.png."""
+    return f"{frame_id:06d}{_of(drone)}.depth.png"
+
+
 def intent_name(step: int, drone: int = 0) -> str:
     """Return the name of a decision's picture within INTENT: NNNN.jpg, of other drones than the first NNNN_dK.jpg."""
     return f"{step:04d}{_of(drone)}.jpg"

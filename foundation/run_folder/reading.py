@@ -108,7 +108,7 @@ def estimate(folder: Path) -> Estimate | None:
     estimate_rows: list[EstimateRow] = list(_of_kinds(path, ESTIMATE_ROWS, never="end"))
     head = next((row for row in estimate_rows if isinstance(row, EstimateHead)), None)
     if head is None:
-        raise UsageError(f"{path} is damaged: it does not say what it was derived from")
+        raise UsageError(f"{path} is damaged: it has no row with its source (kind estimate)")
     frames = _frames([row for row in estimate_rows if isinstance(row, EstimatedFrame)], path)
     return Estimate(head, frames, tuple(row for row in estimate_rows if isinstance(row, EstimatedPose)))
 
@@ -182,7 +182,9 @@ def check_version(run: Path) -> None:
     if not isinstance(version, int) or isinstance(version, bool) or version < 1:
         raise UsageError(f"{run / layout.RUN} is damaged: its schema is not a version")
     if version > SCHEMA:
-        raise UsageError(f"{run} is of a newer dronecats: its files have version {version}, known is {SCHEMA}; update")
+        raise UsageError(
+            f"{run} is of a newer dronecats: its files have version {version}, this one reads {SCHEMA}. Update"
+        )
 
 
 def json_object(path: Path) -> dict[str, Any] | None:
@@ -209,7 +211,7 @@ def _of_kinds(path: Path, kinds: Mapping[str, type[Any]], never: str | None = No
         if not isinstance(kind, str):
             raise line.damaged("it has no kind")
         if kind == never:
-            raise line.damaged(f"there is no {never} of what it tells")
+            raise line.damaged(f"a row of the kind {never} does not belong into this file")
         if kind in kinds:
             yield line.row(value, kinds[kind])
 
@@ -223,7 +225,7 @@ def _frames(frame_rows: list[Framed], path: Path) -> dict[tuple[int, int], Frame
         first = frames.setdefault((row.drone, row.frame_id), row)
         if first is not row and first != row:
             raise UsageError(
-                f"{path} is damaged: it tells two truths of frame {row.frame_id} of {drone_label(row.drone)}"
+                f"{path} is damaged: frame {row.frame_id} of {drone_label(row.drone)} has two different rows"
             )
     return frames
 
@@ -264,7 +266,7 @@ def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise UsageError(f"{path} cannot be read: {error.strerror}; is this the folder of an episode?") from None
+        raise UsageError(f"{path} cannot be read: {error.strerror}. Name the folder of an episode") from None
     texts = data.split(b"\n")
     for number, text in enumerate(texts, 1):
         if text and not text.isspace():
@@ -332,7 +334,7 @@ def taken(value: dict[str, Any], row: type[Row]) -> tuple[Row, None] | tuple[Non
         at = AT.search(str(error))
         return None, _wrong(row, at[1]) if at else str(error)
     except UnicodeError:  # half a surrogate pair, which has no UTF-8
-        return None, "one of its words is no text"
+        return None, "it has text that is not valid UTF-8"
     if large := next((name for name in fields_of(row) if _too_large(getattr(made, name))), None):
         return None, _wrong(row, large)
     fault = impossible(made) if isinstance(made, Decision) else None

@@ -19,7 +19,7 @@ DRONES = 255  # number of MAVLink system ids
 
 # `wrong`: the reader's message about any other value
 Whole = Annotated[int, Meta(ge=0, lt=int(LARGE), extra={"wrong": "is not a whole number"})]
-DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is the first",
+DroneNumber = Annotated[int, Meta(ge=0, lt=DRONES, description="0 is drone 1",
                                   extra={"wrong": f"is not a whole number below {DRONES}"})]  # fmt: skip
 Seconds = Annotated[float, Meta(gt=-LARGE, lt=LARGE, description="s of vehicle time since the episode began")]
 Deviation = Annotated[float, Meta(ge=0.0, lt=LARGE, extra={"wrong": "is not a standard deviation"})]
@@ -47,22 +47,24 @@ class Run:
 
     schema: Annotated[int, Meta(ge=1, description="version of the folder's files; none before there were any",
                                 extra={"wrong": "is not a version"})] | UnsetType = UNSET  # fmt: skip
-    versions: Annotated[dict[str, str], doc("of dronecats, Python and the packages that matter to a number")]
+    versions: Annotated[dict[str, str], doc("versions of dronecats, Python and the packages that affect results")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EpisodeIdentity:
-    """identity.json: what was really flown. Episodes that differ in it are not pooled."""
+    """identity.json: what was really flown. Episodes with different identities are not counted together."""
 
-    code_sha256: Annotated[str, doc("of the sources that decide what is flown and how it is judged")]
-    record_sha256: Annotated[str | None, doc("of the bytes of episode.json; null: there is none")]
-    frames: Annotated[Whole, doc("pictures that the pilot was shown")]
-    frames_sha256: Annotated[str | None, doc("of their JPEG bytes in the order of their names; null: none was taken")]
+    code_sha256: Annotated[str, doc("digest of the sources that affect flying and judging")]
+    record_sha256: Annotated[str | None, doc("digest of episode.json; null: no such file")]
+    frames: Annotated[Whole, doc("number of pictures that the pilot got")]
+    frames_sha256: Annotated[
+        str | None, doc("digest of their JPEG bytes in the order of their names; null: no picture")
+    ]
     served: Annotated[
         tuple[str, ...],
-        doc("models as the vendor's answers name them, and its version of each; empty: nothing but what was asked for"),
+        doc("names and versions of models in the vendor's replies; empty: only the requested name"),
     ]
-    pace: Annotated[dict[str, float], doc("how well a real-time flight held it")] | UnsetType = UNSET
+    pace: Annotated[dict[str, float], doc("how well a real-time flight kept its pace")] | UnsetType = UNSET
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,65 +78,66 @@ class PointedGo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decision:
-    """What the pilot decided, on which frame, when: a line of decisions.jsonl, by the agent."""
+    """A decision of the pilot, with its frame and times: a line of decisions.jsonl, by the agent."""
 
     step: Whole
     drone: DroneNumber
     frame_id: Whole
-    t_frame: Annotated[Seconds, doc("s, when the picture was taken")]
-    t_decided: Annotated[Seconds, doc("s, when the reply was there")]
+    t_frame: Annotated[Seconds, doc("s, time of the picture")]
+    t_decided: Annotated[Seconds, doc("s, time of the reply")]
     reply: Annotated[str, doc("as received")] | UnsetType = UNSET
-    action: Annotated[ActionObject | None, doc("parsed, point in [x, y]; null: the reply holds no valid action")]
+    action: Annotated[ActionObject | None, doc("parsed, point as [x, y]; null: the reply has no valid action")]
     error: Annotated[str | None, doc("why there is no action")] = None
-    mended: Annotated[tuple[str, ...], doc("what was mended in the reply, codes: docs/replies.md")] | UnsetType = UNSET
+    mended: Annotated[tuple[str, ...], doc("codes of the repairs of the reply: docs/replies.md")] | UnsetType = UNSET
     latency_s: Annotated[Number | None, doc("s of vehicle time that the reply took")] = None
     tokens_in: int | None = None
     tokens_out: int | None = None
-    thinking: Annotated[bool | None, doc("whether the model was let to reason at length")] = None
-    rate_hz: Annotated[Number | None, doc("decisions per s of vehicle time since the last; null: the first")] = None
-    finish: (
-        Annotated[str, doc("why the reply ends: length, filtered, refusal, …; missing: it was done")] | UnsetType
-    ) = UNSET
-    report: Annotated[bool, doc("under a commander: arrival is reported to it here, and not declared")] | UnsetType = (
-        UNSET
+    thinking: Annotated[bool | None, doc("whether extended reasoning was on")] = None
+    rate_hz: Annotated[Number | None, doc("Hz, 1 / vehicle time since the previous decision; null: first decision")] = (
+        None
     )
+    finish: (
+        Annotated[str, doc("why the reply ends: length, filtered, refusal, …; missing: it is complete")] | UnsetType
+    ) = UNSET
+    report: (
+        Annotated[bool, doc("with a commander: this reports arrival to it, and is not a declaration")] | UnsetType
+    ) = UNSET
     confirmed_by: (
-        Annotated[Whole, doc("number of the commander's exchange that declares, on the frame that it saw")] | UnsetType
+        Annotated[Whole, doc("number of the commander's exchange that confirms the report, on the frame it saw")]
+        | UnsetType
     ) = UNSET
     served: (
         Annotated[str, doc("what answered, in the vendor's words; missing: as before, at first the name asked for")]
         | UnsetType
     ) = UNSET
-    tokens_cached: Annotated[Whole, doc("of tokens_in, had from before; missing: not told")] | UnsetType = UNSET
-    tokens_reasoning: Annotated[Whole, doc("of tokens_out, reasoning; missing: not told")] | UnsetType = UNSET
+    tokens_cached: Annotated[Whole, doc("part of tokens_in that was cached; missing: not reported")] | UnsetType = UNSET
+    tokens_reasoning: Annotated[Whole, doc("part of tokens_out for reasoning; missing: not reported")] | UnsetType = (
+        UNSET
+    )
     endpoint: (
-        Annotated[str, doc("whom a router had answer, in its words, as OpenRouter's provider; missing: not told")]
-        | UnsetType
+        Annotated[str, doc("provider that a router such as OpenRouter chose; missing: not reported")] | UnsetType
     ) = UNSET
     host_lag_s: (
-        Annotated[
-            Number, doc("s of wall time × speed by which the vehicle's clock fell behind since the last decision")
-        ]
-        | UnsetType
+        Annotated[Number, doc("s, wall time × speed that the vehicle's clock lost since the last decision")] | UnsetType
     ) = UNSET  # in lockstep there is no such thing
     frame_wait_s: (
-        Annotated[Number, doc("s of wall time × speed for which the picture was waited for, of a fleet for each")]
+        Annotated[Number, doc("s, wall time × speed of the wait for the picture; in a fleet for each drone")]
         | UnsetType
     ) = UNSET
 
     @property
     def kind(self) -> str | None:
-        """The action's name, as in `foundation.protocol`; None where the reply holds none."""
+        """The action's name, as in `foundation.protocol`; None if the reply has no action."""
         return None if self.action is None else str(self.action["action"])
 
     @property
     def declares(self) -> bool:
-        """True when it declares arrival. A report to a commander is not a declaration."""
+        """True if it declares arrival. A report to a commander is not a declaration."""
         return self.kind == FINISHED and self.report is not True
 
     @property
     def go(self) -> PointedGo | None:
-        """The point and the depth of a go; None of any other action, and of a go without valid numbers."""
+        """The point and the depth of a go; None for other actions, and for a go without valid numbers."""
         if self.action is None or self.kind != GO:
             return None
         point, depth_m = self.action.get("point"), self.action.get("depth_m")
@@ -147,32 +150,32 @@ class Decision:
 class Cause:
     """Why a commander was asked."""
 
-    why: Annotated[Literal["start", "report", "stall", "time"], Meta(extra={"wrong": "is no cause"})]
+    why: Annotated[Literal["start", "report", "stall", "time"], Meta(extra={"wrong": "is not a cause"})]
     drone: Annotated[DroneNumber | None, doc("whose report or stall it is")] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Order:
-    """What a commander has one drone do."""
+    """A commander's order to one drone."""
 
     drone: DroneNumber
-    goal: Annotated[str, doc("the instruction of the drone's own agent from its next question on")]
+    goal: Annotated[str, doc("instruction of the drone's agent, from its next question on")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exchange:
-    """A question to the commander and what came of it: a line of commander.jsonl, by the agent."""
+    """A question to the commander, its reply and the effect: a line of commander.jsonl, by the agent."""
 
     number: Annotated[Whole, doc("0 is the first")]
-    t_asked: Annotated[Seconds, doc("s, when it was asked: no earlier than its newest picture")]
-    t_answered: Annotated[Seconds | None, doc("s, when the reply was there; null: the episode was over before")]
+    t_asked: Annotated[Seconds, doc("s, time of the question, not before its newest picture")]
+    t_answered: Annotated[Seconds | None, doc("s, time of the reply; null: the episode ended first")]
     causes: tuple[Cause, ...]
-    roster: Annotated[str, doc("what was said of the drones, as it stood in the question")]
-    frames: Annotated[tuple[Whole, ...], doc("frame_id of each drone's picture, the first drone's first")]
-    reply: Annotated[str | None, doc("as received; null: none came in time")]
-    orders: Annotated[tuple[Order, ...], doc("those that were carried out")]
-    confirms: Annotated[tuple[DroneNumber, ...], doc("drones whose report was confirmed: a decision each")]
-    error: Annotated[str | None, doc("why the reply, or a part of it, changed nothing")] = None
+    roster: Annotated[str, doc("the question's text about the drones")]
+    frames: Annotated[tuple[Whole, ...], doc("frame_id of each drone's picture, in the order of the drones")]
+    reply: Annotated[str | None, doc("as received; null: no reply in time")]
+    orders: Annotated[tuple[Order, ...], doc("orders that took effect")]
+    confirms: Annotated[tuple[DroneNumber, ...], doc("drones whose report was confirmed; each is a decision")]
+    error: Annotated[str | None, doc("why the reply, or a part of it, had no effect")] = None
     latency_s: Annotated[Number | None, doc("s of vehicle time that the reply took")] = None
     tokens_in: int | None = None
     tokens_out: int | None = None
@@ -193,15 +196,15 @@ class LoggedPrompt:
     """
 
     role: Annotated[Literal["pilot", "commander"], Meta(extra={"wrong": "is neither pilot nor commander"})]
-    drone: Annotated[DroneNumber, doc("the first of the drones that the question is about, 0 is the first")]
-    number: Annotated[Whole, doc("questions of this role about these drones before this one")]
-    t_asked: Annotated[Seconds, doc("s, when it was asked")]
+    drone: Annotated[DroneNumber, doc("first drone of the question; 0 is drone 1")]
+    number: Annotated[Whole, doc("number of earlier questions of this role about these drones")]
+    t_asked: Annotated[Seconds, doc("s, time of the question")]
     frames: Annotated[tuple[Whole, ...], doc("frame_id of each picture, in the order sent")]
-    labels: Annotated[tuple[str, ...], doc("the line of text before each picture; empty: none has one")]
-    text: Annotated[str, doc("the whole text; missing: it is put together")] | UnsetType = UNSET
-    head: Annotated[Whole, doc("lines of text at the beginning")] | UnsetType = UNSET
-    lines: Annotated[tuple[str, ...], doc("lines of text between head and tail")] | UnsetType = UNSET
-    tail: Annotated[Whole, doc("lines of text at the end")] | UnsetType = UNSET
+    labels: Annotated[tuple[str, ...], doc("line of text before each picture; empty: no such lines")]
+    text: Annotated[str, doc("the whole text; missing: made from head, lines and tail")] | UnsetType = UNSET
+    head: Annotated[Whole, doc("number of lines to repeat at the beginning")] | UnsetType = UNSET
+    lines: Annotated[tuple[str, ...], doc("new lines between head and tail")] | UnsetType = UNSET
+    tail: Annotated[Whole, doc("number of lines to repeat at the end")] | UnsetType = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,52 +213,60 @@ class Begin:
 
     kind: Literal["begin"] = "begin"
     t: Seconds = 0.0
-    t0_us: Annotated[int, doc("µs, the vehicle's clock at t = 0, whatever that counts from")]
+    t0_us: Annotated[int, doc("µs, the vehicle's clock at t = 0")]
     cap_s: Annotated[Cap | None, doc("s, the length of the flight")] = None
-    source: Annotated[TraceSource | UnsetType | None, doc("estimate: all that follows is an autopilot's own")] = UNSET
-    contacts: Annotated[bool, doc("whether hits are written; missing: they are not")] | UnsetType = UNSET
+    source: Annotated[
+        TraceSource | UnsetType | None, doc("estimate: the following rows are an autopilot's estimate")
+    ] = UNSET
+    contacts: Annotated[bool, doc("whether the log has hits; missing: no")] | UnsetType = UNSET
     resets: (
-        Annotated[bool, doc("whether estimator resets are written; missing: the autopilot does not tell them")]
+        Annotated[bool, doc("whether the log has estimator resets; missing: the autopilot does not report them")]
         | UnsetType
     ) = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pose:
-    """Where a drone was, every half second, in truth.jsonl."""
+    """True pose of a drone, every half second, in truth.jsonl."""
 
     kind: Literal["pose"] = "pose"
     t: Seconds
     drone: DroneNumber
-    position_ned: Annotated[Place, doc("m, NED, of the body")]
-    yaw_deg: Annotated[Number | None, doc("°, of the nose, from north, + east")] = None
-    target_ned: Annotated[Place | None, doc("m, NED, of the target's centre")] = None
-    distance_m: Annotated[Distance | None, doc("m, body to the target's centre in three dimensions")]
+    position_ned: Annotated[Place, doc("m, NED, position of the body")]
+    yaw_deg: Annotated[Number | None, doc("°, heading of the nose from north, + east")] = None
+    target_ned: Annotated[Place | None, doc("m, NED, position of the target's centre")] = None
+    distance_m: Annotated[Distance | None, doc("m, from the body to the target's centre, in three dimensions")]
     visible: Visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTruth(TargetMeasurement):
-    """What was true when a frame was taken, in truth.jsonl."""
+    """The truth at the time of a frame, in truth.jsonl."""
 
     kind: Literal["frame"] = "frame"
     frame_id: Whole
     t: Seconds
     drone: DroneNumber
-    position_ned: Annotated[Place | None, doc("m, NED, of the body")] = None
-    yaw_deg: Annotated[Number | None, doc("°, of the nose, from north, + east")] = None
+    position_ned: Annotated[Place | None, doc("m, NED, position of the body")] = None
+    yaw_deg: Annotated[Number | None, doc("°, heading of the nose from north, + east")] = None
+    camera_pitch_deg: Annotated[
+        Number | UnsetType, doc("°, of the camera, up from the nose, on a gimbal from the horizon; missing: 0")
+    ] = UNSET
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hit:
-    """A drone flew into something, in truth.jsonl. Of one contact each thing is written once."""
+    """A drone hit something, in truth.jsonl. Each thing is logged once per contact.
+
+    A contact that began below 0.15 m/s is logged once it has lasted for half a second.
+    """
 
     kind: Literal["hit"] = "hit"
     t: Seconds
     drone: DroneNumber
-    what: Annotated[str, doc("its name on the map, 'another drone' or 'the ground'")]
-    closing_speed: Annotated[Number | None, doc("m/s, with which the contact began; null: of the ground")] = None
-    crash: Annotated[bool, doc("it was the first that was hard enough to break something")]
+    what: Annotated[str, doc("name on the map, 'another drone' or 'the ground'")]
+    closing_speed: Annotated[Number | None, doc("m/s, speed at the start of the contact; null: the ground")] = None
+    crash: Annotated[bool, doc("first hit of this drone hard enough to break something")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -265,23 +276,21 @@ class Clear:
     kind: Literal["clear"] = "clear"
     t: Seconds
     drone: DroneNumber
-    contact_s: Annotated[Number, doc("s, from the first hit of the contact to its last touch")]
+    contact_s: Annotated[Number, doc("s, from the first touch of the contact to its last")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reset:
     """The autopilot's estimator was reset, in truth.jsonl: its counter in ODOMETRY went up.
 
-    The jumps are what the estimate moved by between two messages beyond its own velocity and rate of turn.
+    A jump is the change of the estimate between two messages, without the motion by its own velocity and turn rate.
     """
 
     kind: Literal["reset"] = "reset"
     t: Seconds
     drone: DroneNumber
-    count: Annotated[Whole, doc("resets since the message before, 1 or more")]
-    quantities: Annotated[
-        tuple[ResetQuantity, ...], doc("yaw, position, velocity, height: those whose jump is too large to be motion")
-    ]
+    count: Annotated[Whole, doc("resets since the previous message, 1 or more")]
+    quantities: Annotated[tuple[ResetQuantity, ...], doc("quantities whose jump is too large for a motion")]
     yaw_deg: Annotated[Number, doc("°, jump of the heading, + right")]
     position_m: Annotated[Number, doc("m, horizontal jump of the position")]
     height_m: Annotated[Number, doc("m, jump of the height, + up")]
@@ -300,34 +309,36 @@ class End:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimateHead:
-    """What an estimate was derived from, the first line of estimate.jsonl."""
+    """The source of an estimate, the first line of estimate.jsonl."""
 
     kind: Literal["estimate"] = "estimate"
-    source: Annotated[str, doc("name of the log that the positions are of")] | UnsetType = UNSET
-    origin: Annotated[Place | None, doc("lat °, lon °, alt m above mean sea level, of the local frame")] = None
-    target: Annotated[Surveyed | None, doc("latitude_deg, longitude_deg, altitude_m, std_m, as surveyed")] = None
+    source: Annotated[str, doc("name of the log that contains the positions")] | UnsetType = UNSET
+    origin: Annotated[
+        Place | None, doc("origin of the local frame: latitude °, longitude °, altitude m above mean sea level")
+    ] = None
+    target: Annotated[Surveyed | None, doc("surveyed latitude_deg, longitude_deg, altitude_m, std_m")] = None
     target_ned: Annotated[Place | None, doc("m, NED in the local frame")] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedPose:
-    """Where the autopilot thought it was, smoothed, every half second, in estimate.jsonl."""
+    """The autopilot's estimated pose, smoothed, every half second, in estimate.jsonl."""
 
     kind: Literal["pose"] = "pose"
     t: Seconds
     drone: DroneNumber
     position_ned: Annotated[Place, doc("m, NED in the autopilot's local frame")]
     position_std_m: Annotated[Place | None, doc("m, standard deviation per axis")] = None
-    yaw_deg: Annotated[Number | None, doc("°, of the nose, from north, + east")] = None
+    yaw_deg: Annotated[Number | None, doc("°, heading of the nose from north, + east")] = None
     target_ned: Annotated[Place | None, doc("m, NED in the local frame")] = None
-    distance_m: Annotated[Distance | None, doc("m to the surveyed target, horizontally where it has no altitude")]
-    distance_std_m: Annotated[Deviation | None, doc("m, standard deviation of that")] = None
+    distance_m: Annotated[Distance | None, doc("m, to the surveyed target; horizontal if it has no altitude")]
+    distance_std_m: Annotated[Deviation | None, doc("m, standard deviation of the distance")] = None
     visible: Visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatedFrame:
-    """Where the autopilot thought it was when a frame was taken, in estimate.jsonl."""
+    """The autopilot's estimated pose at the time of a frame, in estimate.jsonl."""
 
     kind: Literal["frame"] = "frame"
     frame_id: Whole
@@ -335,18 +346,18 @@ class EstimatedFrame:
     drone: DroneNumber
     position_ned: Annotated[Place | None, doc("m, NED in the autopilot's local frame")] = None
     position_std_m: Annotated[Place | None, doc("m, standard deviation per axis")] = None
-    yaw_deg: Annotated[Number | None, doc("°, of the nose, from north, + east")] = None
+    yaw_deg: Annotated[Number | None, doc("°, heading of the nose from north, + east")] = None
     target_ned: Annotated[Place | None, doc("m, NED in the local frame")] = None
-    distance_m: Annotated[Distance | None, doc("m to the surveyed target, horizontally where it has no altitude")]
-    distance_std_m: Annotated[Deviation | None, doc("m, standard deviation of that")] = None
+    distance_m: Annotated[Distance | None, doc("m, to the surveyed target; horizontal if it has no altitude")]
+    distance_std_m: Annotated[Deviation | None, doc("m, standard deviation of the distance")] = None
     visible: Visible
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlownThing:
-    """A thing of the record that stands somewhere."""
+    """The place of a target or look-alike of the record."""
 
-    position_ned: Annotated[Place | None, doc("m, NED, on the ground under its middle; null: it moves")] = None
+    position_ned: Annotated[Place | None, doc("m, NED, ground under its centre; null: it moves")] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

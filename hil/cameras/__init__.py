@@ -1,1 +1,1 @@
-"""Real cameras: any address gives frames that are new, stamped when they were taken, and straight."""
+"""Real cameras: frames with time stamps, and without lens distortion, from any address."""

@@ -1,4 +1,4 @@
-"""A camera's address: which kind of camera it means, and how it may be shown."""
+"""A camera's address: the kind of camera, and its form for messages."""
 
 import re
 from collections.abc import Mapping
@@ -14,15 +14,15 @@ _SECRET = re.compile(r"([\w-]*(?:pass|pwd|token|secret|key|auth|user|login)[\w-]
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """An address taken apart."""
+    """The parts of an address."""
 
     kind: str  # http, rtsp, v4l2, video, folder
     place: str  # what to open: the whole URL, a device, a path
-    options: Mapping[str, str]  # after the ?, of the kinds that are not a URL of somebody else's
+    options: Mapping[str, str]  # after the ?, except for http and rtsp, whose URL stays complete
 
 
 def parse(url: str) -> Address:
-    """Return the parts of an address. Raises UsageError when it is none."""
+    """Return the parts of an address. Raises UsageError for an invalid one."""
     scheme, _, rest = url.partition("://")
     scheme = scheme.lower()
     if rest and scheme in ("http", "https"):
@@ -41,13 +41,13 @@ def parse(url: str) -> Address:
             return Address("folder", name, dict(parse_qsl(query)))
         if path.is_file():
             return Address("video", name, {})
-    except (OSError, ValueError):  # a name too long or with a null byte is no path
+    except (OSError, ValueError):  # the text is too long for a path, or has a null byte
         pass
     raise UsageError(f"camera {shown(url)!r} is not a camera. Use {FORMS}")
 
 
 def shown(url: str) -> str:
-    """Return an address as it may be printed: without user, password, and what looks like one anywhere in it.
+    """Return an address for messages, without user, password, and parts that look like one.
 
     A password may hold any character, so everything up to the last @ is left out.
     """

@@ -1,4 +1,4 @@
-"""Cameras over HTTP: one picture per request, or Motion JPEG, with a password that no sentence shows."""
+"""Cameras over HTTP: one picture per request, or Motion JPEG. No message shows the password."""
 
 import re
 import threading
@@ -8,8 +8,10 @@ from collections.abc import Callable, Iterator
 
 import cv2
 import httpx
+import numpy as np
+from numpy.typing import NDArray
 
-from foundation.camera import CameraModel, Frame
+from foundation.camera import CameraModel, Frame, decode_depth
 from foundation.errors import CameraError, UsageError
 from hil.cameras.address import shown
 from hil.cameras.lens import Lens
@@ -20,10 +22,10 @@ ERROR_NUMBER = re.compile(r"^\[Errno -?\d+\] ")
 
 
 class Caller:
-    """One camera's HTTP address, with a connection that is kept."""
+    """One camera's HTTP address, with a connection that stays open."""
 
     def __init__(self, url: str) -> None:
-        """Raises UsageError for an address that is none."""
+        """Raises UsageError for an invalid address."""
         self.name = shown(url)
         try:
             self._url = httpx.URL(url)
@@ -34,12 +36,12 @@ class Caller:
                 f"camera {self.name!r} is not an http address. Write special characters of a password as %XX, for"
                 " example %40 for @"
             )
-        self._auth: httpx.Auth | None = None  # None: what the address says, by the basic scheme
-        # a camera stands in the same network: a proxy set for the internet would only be in the way
+        self._auth: httpx.Auth | None = None  # None: user and password of the address, by the basic scheme
+        # a camera is in the same network, so a proxy for the internet is not used
         self._http = httpx.Client(trust_env=False)
 
     def get(self, read_s: float, params: dict[str, int] | None = None) -> httpx.Response:
-        """Return the answer with its body still to be read; the caller closes it. Raises CameraError.
+        """Return the answer, with an unread body; the caller closes it. Raises CameraError.
 
         `read_s` is how long the camera may be silent.
         """
@@ -73,7 +75,7 @@ class Caller:
 
 
 def body(response: httpx.Response, bytes_max: int) -> tuple[float, bytes]:
-    """Return the host's monotonic second at which the first bytes of the body came, and the body.
+    """Return the host's monotonic second at the first bytes of the body, and the body.
 
     Raises CameraError when it breaks off or is larger than `bytes_max`.
     """
@@ -100,8 +102,8 @@ PICTURE_BYTES_MAX = 64 * 1024 * 1024
 class HttpCamera:
     """Each call fetches one picture.
 
-    A simulated camera stamps it with the vehicle's clock. A real one's is stamped when its first bytes come: the time
-    that it takes on the wire is no part of the picture.
+    A simulated camera stamps its pictures with the vehicle's clock. The picture of a real camera is stamped at its
+    first bytes, so the time of the transfer does not count.
     """
 
     def __init__(
@@ -112,23 +114,28 @@ class HttpCamera:
         *,
         max_age_s: float | None = None,
         timeout_s: float = 20.0,
+        depth_url: str | None = None,
     ) -> None:
-        """A frame older than `max_age_s` on the vehicle's clock is an error. Raises UsageError."""
+        """A frame older than `max_age_s` on the vehicle's clock is an error. Raises UsageError.
+
+        `depth_url`: where a simulated camera serves the depth pictures of its frames; None: frames have none.
+        """
         self._caller = Caller(url)
+        self._depths = Caller(depth_url) if depth_url else None
         self.url = url
         self._now_us, self._lens = now_us, lens or Lens()
         self._max_age_s, self._timeout_s = max_age_s, timeout_s
         self._frames = 0
         self._none = f"the camera at {self._caller.name} gives no frame"
         self.stamps = False  # whether it stamped its newest picture itself
-        self.reopened = 0  # a connection that breaks is an error at once: nothing is kept open
+        self.reopened = 0  # a broken connection is an error, because no stream is open
 
     @property
     def model(self) -> CameraModel:
-        """The pinhole that the frames are pictures of. Takes one where that is not known yet. Raises CameraError."""
+        """The pinhole model of the frames. Fetches a frame if it is not known yet. Raises CameraError."""
         if self._lens.model is None:
             self.newest()
-        assert self._lens.model is not None  # a picture has come, and has said how large it is
+        assert self._lens.model is not None  # a picture has arrived, so its size is known
         return self._lens.model
 
     @property
@@ -137,14 +144,16 @@ class HttpCamera:
         return self._lens.calibration is not None
 
     def newest(self, drone: int = 0) -> Frame:
-        """Return the newest frame. Raises CameraError when none comes."""
+        """Return the newest frame. Raises CameraError if none arrives."""
         return self._frame(drone, {"drone": drone} if drone else None)
 
     def at(self, time_us: int, drone: int = 0) -> Frame:
-        """Return a frame of a moment ago (µs, vehicle clock), which a simulated camera can give. Raises CameraError."""
+        """Return the frame of an earlier time (µs, vehicle clock); only for a simulated camera. Raises CameraError."""
         return self._frame(drone, {"drone": drone, "at": time_us})
 
     def _frame(self, drone: int, params: dict[str, int] | None) -> Frame:
+        if self._depths:
+            params = {**(params or {}), "depth": 1}
         try:
             response = self._caller.get(self._timeout_s, params)
             if response.headers.get("content-type", "").startswith("multipart/"):
@@ -168,43 +177,58 @@ class HttpCamera:
         if self._max_age_s is not None and age_s > self._max_age_s:
             raise CameraError(f"{self._none}: the newest is {age_s:.1f} s old")
         straight = self._lens.straightened(picture)
-        return Frame(frame_id, drone, time_us, cv2.cvtColor(straight, cv2.COLOR_BGR2RGB))
+        return Frame(frame_id, drone, time_us, cv2.cvtColor(straight, cv2.COLOR_BGR2RGB), self._depth_of(frame_id))
+
+    def _depth_of(self, frame_id: int) -> NDArray[np.uint16] | None:
+        """Return the depth picture of a frame; None where the camera serves none. Raises CameraError."""
+        if self._depths is None:
+            return None
+        try:
+            _, data = body(self._depths.get(self._timeout_s, {"frame": frame_id}), PICTURE_BYTES_MAX)
+        except CameraError as fault:
+            raise CameraError(f"{self._none}: {fault}") from None
+        depth_mm = decode_depth(data)
+        if depth_mm is None:
+            raise CameraError(f"{self._none}: it sent something that is not a depth picture")
+        return depth_mm
 
     def following(self, frame_id: int) -> Frame:
-        """Return the next frame; asking is what makes one."""
+        """Return the next frame; the request makes it."""
         return self.newest()
 
     def close(self) -> None:
         self._caller.close()
+        if self._depths:
+            self._depths.close()
 
 
 PART_BYTES_MAX = 32 * 1024 * 1024
-SILENCE_S = 2.0  # s without a byte after which the stream is taken for broken
+SILENCE_S = 2.0  # s without a byte until the stream counts as broken
 
 
 class Multipart:
-    """Cuts the bytes of a multipart answer into its parts. Pure: the caller says when the bytes came."""
+    """Cuts the bytes of a multipart answer into its parts. The caller passes their times of arrival."""
 
     def __init__(self, content_type: str) -> None:
-        """Raises CameraError when the header names no boundary."""
+        """Raises CameraError if the header has no boundary."""
         boundary = content_type.partition("boundary=")[2].split(";")[0].strip().strip('"')
         # some cameras write the two leading dashes into the header, others do not
         self._boundary = b"--" + boundary.removeprefix("--").encode("latin-1", "replace")
         if len(self._boundary) < 3:
             raise CameraError("its stream has no boundary between pictures")
         self._buffer = bytearray()
-        self._searched = 0  # bytes of the buffer in which no boundary begins
+        self._searched = 0  # bytes of the buffer that contain no boundary
         self._in_body = False
-        self._length: int | None = None  # bytes of the body, when its header says so
-        self._began_s: float | None = None  # when the body's first bytes came; None while there are none
+        self._length: int | None = None  # bytes of the body, if its header has them
+        self._began_s: float | None = None  # time of the body's first bytes; None: no bytes yet
 
     def feed(self, data: bytes, now_s: float) -> list[tuple[float, bytes]]:
-        """Take bytes; return the parts that are complete, each with the second at which its body began to come.
+        """Take bytes; return the complete parts, each with the second of its body's first bytes.
 
         Raises CameraError for a part that is too large to be a picture.
         """
         self._buffer += data
-        if data and self._began_s is None:  # a header may come alone and wait long for its picture
+        if data and self._began_s is None:  # a header may arrive long before its picture
             self._began_s = now_s
         chunks: list[tuple[float, bytes]] = []
         while self._in_body or self._header(now_s):
@@ -239,7 +263,7 @@ class Multipart:
         return True
 
     def _body(self) -> bytes | None:
-        """Return the body when it is complete; it ends where its length or the next boundary says."""
+        """Return the body if it is complete; its length or the next boundary is its end."""
         if self._length is not None:
             if len(self._buffer) < self._length:
                 return None
@@ -256,7 +280,7 @@ class Multipart:
 
 
 class MjpegSource:
-    """Pictures of one MJPEG address, stamped when their first bytes come."""
+    """Pictures of one MJPEG address, stamped at the arrival of their first bytes."""
 
     def __init__(self, caller: Caller) -> None:
         self._caller = caller

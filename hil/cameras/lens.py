@@ -1,4 +1,4 @@
-"""A camera's lens: its calibration from pictures of a chessboard, and the pinhole that is left when it is undone."""
+"""A camera's lens: its calibration from pictures of a chessboard, and the correction to a pinhole's picture."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from foundation.errors import UsageError
 
 BYTES_MAX = 1_000_000
 SIDE_PX = (16, 16384)  # px, of a picture
-COEFFICIENTS = (4, 5, 8, 12, 14)  # how many OpenCV's plain model may have
+COEFFICIENTS = (4, 5, 8, 12, 14)  # possible numbers in OpenCV's standard model
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +27,11 @@ class Calibration:
     matrix: tuple[tuple[float, float, float], ...]  # 3 × 3, px: ((fx, 0, cx), (0, fy, cy), (0, 0, 1))
     distortion: tuple[float, ...]  # k1, k2, p1, p2[, k3, …]; of a fisheye k1 … k4
     fisheye: bool = False
-    error_px: float | None = None  # root mean square of the reprojection, when it was calibrated
+    error_px: float | None = None  # root mean square of the reprojection error at the calibration
 
 
 def load(path: Path) -> Calibration:
-    """Return the calibration in a file. Raises UsageError naming the file and what is wrong with it."""
+    """Return the calibration in a file. Raises UsageError with the file and the fault."""
     try:
         if path.stat().st_size > BYTES_MAX:
             raise UsageError(f"calibration file '{path}' is too large for a calibration")
@@ -81,7 +81,7 @@ def _checked(values: dict[str, Any], path: Path) -> Calibration:
 
 
 def save(calibration: Calibration, path: Path) -> None:
-    """Write the file; its ending (.yml, .yaml, .xml or .json) says in which form. Raises UsageError."""
+    """Write the file; its ending (.yml, .yaml, .xml or .json) is the format. Raises UsageError."""
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
         raise UsageError(f"calibration file '{path}' must end in .yml, .yaml, .xml or .json")
     try:
@@ -101,20 +101,20 @@ def save(calibration: Calibration, path: Path) -> None:
     storage.release()
 
 
-HFOV_DEG = 90.0  # of a camera that nobody has calibrated: what the prompt and the paper assume
-HFOV_MIN_DEG, HFOV_MAX_DEG = 5.0, 150.0  # ° that a pinhole's picture can have and still be a picture
+HFOV_DEG = 90.0  # of an uncalibrated camera, as in the prompt and the paper
+HFOV_MIN_DEG, HFOV_MAX_DEG = 5.0, 150.0  # °, possible fields of view of a pinhole's picture
 
 
 class Lens:
-    """Makes a camera's pictures those of a pinhole with square pixels and its principal point at the centre.
+    """Corrects a camera's pictures to those of a pinhole with square pixels and its principal point at the centre.
 
-    Without a calibration pictures stay as they are, and their field of view is taken on trust.
+    Without a calibration pictures stay unchanged, and their field of view is assumed.
     """
 
     def __init__(self, calibration: Calibration | None = None, hfov_deg: float = HFOV_DEG) -> None:
-        """Raises UsageError for a lens that cannot be undone."""
+        """Raises UsageError for a lens that cannot be corrected."""
         self.calibration = calibration
-        self.model: CameraModel | None = None  # without calibration unknown until a picture says how large it is
+        self.model: CameraModel | None = None  # without a calibration unknown until the first picture
         self._hfov_deg = hfov_deg
         self._maps: tuple[Any, Any] | None = None
         if calibration:
@@ -123,7 +123,7 @@ class Lens:
             self.model = CameraModel(calibration.width, calibration.height, hfov_deg)
 
     def straightened(self, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Return the picture as the pinhole would have taken it, of the same size.
+        """Return the corrected picture, in the same size.
 
         Raises UsageError for a picture of another size than the calibration's.
         """
@@ -145,7 +145,7 @@ class Lens:
 def straightening(calibration: Calibration) -> tuple[tuple[Any, Any], float]:
     """Return cv2.remap's two maps and the focal length (px) of the widest pinhole without an empty corner.
 
-    Raises UsageError when there is none.
+    Raises UsageError if there is none.
     """
     size = (calibration.width, calibration.height)
     matrix, distortion = np.array(calibration.matrix), np.array(calibration.distortion)
@@ -170,10 +170,10 @@ def straightening(calibration: Calibration) -> tuple[tuple[Any, Any], float]:
 
 
 def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool) -> float:
-    """Return the focal length (px) at which the whole straight picture lies inside the one the camera took."""
+    """Return the focal length (px) at which the corrected picture is completely inside the camera's picture."""
     if fisheye:
         best = cv2.fisheye.estimateNewCameraMatrixForUndistortRectify(matrix, distortion, size, np.eye(3), balance=0.0)
-        # its principal point is not the centre: what is missing on the nearer side is made up by a longer focal length
+        # the principal point is off the centre, so the focal length is longer for the nearer side
         reach = [min(best[k, 2], size[k] - 1 - best[k, 2]) / ((size[k] - 1) / 2) for k in (0, 1)]
         return float(max(best[k, k] / reach[k] if reach[k] > 0 else math.nan for k in (0, 1)))
     best, _ = cv2.getOptimalNewCameraMatrix(matrix, distortion, size, 0.0, size, centerPrincipalPoint=True)
@@ -181,11 +181,11 @@ def _focal_px(matrix: Any, distortion: Any, size: tuple[int, int], fisheye: bool
 
 
 def _within(places: NDArray[np.float32], length: int) -> bool:
-    return bool(np.all((places > -1.5) & (places < length + 0.5)))  # OpenCV looks for the edges at a few places only
+    return bool(np.all((places > -1.5) & (places < length + 0.5)))  # OpenCV checks the edges only at a few places
 
 
 def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
-    """Return whether no part of the picture is shown twice, as a polynomial beyond its calibrated reach does."""
+    """Return whether no part of the picture appears twice. A polynomial beyond its calibrated range may do this."""
     x_down, x_right = np.gradient(x)
     y_down, y_right = np.gradient(y)
     return bool(np.all(x_right * y_down - x_down * y_right > 0.0))
@@ -193,12 +193,12 @@ def _unfolded(x: NDArray[np.float32], y: NDArray[np.float32]) -> bool:
 
 VIEWS_MIN = 10
 ERROR_MAX_PX = 1.0  # root mean square
-FOCAL_SIGMA_MAX = 0.01  # of the focal length
-# Boards that all face the camera fit any focal length perfectly, and the solver is then sure of a wrong one. So the way
-# they face has to vary: standard deviation of their normals' parts across and down the picture.
+FOCAL_SIGMA_MAX = 0.01  # share of the focal length
+# If all boards face the camera, any focal length fits, and the solver may be sure of a wrong one. So the directions of
+# the boards must vary: standard deviation of their normals' components across and down the picture.
 TILT_MIN = 0.1
-COVERAGE_MIN = 0.5  # of the picture's area that corners were seen in: beyond them the lens is a guess
-MOVED_MIN = 0.04  # of the picture's width, mean of the corners, that makes a view another view
+COVERAGE_MIN = 0.5  # share of the picture's area with corners; outside, the lens is a guess
+MOVED_MIN = 0.04  # share of the picture's width: mean shift of the corners for a new view
 
 Corners = NDArray[np.float32]  # (N, 1, 2) px, row by row
 
@@ -221,23 +221,23 @@ class Board:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """A calibration, and how far it can be trusted."""
+    """A calibration, and its quality."""
 
     calibration: Calibration
     views: int
-    worst_view: int  # whose error is largest, counted from 0
+    worst_view: int  # index of the view with the largest error
     worst_px: float
-    tilt: float  # standard deviation of the way that the boards face, in the direction in which it varies less
-    focal_sigma: float  # standard deviation of the focal length, as a part of it
+    tilt: float  # standard deviation of the boards' normals, across or down, the smaller one
+    focal_sigma: float  # standard deviation of the focal length, relative
     coverage: float  # 0 … 1 of the picture's area
 
 
 def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
-    """Return the board's inner corners in a picture (blue first), None when it is not wholly in it."""
+    """Return the board's inner corners in a picture (BGR); None if it is not completely in the picture."""
     grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
     size = (board.columns, board.rows)
     if not cv2.findChessboardCorners(grey, size, flags=cv2.CALIB_CB_FAST_CHECK | cv2.CALIB_CB_ADAPTIVE_THRESH)[0]:
-        return None  # a quick look: the thorough search below takes a second where there is no board
+        return None  # a quick check, because the search below takes a second if there is no board
     has_board, places = cv2.findChessboardCornersSB(
         grey, size, flags=cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
     )
@@ -245,12 +245,12 @@ def corners(picture: NDArray[np.uint8], board: Board) -> Corners | None:
 
 
 def is_new(places: Corners, before: Sequence[Corners], width: int) -> bool:
-    """Return whether a view differs enough from those before to say something new."""
+    """Return whether a view differs enough from the earlier ones."""
     return all(float(np.linalg.norm(places - view, axis=2).mean()) > MOVED_MIN * width for view in before)
 
 
 def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
-    """Return the calibration that explains the views best. Raises UsageError for one that should not be used."""
+    """Return the calibration that fits the views best. Raises UsageError if its quality is too low."""
     if len(views) < VIEWS_MIN:
         raise UsageError(
             f"the chessboard with {board.columns}×{board.rows} inner corners is seen in {len(views)} different"
@@ -301,14 +301,14 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
 
 
 def tilt(turns: Sequence[Any]) -> float:
-    """Return how much the boards' normals vary, across or down, whichever is less. `turns` are Rodrigues'."""
+    """Return the variation of the boards' normals, across or down, the smaller one. `turns`: Rodrigues vectors."""
     normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
     facing = normals * np.sign(normals[:, 2:])
     return float(facing[:, :2].std(axis=0).min())
 
 
 def coverage(views: Sequence[Corners], width: int, height: int) -> float:
-    """Return the part (0 … 1) of the picture's area that all corners together enclose."""
+    """Return the share (0 … 1) of the picture's area that all corners together enclose."""
     hull = cv2.convexHull(np.concatenate([places.reshape(-1, 2) for places in views]))
     return float(cv2.contourArea(hull) / (width * height))
 

@@ -12,34 +12,34 @@ from hil.cameras.http import HttpCamera
 from hil.cameras.open import RealCamera
 from hil.cameras.stream import StreamEndedError
 
-GAP = 1.6  # times the usual interval, from which on a picture is missing between two
+GAP = 1.6  # × the usual interval; a longer gap means a missing picture
 
 
 @dataclass(frozen=True, slots=True)
 class Delivery:
-    """The frames of a measurement. Intervals are those of the stamps; an age is from stamp to straightened picture."""
+    """Results of a measurement. Intervals are between stamps; an age is from the stamp to the corrected picture."""
 
     model: CameraModel  # of the frames
-    calibrated: bool  # whether the field of view is known, or believed
-    asked: bool  # whether each frame has to be requested: the rate is then that of the requests
+    calibrated: bool  # whether the field of view is measured, not assumed
+    asked: bool  # whether each frame needs a request, which then limits the rate
     frames: int
-    seconds: float  # host's, from the first frame to the last
-    rate_hz: float | None  # of pictures that came, looked at or not; None of fewer than two frames
+    seconds: float  # host's clock, from the first frame to the last
+    rate_hz: float | None  # of all arriving pictures; None: fewer than two frames
     interval_ms: float | None  # median
     jitter_ms: float | None  # standard deviation of the interval
     longest_ms: float | None
-    age_ms: float | None  # median; None when the camera stamps by a clock of its own
+    age_ms: float | None  # median; None: the camera stamps by its own clock
     oldest_ms: float | None
-    missing: int  # pictures that gaps between neighbours say are missing
-    repeated: int  # pictures that are the one before, bit for bit
-    unseen: int  # pictures that came while this computer was still busy with an earlier one
-    reopened: int  # times that the stream broke and came back
+    missing: int  # missing pictures, by the gaps
+    repeated: int  # pictures that are equal to the previous one, bit for bit
+    unseen: int  # pictures that arrived while this computer was busy with an earlier one
+    reopened: int  # number of times that the stream broke and was reopened
 
 
 def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
-    """Look at every frame for `seconds` of a camera whose clock is `host_us`; return what was seen, and the last frame.
+    """Measure all frames of a camera with the clock `host_us` for `seconds`; return the results and the last frame.
 
-    Raises CameraError when frames cease.
+    Raises CameraError if no more frames arrive.
     """
     frame = camera.newest()
     model, polled = camera.model, isinstance(camera, HttpCamera)
@@ -53,7 +53,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
             break
         try:
             following = camera.following(frame.frame_id)
-        except StreamEndedError:  # a recording that is shorter
+        except StreamEndedError:  # the recording is shorter
             break
         repeated += bool(np.array_equal(following.image_rgb, frame.image_rgb))
         frame = following
@@ -65,7 +65,7 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
     usual = statistics.median(spans) if spans else None
     took_s = time.monotonic() - began_s
     came, span_s = numbers[-1] - numbers[0], (stamps_us[-1] - stamps_us[0]) / 1e6
-    if polled:  # such a camera numbers its frames as it likes
+    if polled:  # the frame numbers of such a camera have no meaning
         came, span_s = len(numbers) - 1, took_s
     return Delivery(
         model=model,
@@ -87,5 +87,5 @@ def measure(camera: RealCamera, seconds: float) -> tuple[Delivery, Frame]:
 
 
 def host_us() -> int:
-    """Return µs of the host's monotonic clock: the vehicle's clock when there is no vehicle."""
+    """Return µs of the host's monotonic clock, which replaces the vehicle's clock without a vehicle."""
     return time.monotonic_ns() // 1000

@@ -1,4 +1,4 @@
-"""Opens any camera by its address, and waits out the gaps of one that flies."""
+"""Opens any camera by its address, and waits during gaps in flight."""
 
 import time
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from hil.cameras.stream import (
 )
 
 RealCamera = HttpCamera | StreamCamera
-ANSWER_S = 10.0  # s that a camera may take for its first picture
+ANSWER_S = 10.0  # s until a camera must have sent its first picture
 
 
 def open_camera(
@@ -32,11 +32,11 @@ def open_camera(
     hfov_deg: float = HFOV_DEG,
     max_age_s: float = MAX_AGE_S,
 ) -> RealCamera:
-    """Return the camera at an address, open, its frames stamped on the clock that `now_us` reads.
+    """Return the open camera at an address; its frames are stamped on the clock of `now_us`.
 
-    With a calibration its frames are straightened and `model` is what the calibration says; without one `hfov_deg` is
-    believed. A frame older than `max_age_s` is a CameraError. Raises UsageError for an address that is none and a lens
-    that cannot be undone, CameraError when nothing comes. No password of an address is ever in an error.
+    With a calibration its frames are corrected, and `model` follows from the calibration. Without one, `hfov_deg` is
+    assumed. A frame older than `max_age_s` is a CameraError. Raises UsageError for an invalid address and a lens that
+    cannot be corrected, CameraError if no frame arrives. No error has the password of an address.
     """
     address = parse(url)
     lens = Lens(calibration, hfov_deg)
@@ -50,7 +50,7 @@ def open_camera(
 
 
 def _source(address: Address, lens: Lens) -> Source | None:
-    """Return the source that sends pictures by itself at an address; None for one that needs a request for each."""
+    """Return the source of an address that sends pictures by itself; None: each picture needs a request."""
     allowed = {"v4l2": {"size"}, "folder": {"fps"}}.get(address.kind, set())
     if stray := set(address.options) - allowed:
         raise UsageError(f"camera option {sorted(stray)[0]!r} is not known for a {address.kind} camera")
@@ -71,7 +71,7 @@ def _source(address: Address, lens: Lens) -> Source | None:
 
 
 def _http_source(url: str) -> MjpegSource | None:
-    """Ask once: the type of the answer says which of the two it is."""
+    """Send one request; the type of the answer shows the kind of source."""
     caller = Caller(url)
     response = caller.get(ANSWER_S)
     response.close()
@@ -86,24 +86,24 @@ AGAIN_S = 0.1  # wall seconds between two attempts
 
 
 class PatientCamera:
-    """Asks again for up to `patience_s` wall seconds before it lets a camera's fault through."""
+    """A camera that retries for up to `patience_s` wall seconds before it raises a fault."""
 
     def __init__(self, camera: RealCamera, patience_s: float, on_stale: Callable[[str], None]) -> None:
-        """`on_stale` hears, once for every gap, why no frame can be used; from the thread that asks."""
+        """`on_stale` gets, once for every gap, the reason for the missing frame, on the caller's thread."""
         self._camera, self._patience_s, self._on_stale = camera, patience_s, on_stale
 
     @property
     def model(self) -> CameraModel:
-        """The pinhole that the frames are pictures of. Raises CameraError."""
+        """The pinhole model of the frames. Raises CameraError."""
         return self._camera.model
 
     @property
     def stamps(self) -> bool:
-        """Whether it stamped its newest picture itself, with the vehicle's clock; else that is when it arrived."""
+        """Whether the camera stamped its newest picture with the vehicle's clock. Else the stamp is the arrival."""
         return self._camera.stamps
 
     def newest(self, drone: int = 0) -> Frame:
-        """Return the newest frame that is young enough. Raises CameraError when none has come for too long."""
+        """Return the newest frame that is not too old. Raises CameraError if there is none for too long."""
         began_s, has_warned = time.monotonic(), False
         while True:
             try:

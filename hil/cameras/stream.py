@@ -15,27 +15,27 @@ from foundation.camera import CameraModel, Frame
 from foundation.errors import CameraError, UsageError
 from hil.cameras.lens import Lens
 
-Picture = NDArray[np.uint8]  # (H, W, 3), blue first, as OpenCV has it
-MAX_AGE_S = 1.0  # s; what the drone saw longer ago says nothing about where it is
-PATIENCE_S = 5.0  # s to wait for a picture that is young enough; the vehicle holds meanwhile
-REOPEN_S = 0.5  # s between two attempts to get a broken stream back
+Picture = NDArray[np.uint8]  # (H, W, 3), BGR as in OpenCV
+MAX_AGE_S = 1.0  # s; an older picture does not show the present place
+PATIENCE_S = 5.0  # s to wait for a picture that is not too old; the vehicle holds meanwhile
+REOPEN_S = 0.5  # s between two attempts to reopen a broken stream
 
 
 class StreamEndedError(CameraError):
-    """There will be no more pictures: a recording has come to its end."""
+    """There are no more pictures, because a recording has ended."""
 
 
 class Source(Protocol):
     """A source of pictures. One thread uses it at a time."""
 
     def open(self) -> None:
-        """Raises CameraError when nothing can be had."""
+        """Open the source. Raises CameraError if that fails."""
         ...
 
     def shoot(self, stop: threading.Event) -> tuple[float, bytes | Picture]:
-        """Wait for the next picture; return the host's monotonic second at which it came, and the picture.
+        """Wait for the next picture; return the host's monotonic second of its arrival, and the picture.
 
-        `bytes` are an encoded picture. Raises CameraError when the stream broke, StreamEndedError when it ended.
+        `bytes` are an encoded picture. Raises CameraError if the stream breaks, StreamEndedError if it ends.
         """
         ...
 
@@ -44,7 +44,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """One picture as it came off the wire."""
+    """One picture as it arrived."""
 
     number: int
     taken_s: float  # s, host's monotonic clock
@@ -52,9 +52,9 @@ class Shot:
 
 
 class StreamCamera:
-    """Frames of one source, for one drone. What is older than `max_age_s` is an error and never a frame."""
+    """Frames of one source, for one drone. A picture older than `max_age_s` is an error, never a frame."""
 
-    stamps = False  # none of these sources says when a picture was taken
+    stamps = False  # these sources do not send the time of a picture
 
     def __init__(
         self,
@@ -66,31 +66,31 @@ class StreamCamera:
         max_age_s: float = MAX_AGE_S,
         patience_s: float = PATIENCE_S,
     ) -> None:
-        """`now_us` is the vehicle's clock; `name` the address as it may be shown. Raises CameraError."""
+        """`now_us` is the vehicle's clock; `name` is the address for messages. Raises CameraError."""
         self._source, self._now_us, self._lens = source, now_us, lens
         self._max_age_s, self._patience_s = max_age_s, patience_s
         self._none = f"the camera at {name} gives no frame"
         self._shot: Shot | None = None
         self._fault: str | None = None
-        self._over = self._ended = False  # the thread reads no more; because the recording has come to its end
+        self._over = self._ended = False  # the thread has stopped; because the recording has ended
         self._news = threading.Condition()
         self._stop = threading.Event()
-        self.reopened = 0  # how often the stream broke and came back
+        self.reopened = 0  # number of times that the stream was reopened
         source.open()
         self._thread = threading.Thread(target=self._read, name=f"camera {name}", daemon=True)
         self._thread.start()
 
     @property
     def model(self) -> CameraModel:
-        """The pinhole that the frames are pictures of. Waits for the first one. Raises CameraError, UsageError."""
+        """The pinhole model of the frames. Waits for the first frame. Raises CameraError, UsageError."""
         if self._lens.model is None:
             self.newest()
-        assert self._lens.model is not None  # a picture has come, and has said how large it is
+        assert self._lens.model is not None  # a picture has arrived, so its size is known
         return self._lens.model
 
     @property
     def age_s(self) -> float | None:
-        """Age (s) of the newest picture, None while there is none."""
+        """Age (s) of the newest picture; None: there is none yet."""
         shot = self._shot
         return None if shot is None else time.monotonic() - shot.taken_s
 
@@ -100,7 +100,7 @@ class StreamCamera:
         return self._lens.calibration is not None
 
     def newest(self, drone: int = 0) -> Frame:
-        """Return the newest frame. Raises CameraError when none that is young enough comes in time."""
+        """Return the newest frame. Raises CameraError if no recent one arrives in time."""
         return self._frame(self._await(-1), drone)
 
     def following(self, frame_id: int) -> Frame:
@@ -112,7 +112,7 @@ class StreamCamera:
         self._stop.set()
         self._thread.join(3.0)
 
-    # -- what the caller waits for -----------------------------------------------------------------------------
+    # -- waits of the caller -----------------------------------------------------------------------------------
 
     def _young(self, after: int) -> Shot | None:
         shot = self._shot
@@ -135,7 +135,7 @@ class StreamCamera:
 
     def _frame(self, shot: Shot, drone: int) -> Frame:
         if drone:
-            raise CameraError(f"{self._none} of drone {drone}: it is one drone's camera")
+            raise CameraError(f"{self._none} of drone {drone}, because it is the camera of one drone")
         picture = decoded(shot.data)
         if picture is None:
             raise CameraError(f"{self._none}: it sent something that is not a picture")
@@ -162,7 +162,7 @@ class StreamCamera:
                     self._shot, self._fault = Shot(number, taken_s, data), None
                     self._news.notify_all()
                 number += 1
-        except Exception as bug:  # a thread that dies silently would look like a camera that hangs
+        except Exception as bug:  # without this, a dead thread would look like a hanging camera
             self._set_fault(f"reading it broke down with an unexpected {type(bug).__name__}", over=True)
         finally:
             self._source.close()
@@ -185,33 +185,33 @@ class StreamCamera:
 
 
 def decoded(data: bytes | Picture) -> Picture | None:
-    """Return the picture, blue first; None when the bytes are none."""
+    """Return the picture (BGR); None: the bytes are not a picture."""
     if not isinstance(data, bytes):
         return data
     return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
 
 
-OPEN_MS, READ_MS = 5000, 5000  # after which a silent stream is taken for absent, for broken
-LIVE_GRABS = 3  # in a row that had to wait for their picture: nothing is kept any more
-WAITED = 0.7  # of the time between two pictures; a computer that needs longer to decode one is too slow for the stream
+OPEN_MS, READ_MS = 5000, 5000  # ms of silence after which a stream counts as absent, or as broken
+LIVE_GRABS = 3  # grabs in a row that had to wait: the buffer is empty
+WAITED = 0.7  # share of the time between two pictures; a computer that needs more for decoding is too slow
 DRAIN_S = 5.0
 
 
 class RtspSource:
-    """A camera in the network. FFmpeg reads it, over TCP: over UDP a lost packet is a smeared picture."""
+    """A camera in the network. FFmpeg reads it over TCP, because over UDP a lost packet smears a picture."""
 
     def __init__(self, url: str) -> None:
         self._url = url
         self._capture: Any = None
 
     def open(self) -> None:
-        # one decoding thread: with more, FFmpeg holds a picture back for each of them
+        # one decoding thread, because FFmpeg holds back a picture for each thread
         wanted = [
             cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_MS, cv2.CAP_PROP_N_THREADS, 1,
         ]  # fmt: skip
         self._capture = cv2.VideoCapture(self._url, cv2.CAP_FFMPEG, wanted)
         if not self._capture.isOpened():
-            raise CameraError("no video arrives: there is no server, or the path, the user or the password is wrong")
+            raise CameraError("no video arrives. Check the server, the path, the user and the password")
         drain(self._capture)
 
     def shoot(self, stop: threading.Event) -> tuple[float, Picture]:
@@ -226,7 +226,7 @@ class V4l2Source:
     """A camera on this computer, by USB or ribbon cable."""
 
     def __init__(self, device: str, size: tuple[int, int] | None) -> None:
-        """`size` (width, height in px) is asked for; the camera gives the nearest that it has."""
+        """`size` (width, height in px) is requested; the camera gives the nearest that it has."""
         self._device, self._size = device, size
         self._capture: Any = None
 
@@ -237,7 +237,7 @@ class V4l2Source:
                 "the device cannot be opened: it does not exist, is in use, or this user is not in the group video"
             )
         if self._size:
-            # over USB large pictures come at full rate as JPEG only; a camera without it stays as it is
+            # over USB, large pictures have their full rate only as JPEG; other cameras stay as they are
             self._capture.set(cv2.CAP_PROP_FOURCC, cv2.VideoWriter.fourcc(*"MJPG"))
             self._capture.set(cv2.CAP_PROP_FRAME_WIDTH, self._size[0])
             self._capture.set(cv2.CAP_PROP_FRAME_HEIGHT, self._size[1])
@@ -266,10 +266,10 @@ def shoot(capture: Any) -> tuple[float, Picture]:
 
 
 def drain(capture: Any) -> None:
-    """Throw away what was kept: FFmpeg reads a second of a stream to learn what it is, and servers keep one, too.
+    """Drop the buffered pictures: FFmpeg reads a second of a stream to find its format, and servers buffer one too.
 
-    Handed out, that second would never be caught up with. A picture was kept when it comes sooner after the one before
-    than it was taken.
+    Without this, all pictures would stay a second late. A picture comes from the buffer if it arrives sooner after the
+    previous one than it was taken.
     """
     live, at_ms, end_s = 0, capture.get(cv2.CAP_PROP_POS_MSEC), time.monotonic() + DRAIN_S
     while live < LIVE_GRABS and time.monotonic() < end_s:
@@ -281,7 +281,7 @@ def drain(capture: Any) -> None:
 
 
 def size_of(text: str | None) -> tuple[int, int] | None:
-    """Return (width, height) of '1280x720'; None of None. Raises UsageError."""
+    """Return (width, height) of '1280x720'; None for None. Raises UsageError."""
     if text is None:
         return None
     width, _, height = text.lower().partition("x")
@@ -291,7 +291,7 @@ def size_of(text: str | None) -> tuple[int, int] | None:
 
 
 ENDINGS = (".jpg", ".jpeg", ".png", ".bmp", ".webp")
-FOLDER_HZ = 10.0  # pictures per second of a folder, which does not say
+FOLDER_HZ = 10.0  # pictures per second of a folder without ?fps=
 
 
 class VideoSource:
@@ -365,7 +365,7 @@ def pictures(folder: Path) -> list[Path]:
 
 
 def rate_of(text: str | None) -> float:
-    """Return the pictures per second that `?fps=` asks for. Raises UsageError."""
+    """Return the pictures per second of `?fps=`. Raises UsageError."""
     try:
         rate_hz = FOLDER_HZ if text is None else float(text)
     except ValueError:

@@ -1,1 +1,1 @@
-"""The link to any MAVLink autopilot: the wire, the conversation over it, and the flying through it."""
+"""The link to any MAVLink autopilot: transport, conversation, and commands for flying."""

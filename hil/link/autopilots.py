@@ -1,9 +1,9 @@
 """The autopilot at the other end of a link: its version, its family, its modes and setpoint messages.
 
 PX4 in particular: the modes are from px4_custom_mode.h. The rest was measured with PX4 1.15. Only the frames LOCAL_NED
-and BODY_NED count as setpoints. A mask that leaves vz out (0x5E7) or everything (0xDFF) is called invalid and times
-out. A stream slower than 2 Hz is lost, and comes back without a mode command. Rates that a radio cannot carry are
-divided until they fit. STATUSTEXT goes only to a wire on which a ground station was heard.
+and BODY_NED count as setpoints. PX4 reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
+Offboard times out. PX4 treats a stream below 2 Hz as lost, and accepts it again without a mode command. It divides
+rates that a radio cannot carry until they fit. It sends STATUSTEXT only on a link with a ground station.
 """
 
 from dataclasses import dataclass
@@ -20,11 +20,11 @@ NAMES = {0: "a generic autopilot", 3: "ArduPilot", PX4_AUTOPILOT: "PX4", 8: "no 
 class Firmware:
     """The firmware of an autopilot."""
 
-    version: str  # major.minor.patch, with alpha, beta or rc where it is none that was released
-    git: str  # first 8 bytes of the commit's hash, in hexadecimal; empty when not told
-    vendor: int  # USB ids of the board, 0 when not told
+    version: str  # major.minor.patch, with alpha, beta or rc before a release
+    git: str  # first 8 bytes of the commit's hash, in hexadecimal; empty: not sent
+    vendor: int  # USB ids of the board; 0: not sent
     product: int
-    uid: int  # of the board, 0 when not told
+    uid: int  # id of the board; 0: not sent
     capabilities: int  # MAV_PROTOCOL_CAPABILITY bits
 
     def __str__(self) -> str:
@@ -59,17 +59,17 @@ ENDINGS = {"land": "LAND", "return": "RETURN", "hold": "HOLD"}
 
 
 class Px4:
-    """The family of PX4, as which our own autopilot speaks. Another family is a subclass.
+    """The family of PX4 autopilots, which includes our own autopilot. Another family is a subclass.
 
-    Modes have PX4's names everywhere; a subclass translates its own.
+    Modes have PX4's names everywhere; a subclass translates its own names.
     """
 
     name = "PX4"
     autopilot = int(PX4_AUTOPILOT)  # HEARTBEAT.autopilot, a MAV_AUTOPILOT
-    homeward = ("LAND", "RETURN")  # modes that end on the ground, after which nothing more is ordered
+    homeward = ("LAND", "RETURN")  # modes that end on the ground; there are no orders after them
 
     def mode_name(self, custom_mode: int) -> str:
-        """Return the mode of a HEARTBEAT or CURRENT_MODE, `main/sub` in numbers for an unknown one."""
+        """Return the mode of a HEARTBEAT or CURRENT_MODE; for an unknown mode, the numbers `main/sub`."""
         return name_of(custom_mode)
 
     def mode_parameters(self, mode: str) -> tuple[float, float]:
@@ -77,17 +77,17 @@ class Px4:
         return MODES[mode].main, MODES[mode].sub
 
     def goes_on_to(self, mode: str) -> tuple[str, ...]:
-        """Return the modes into which an autopilot goes on by itself from this one."""
+        """Return the modes to which an autopilot switches by itself from this mode."""
         return LEADS_TO.get(mode, ())
 
     def ending(self, then: str) -> str:
-        """Return the mode that ends a flight as asked: land, return or hold."""
+        """Return the mode for the end of a flight: land, return or hold."""
         return ENDINGS[then]
 
     def setpoint_message(
         self, setpoint: OffboardSetpoint, time_boot_ms: int, system: int, component: int
     ) -> dialect.MAVLink_message:
-        """Return SET_POSITION_TARGET_LOCAL_NED in the frames and masks that a real PX4 takes."""
+        """Return SET_POSITION_TARGET_LOCAL_NED with a frame and mask that a real PX4 accepts."""
         stamp = time_boot_ms % (1 << 32)
         match setpoint:
             case VelocitySetpoint(velocity_body, yaw_rate):

@@ -1,4 +1,4 @@
-"""A conversation with an autopilot: bytes to state, the vehicle's clock, acknowledged commands, streams that arrive."""
+"""A conversation with an autopilot: state from bytes, the vehicle's clock, acknowledged commands, checked streams."""
 
 import contextlib
 import math
@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 
 from foundation.errors import LinkError
+from foundation.frames import quat_normalized, quat_to_euler
 from foundation.mavlink import Packer, Parser, dialect, frame_of
 from foundation.signing import Signing, is_signed, timestamp
 from hil.link.autopilots import PX4, Firmware, Px4, firmware, kind_name
@@ -14,27 +15,27 @@ from hil.link.streams import TICK_US, Streams
 from hil.link.telemetry import STATE_MESSAGES, StatusTexts, VehicleClock, VehicleState, update
 from hil.link.transport import Transport
 
-REPLACED_S = 3.0  # s of the transport's clock without the vehicle, after which another address may take its place
+REPLACED_S = 3.0  # s of the transport's clock without a message; then another address may become the vehicle's
 NOTICE_S = 10.0  # s between two notices of ignored messages
 
 
 class VehicleAddress:
-    """Parses bytes separately for the vehicle and for others, and tells which messages are the vehicle's.
+    """Parses the bytes of the vehicle and of other senders separately, and finds the vehicle's messages.
 
-    A UDP port receives from everybody, and one address is the vehicle's.
+    A UDP port receives from every sender, and one address is the vehicle's.
 
-    The address of the vehicle's first heartbeat is held. Another address that uses the vehicle's ids is ignored until
-    the held one has been silent for REPLACED_S: a bridge that restarts comes back with another port.
+    The address of the vehicle's first heartbeat is held. Another address with the vehicle's ids is ignored until the
+    held address has been silent for REPLACED_S, because a restarted bridge has another port.
     """
 
     def __init__(self, transport: Transport, notice: Callable[[str], None]) -> None:
-        """`notice` receives a line for the user when another address speaks with the vehicle's ids."""
+        """`notice` receives a line for the user when another address sends with the vehicle's ids."""
         self._transport, self._notice = transport, notice
         self._held: str | None = None
         self._parser = Parser()  # of the held address
-        self._stranger: str | None = None  # the last address that spoke and is not held
+        self._stranger: str | None = None  # the last other address that sent
         self._stranger_parser = Parser()
-        self._confirmed_s = 0.0  # when the held address last spoke
+        self._confirmed_s = 0.0  # when the held address last sent
         self._noticed_s = -math.inf
 
     def messages(self, data: bytes) -> list[dialect.MAVLink_message]:
@@ -47,7 +48,7 @@ class VehicleAddress:
         return self._stranger_parser.feed(data)
 
     def hold(self) -> None:
-        """Take the address of the last `receive` for the vehicle's."""
+        """Hold the address of the last `receive` as the vehicle's."""
         self._held, self._confirmed_s = self._transport.peer, self._transport.time_s()
         self._parser, self._stranger, self._stranger_parser = self._stranger_parser, None, Parser()
         self._transport.follow(self._held)
@@ -70,24 +71,26 @@ class VehicleAddress:
 
 SYSTEM, COMPONENT = 245, 191  # MAV_COMP_ID_ONBOARD_COMPUTER; a ground station keeps 255/190
 SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the vehicle is gone
-LOST_S = 1.0  # the same of a vehicle that was silent for so long and has not spoken since
-WARNING_S = 1.0  # s of the transport's clock without telemetry that are worth a warning
+LOST_S = 1.0  # the same for a vehicle that has already been silent for SILENCE_S and has sent nothing since
+WARNING_S = 1.0  # s of the transport's clock without telemetry until a warning
 CHECK = ". Check that the vehicle or simulator runs, and that the URL is right"
 PATIENCE_S = 0.5  # s of the transport's clock of one read
-GAP_US = 500_000  # µs of vehicle time without telemetry after which the last known mode is not believed
-AWAY_S = 0.5  # s of the transport's clock between two sends after which the backlog is read first
-ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator that has just booted tells no place for a second
+GAP_US = 500_000  # µs of vehicle time without telemetry after which the last mode is not trusted
+AWAY_S = 0.5  # s of the transport's clock between two sends; after a longer pause, received bytes are read first
+ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator sends no position in the first second after boot
 COMMAND_RETRY_US = 500_000
 COMMAND_TRIES = 6
 KEY_TRIES = 5
-AGAIN_S = 0.5  # s of vehicle time before a command that was rejected for the moment is sent again
-WORDS_S = 0.3  # s of vehicle time in which an autopilot says why it refused
+AGAIN_S = 0.5  # s of vehicle time before a temporarily rejected command is sent again
+WORDS_S = 0.3  # s of vehicle time in which an autopilot sends its reason for a refusal
 AUTOPILOT = dialect.MAV_COMP_ID_AUTOPILOT1
-FAMILIES: dict[int, Px4] = {PX4.autopilot: PX4}  # by HEARTBEAT.autopilot: those that we can fly
+FAMILIES: dict[int, Px4] = {PX4.autopilot: PX4}  # families that we can fly, by HEARTBEAT.autopilot
 HEARTBEAT, COMMAND_ACK = dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_COMMAND_ACK
 STATUSTEXT, VERSION = dialect.MAVLINK_MSG_ID_STATUSTEXT, dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION
-STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE}  # either keeps the clock going
-HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION}  # most of what an autopilot streams is for others
+GIMBAL = dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS
+# each of these keeps the clock going
+STAMPED = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE, GIMBAL}
+HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION, GIMBAL}  # most of what an autopilot streams is for others
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
 }  # fmt: skip
@@ -96,7 +99,7 @@ ZERO_FILLED = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MES
 
 
 class Conversation:
-    """Telemetry in, commands out, on the vehicle's clock. The clock moves only inside this class."""
+    """Receives telemetry and sends commands, on the vehicle's clock. Only this class advances the clock."""
 
     def __init__(
         self,
@@ -108,27 +111,27 @@ class Conversation:
     ) -> None:
         """`silence_s`: s of the transport's clock without telemetry after which the vehicle is gone.
 
-        `key`: 32 bytes with which messages are signed and checked; empty: no message is. `unix_s` reads the calendar,
-        from which the signatures' timestamps begin.
+        `key`: 32 bytes to sign and check messages; empty: no signatures. `unix_s` reads the calendar, for the first
+        timestamp of the signatures.
         """
         self.transport = transport
-        self.behind_us = 0  # µs by which telemetry is known to come late, as a time synchronisation would tell
-        self.tick_us = TICK_US  # µs of vehicle time between two words of ours
+        self.behind_us = 0  # µs, known delay of telemetry, for example from a time synchronisation
+        self.tick_us = TICK_US  # µs of vehicle time between two messages of ours
         self.state = VehicleState()
         self.clock = VehicleClock()
         self.track = PoseHistory()
         self.firmware: Firmware | None = None
-        self.family: Px4 = PX4  # until a heartbeat names another
+        self.family: Px4 = PX4  # until a heartbeat has another family
         self.system = 0
         self.component = AUTOPILOT
         self.streams = Streams()
         self.texts = StatusTexts()
-        self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # hear every message of the wire
-        self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to break the wait off
-        self.on_silence: Callable[[float], None] = lambda seconds: None  # receives how long no telemetry came, s
+        self.listeners: list[Callable[[dialect.MAVLink_message], None]] = []  # get every message of the link
+        self.on_wait: Callable[[], None] = lambda: None  # called while waiting; may raise to end the wait
+        self.on_silence: Callable[[float], None] = lambda seconds: None  # receives the length of a silence, s
         self.on_notice: Callable[[str], None] = lambda line: None  # receives lines for the user
         self._silence_s, self._time_s = silence_s, transport.time_s
-        self._lost = False  # whether it was silent for that long, and has been since
+        self._lost = False  # whether it was silent for SILENCE_S, and has sent nothing since
         self._address = VehicleAddress(transport, lambda line: self.on_notice(line))
         self._packer = Packer(SYSTEM, COMPONENT)
         self._unix_s = unix_s
@@ -144,7 +147,7 @@ class Conversation:
 
     @contextlib.contextmanager
     def listening(self, listener: Callable[[dialect.MAVLink_message], None]) -> Iterator[None]:
-        """Call a listener with every message of the wire until the context ends."""
+        """Call a listener with every message of the link until the context ends."""
         self.listeners.append(listener)
         try:
             yield
@@ -156,7 +159,7 @@ class Conversation:
     def connect(self, timeout_s: float = 30.0) -> None:
         """Wait for the autopilot's heartbeat, telemetry and version, and ask for the streams that flying needs.
 
-        Raises LinkError when no autopilot is heard within `timeout_s` of the transport's clock, or one that is not PX4.
+        Raises LinkError if no autopilot answers within `timeout_s` of the transport's clock, or one that is not PX4.
         """
         began_s, requested_s, complete_s, system = self._time_s(), -math.inf, math.inf, self.system
         while not self._has_telemetry() or (self.firmware is None and self._time_s() < complete_s + 1.0):
@@ -190,8 +193,8 @@ class Conversation:
         )
 
     def close(self) -> None:
-        """Close the wire, with every stream that we have changed back at the autopilot's own rate."""
-        with contextlib.suppress(LinkError):  # a wire that is broken takes nothing any more
+        """Close the link, after setting every stream that we changed back to the autopilot's own rate."""
+        with contextlib.suppress(LinkError):  # a broken link cannot send
             for interval in self.streams.all() if self.system else ():
                 self._request(interval.message_id, 0)
         self.transport.close()
@@ -204,11 +207,11 @@ class Conversation:
         return bool(data)
 
     def _is_credible(self, message: dialect.MAVLink_message) -> bool:
-        """Return whether a message that was just received may come from the one whose ids it has."""
+        """Return whether a message that was just received may come from the sender with its ids."""
         if self._signing.active and not self._signing.accepts(message, self._wire_us):
             return False
-        ids = message.get_srcSystem(), message.get_srcComponent()
-        return not self.system or ids != (self.system, AUTOPILOT) or self._address.admits()
+        is_vehicle = message.get_srcSystem() == self.system and message.get_srcComponent() == AUTOPILOT
+        return not self.system or not is_vehicle or self._address.admits()
 
     def _take(self, message: dialect.MAVLink_message) -> None:
         for listener in self.listeners:
@@ -239,6 +242,10 @@ class Conversation:
                 self.state = VehicleState()
             elif self.time_us - before_us > GAP_US:
                 self._gap_us = self.time_us
+        if kind == GIMBAL:
+            pitch = quat_to_euler(quat_normalized(tuple(message.q)))[1]
+            self.track.gimbal(self.clock.of(message.time_boot_ms), pitch)
+            return
         if kind == STATUSTEXT:
             self.texts.take(message, self.time_us)
         stamp_us = self.clock.of(message.time_boot_ms) if kind in STAMPED else self.clock.time_us
@@ -246,7 +253,7 @@ class Conversation:
         self.state = update(before, message, self.family.mode_name, stamp_us, self.time_us)
         if kind in STAMPED:
             brought = self.state
-            if brought is before:  # overtaken by a newer one, and still a place on the track
+            if brought is before:  # older than the newest one, but still a pose of the history
                 brought = update(VehicleState(), message, self.family.mode_name, stamp_us)
             self._track(kind, brought)
         elif kind == dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR and self.state.range_m is not None:
@@ -254,7 +261,7 @@ class Conversation:
         self._noticed()
 
     def _track(self, kind: int, state: VehicleState) -> None:
-        """Record the place or the attitude that a message of this kind has brought into a state."""
+        """Record the place or the attitude of a message of this kind in the history."""
         if kind == dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED:
             if state.position_ned is not None and state.velocity_ned is not None:
                 self.track.place(state.position_us, state.position_ned, state.velocity_ned)
@@ -290,7 +297,7 @@ class Conversation:
         self.send(self._command_long(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, (message_id, interval_us)))
 
     def _send_heartbeat(self) -> None:
-        # as a ground station: to a wire on which it has heard none a PX4 sends no STATUSTEXT
+        # as a ground station, because PX4 sends STATUSTEXT only on a link with one
         self.send(
             dialect.MAVLink_heartbeat_message(
                 dialect.MAV_TYPE_GCS, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
@@ -305,7 +312,7 @@ class Conversation:
 
     @property
     def has_key(self) -> bool:
-        """Whether messages are signed, and only signed ones believed."""
+        """Whether messages are signed, and unsigned messages are ignored."""
         return self._signing.active
 
     def _sign_with(self, key: bytes) -> None:
@@ -313,7 +320,7 @@ class Conversation:
             self._signing.set_up(key, timestamp(self._unix_s()), self._wire_us)
 
     def _why_unheard(self) -> str:
-        """Return the reason for silence that signing gives, as the end of a sentence; empty when there is none."""
+        """Return a reason for the silence that comes from signing, as the end of a sentence; empty: no such reason."""
         signing = self._signing
         if not signing.active:
             wanted = "; the vehicle signs its messages and ignores unsigned ones. Give its key with --sign KEYFILE"
@@ -330,9 +337,9 @@ class Conversation:
         )
 
     def give_key(self, key: bytes) -> None:
-        """Give the autopilot a key (32 bytes) over this wire, in clear, and sign from now on.
+        """Send the autopilot a key (32 bytes), unencrypted, over this link, and sign from now on.
 
-        Raises LinkError for an armed vehicle, and for one that does not sign afterwards.
+        Raises LinkError for an armed vehicle, and for a vehicle that does not sign afterwards.
         """
         if self.state.armed:
             raise LinkError("an armed vehicle accepts no key. Disarm it first")
@@ -359,7 +366,7 @@ class Conversation:
 
     @property
     def time_us(self) -> int:
-        """µs, the vehicle's clock when its newest telemetry came."""
+        """µs, the vehicle's clock at its newest telemetry."""
         return self.clock.time_us + self.behind_us
 
     def listen(self) -> None:
@@ -369,14 +376,14 @@ class Conversation:
 
     def tick(self) -> None:
         """Wait until a tick of vehicle time has passed, then send what is due. Raises LinkError."""
-        if self._tick_due_us < self.time_us - 4 * self.tick_us:  # we were away, for instance drawing a frame
+        if self._tick_due_us < self.time_us - 4 * self.tick_us:  # after a pause of ours, for example to draw a frame
             self._tick_due_us = self.time_us
         self._tick_due_us += self.tick_us
         self._wait_until(self._due)
         self._speak()
 
     def keep_up(self) -> None:
-        """Process what has arrived and send what is due, without waiting: for a link whose turn it is not."""
+        """Process what has arrived and send what is due, without waiting. It is for links of other drones."""
         self.listen()
         if self._due():
             self._tick_due_us = self.time_us + self.tick_us
@@ -387,10 +394,10 @@ class Conversation:
         return self.time_us >= self._tick_due_us - self.tick_us // 2
 
     def _speak(self) -> None:
-        """Send the heartbeat and requests when they are due; a subclass sends more."""
+        """Send the heartbeat and requests if they are due; a subclass sends more."""
         now_s = self._time_s()
         if now_s - self._spoke_s > AWAY_S:
-            self.listen()  # after a pause of ours the state is old news: what has changed meanwhile comes first
+            self.listen()  # after a pause of ours the state is old, so read the changes first
         self._spoke_s = now_s
         if self.time_us >= self._heartbeat_due_us:
             self._heartbeat_due_us = self.time_us + 1_000_000
@@ -413,25 +420,25 @@ class Conversation:
                 raise LinkError(f"the autopilot on {self.transport.url} has rebooted")
             self.on_wait()
             reads += 1
-            # several reads, so that one long pause of our own is not held against it
+            # several reads, so that one long pause of ours does not count as silence
             silent_s = self._time_s() - moved_s
             if self.time_us != moved_us:
                 if silent_s >= WARNING_S and reads * PATIENCE_S >= silent_s:
                     self.on_silence(silent_s)
                 moved_s, moved_us, reads, self._lost = self._time_s(), self.time_us, 0, False
             elif reads >= 5 and silent_s >= (LOST_S if self._lost else self._silence_s):
-                self._lost = True  # whoever ends the flight now does not wait as long for every order
+                self._lost = True  # so that the end of the flight does not wait as long for every order
                 fault = "has sent no telemetry" if received else "has been silent"
                 raise LinkError(f"the vehicle on {self.transport.url} {fault} for {silent_s:.3g} s")
 
     def wait(self, seconds: float) -> None:
-        """Let vehicle time pass, streaming on."""
+        """Wait for vehicle time to pass, and continue to send setpoints."""
         end_us = self.time_us + round(seconds * 1e6)
         while self.time_us < end_us:
             self.tick()
 
     def wait_for(self, reached: Callable[[VehicleState], bool], seconds: float, event: str) -> None:
-        """Tick until `reached`. Raises LinkError naming `event` and the autopilot's last warning after `seconds`."""
+        """Tick until `reached`. Raises LinkError after `seconds`, with `event` and the autopilot's last warning."""
         end_us = self.time_us + round(seconds * 1e6)
         while not reached(self.state):
             if self.time_us >= end_us:
@@ -464,7 +471,7 @@ class Conversation:
     def order(self, name: str, command: int, *parameters: float, insist_s: float = 0.0) -> None:
         """Send a command until it is accepted, for up to `insist_s` (vehicle time) while it is temporarily rejected.
 
-        Raises LinkError with the autopilot's own words when it stays refused.
+        Raises LinkError with the autopilot's own words if it is still refused then.
         """
         since_us = self.time_us
         while (result := self.command(command, *parameters)) != dialect.MAV_RESULT_ACCEPTED:
@@ -473,7 +480,7 @@ class Conversation:
             self.wait(AGAIN_S)
 
     def _refusal(self, result: int, since_us: int) -> str:
-        """Return the result of a refused command in words, with the autopilot's texts since then."""
+        """Return the result of a refused command in words, with the autopilot's texts since `since_us`."""
         self.wait(WORDS_S)
         words = self.texts.since(since_us) or self.state.status_text
         words = f": {words}" if words else ""

@@ -1,4 +1,4 @@
-"""Where a vehicle was and is: the recorded poses, and the arrival at a place."""
+"""The recorded poses of a vehicle, and its arrival at a place."""
 
 import math
 from array import array
@@ -11,21 +11,21 @@ from hil.link.telemetry import VehicleState
 NEAR_M = 0.06
 HEADING = math.radians(0.7)
 STILL_MPS = 0.12
-RESTING_US = 1_000_000  # µs for which it has to be so
-COARSE_US = 15_000_000  # µs after which …
-COARSER = 3.0  # … so many times as far and as fast is as good as it gets: a GPS that wanders leaves nothing so still
+RESTING_US = 1_000_000  # µs that it must stay at the place
+COARSE_US = 15_000_000  # µs; after this time …
+COARSER = 3.0  # … the limits are multiplied by this, because a drifting GPS lets no vehicle stay so still
 
 
 class Arrival:
     """Watches one vehicle on its way to a place and heading."""
 
     def __init__(self, position_ned: Vec3, yaw: float, due_us: int) -> None:
-        """A place (m, local frame) and heading (rad) that cannot have been reached before `due_us` (vehicle clock)."""
+        """A place (m, local frame) and heading (rad). The vehicle cannot reach them before `due_us` (vehicle clock)."""
         self._position_ned, self._yaw, self._due_us = position_ned, yaw, due_us
-        self._resting_us: int | None = None  # since when
+        self._resting_us: int | None = None  # start of the rest
 
     def settled(self, state: VehicleState, time_us: int) -> bool:
-        """Return whether it has been there, and still, for a whole second. To be asked at every tick."""
+        """Return whether the vehicle has been there without motion for a whole second. Call it at every tick."""
         there = time_us >= self._due_us and self._is_there(state, COARSER if self._is_late(time_us) else 1.0)
         self._resting_us = (self._resting_us or time_us) if there else None
         return self._resting_us is not None and time_us >= self._resting_us + RESTING_US
@@ -43,19 +43,22 @@ class Arrival:
         )
 
 
-KEPT_US = 375_000_000  # µs; a frame that is acted on is younger: up to a minute late, its reply five more
-OVERTAKEN_US = 5_000_000  # µs by which a report may be older than the newest and still be of the same boot
-AHEAD_US = 200_000  # µs beyond the newest telemetry for which it is carried on
-DROPPED_AT_ONCE = 512  # reports that are too old, whose memory is given back together
+KEPT_US = (
+    375_000_000  # µs; longer than the age of any frame in use: its delay is up to 1 min, that of its reply up to 5 min
+)
+OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by less than this is from the same boot
+AHEAD_US = 200_000  # µs of extrapolation beyond the newest telemetry
+DROPPED_AT_ONCE = 512  # number of old reports whose memory is freed together
 
 
 class PoseHistory:
-    """Places and headings by the vehicle's clock."""
+    """The history of places and headings, by the vehicle's clock."""
 
     def __init__(self) -> None:
         self._places = _Reports(6)  # m north, east, down; m/s north, east, down
         self._headings = _Reports(2)  # rad, rad/s
         self._tilts = _Reports(2)  # rad roll, rad pitch
+        self._gimbals = _Reports(1)  # rad
         self._ranges = _Reports(1)  # m
 
     def place(self, time_us: int, position_ned: Vec3, velocity_ned: Vec3) -> None:
@@ -70,14 +73,19 @@ class PoseHistory:
         """Record roll and pitch (rad)."""
         self._tilts.keep(time_us, (roll, pitch))
 
+    def gimbal(self, time_us: int, pitch: float) -> None:
+        """Record the pitch (rad, up from the horizon) of the camera's gimbal."""
+        self._gimbals.keep(time_us, (pitch,))
+
     def range(self, time_us: int, range_m: float) -> None:
         """Record a range of the rangefinder (m)."""
         self._ranges.keep(time_us, (range_m,))
 
     def at(self, time_us: int) -> Sight | None:
-        """Return where the vehicle was at a time (µs), None while nothing is known.
+        """Return the vehicle's pose at a time (µs); None before the first report.
 
-        Between two reports it is interpolated, after the newest carried on for a moment, and before the oldest that.
+        It is interpolated between two reports, extrapolated for a moment after the newest, and is the oldest before
+        that.
         """
         if not self._places or not self._headings:
             return None
@@ -89,17 +97,25 @@ class PoseHistory:
         heading = first[0] + part * wrap_pi(second[0] - first[0]) + on_s * second[1]
         roll, pitch = self._tilt(time_us)
         carried_on = time_us > min(self._places.newest_us, self._headings.newest_us)
-        return Sight((north, east, down), wrap_pi(heading), roll, pitch, carried_on)
+        gimbal_pitch = self._gimbal_pitch(time_us)
+        return Sight((north, east, down), wrap_pi(heading), roll, pitch, gimbal_pitch, carried_on)
+
+    def _gimbal_pitch(self, time_us: int) -> float | None:
+        """Return the pitch (rad) of the camera's gimbal at a time; None while nothing is known; never carried on."""
+        if not self._gimbals:
+            return None
+        before, after, share, _ = self._gimbals.around(time_us)
+        return before[0] + share * (after[0] - before[0])
 
     def _tilt(self, time_us: int) -> tuple[float, float]:
-        """Return roll and pitch (rad) at a time, level while nothing is known; never carried on."""
+        """Return roll and pitch (rad) at a time, without extrapolation; level before the first report."""
         if not self._tilts:
             return 0.0, 0.0
         before, after, share, _ = self._tilts.around(time_us)
         return before[0] + share * (after[0] - before[0]), before[1] + share * (after[1] - before[1])
 
     def mean_place(self, seconds: float) -> Vec3 | None:
-        """Return the mean place (m, local frame) over the last `seconds`, None while nothing is known."""
+        """Return the mean place (m, local frame) over the last `seconds`; None before the first report."""
         late = self._late(self._places, seconds)
         if not late:
             return None
@@ -107,7 +123,7 @@ class PoseHistory:
         return (north, east, down)
 
     def mean_range(self, seconds: float) -> float | None:
-        """Return the mean of the rangefinder (m) over the last `seconds`, None where there is none that is heard."""
+        """Return the mean of the rangefinder (m) over the last `seconds`; None without a rangefinder."""
         late = self._late(self._ranges, seconds)
         return sum(range_m for (range_m,) in late) / len(late) if late else None
 
@@ -116,17 +132,17 @@ class PoseHistory:
 
 
 class _Reports:
-    """Reports of so many numbers each, sorted by time (µs).
+    """Reports of some numbers each, sorted by time (µs).
 
-    They lie in flat memory: as objects that live for minutes among others that live for milliseconds they would
-    fragment the heap, which then grows for hours.
+    They are in flat memory. As objects that live for minutes among others that live for milliseconds, they would
+    fragment the heap, which would then grow for hours.
     """
 
     def __init__(self, width: int) -> None:
         self._width = width
         self._times = array("q")
         self._values = array("d")
-        self._first = 0  # of those that are not too old
+        self._first = 0  # first report that is not too old
 
     def __bool__(self) -> bool:
         return len(self._times) > 0  # the newest is never too old
@@ -136,7 +152,7 @@ class _Reports:
         return self._times[-1]
 
     def keep(self, time_us: int, report: tuple[float, ...]) -> None:
-        """Put a report into its place and drop what is too old; an older clock begins a new track."""
+        """Insert a report by its time, and drop old reports. A much older time (a reboot) starts a new history."""
         times = self._times
         if times and time_us < times[-1] - OVERTAKEN_US:
             del times[:], self._values[:]
@@ -147,7 +163,7 @@ class _Reports:
         elif k == len(times):
             times.append(time_us)
             self._values.extend(report)
-        else:  # others have overtaken it
+        else:  # it arrived after newer reports
             times.insert(k, time_us)
             self._values[k * self._width : k * self._width] = array("d", report)
         self._drop()

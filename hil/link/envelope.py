@@ -1,9 +1,8 @@
-"""The safety envelope: where and how fast a vehicle may be sent. Each limit acts before the vehicle reaches it.
+"""The safety envelope: limits of places and speeds. Each limit acts before the vehicle reaches it.
 
 All functions except `load` are pure. `admit` takes a setpoint, the state and the limits. It returns the setpoint that
-may be flown, and the names of the limits that changed it.
-Speeds towards a limit shrink with the distance to it (v ≤ GAIN · distance), so that a vehicle whose velocity follows
-its setpoint with half a second's lag comes to rest short of it.
+may be flown, and the names of the limits that changed it. The speed towards a limit is limited by the distance to it (v
+≤ GAIN · distance). So a vehicle whose velocity lags half a second behind its setpoint stops before the limit.
 """
 
 import math
@@ -50,10 +49,10 @@ class Limits:
     yaw_rate: Positive = 1.2  # rad/s; the paper's 60°/s is 1.05
     margin_m: Positive = 1.0  # distance from each horizontal limit at which the vehicle stops
     height_margin_m: Positive = 0.3  # the same for ceiling and floor
-    battery_min: Positive | None = 0.25  # 0 … 1; None: not watched
-    flight_time_max_s: Positive | None = 900.0  # since the agent took over; None: not watched
+    battery_min: Positive | None = 0.25  # 0 … 1; None: not checked
+    flight_time_max_s: Positive | None = 900.0  # since the agent took over; None: not checked
     frame_s: Positive = 1.0  # s, highest age of a frame for a decision; the vehicle holds until a newer one comes
-    heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat, after which the vehicle has to stand still
+    heartbeat_s: Positive = 3.0  # s of vehicle time without a heartbeat until the vehicle must hold
     exclusions: tuple[Polygon, ...] = ()  # areas that the vehicle may not enter at any height
     exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same in degrees; see `placed`
 
@@ -91,7 +90,7 @@ def _from_home(position_ned: Vec3, home_ned: Vec3) -> Corner:
 
 
 def broken_off(state: VehicleState, limits: Limits, elapsed_s: float) -> str | None:
-    """Return the reason to end a flight that has lasted `elapsed_s`, None while it may go on."""
+    """Return the reason to end a flight after `elapsed_s`; None: it may continue."""
     battery = state.battery_remaining
     if limits.battery_min is not None and battery is not None and battery < limits.battery_min:
         return f"the battery is at {battery:.0%}, below the envelope's limit of {limits.battery_min:.0%}"
@@ -155,7 +154,9 @@ def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) 
     elif down > down_max:
         down = down_max
         limited.append("floor")
-    for name, normal, room in 2 * _walls(at, limits):  # twice: in a corner one wall may turn it towards another
+    for name, normal, room in 2 * _walls(
+        at, limits
+    ):  # twice, because in a corner one limit may turn the setpoint towards another
         outward, allowed = north * normal[0] + east * normal[1], _towards(room, limits.margin_m)
         if outward > allowed + 1e-9:
             north, east = north - (outward - allowed) * normal[0], east - (outward - allowed) * normal[1]
@@ -171,8 +172,8 @@ def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) 
 def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
     """Return the admitted setpoint for a place.
 
-    A place beyond a limit is moved inside. If a place is in or behind an exclusion, its north and east are replaced by
-    those of the vehicle. If the autopilot would fly to the place faster than the limits allow, a velocity towards it
+    A place beyond a limit is moved inside. If a place is in or behind an exclusion, the vehicle's north and east
+    replace its own. If the autopilot would fly to the place faster than the limits allow, a velocity towards it
     replaces the place.
     """
     limited: list[str] = []
@@ -218,7 +219,7 @@ def _walls(at: Vec3, limits: Limits) -> list[tuple[str, Corner, float]]:
     for polygon in limits.exclusions:
         within = contains(polygon, (at[0], at[1]))
         edges = [_edge((at[0], at[1]), a, b) for a, b in zip(polygon, (*polygon[1:], polygon[0]), strict=True)]
-        if within:  # the vehicle has to leave by the nearest edge
+        if within:  # the vehicle must leave over the nearest edge
             (n, e), room = min(edges, key=lambda edge: edge[1])
             walls.append(("exclusion", (-n, -e), -room))
         else:

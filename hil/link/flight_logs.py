@@ -1,4 +1,4 @@
-"""The flight logs on board of an autopilot, listed and fetched by MAVSDK over the same link that flies."""
+"""The flight logs on board of an autopilot, which MAVSDK lists and fetches over the flight's link."""
 
 import queue
 from collections.abc import Callable, Iterator
@@ -14,15 +14,15 @@ SCHEMES = {  # ours -> MAVSDK's
     "udpin": "udpin", "udp": "udpin", "udpout": "udpout", "tcp": "tcpout", "tcpout": "tcpout", "serial": "serial",
 }  # fmt: skip
 ULOG_MAGIC = bytes([0x55, 0x4C, 0x6F, 0x67, 0x01, 0x12, 0x35])
-STALL_S = 20.0  # s without progress after which a download is given up
+STALL_S = 20.0  # s without progress until a download ends with an error
 
 
 @dataclass(frozen=True, slots=True)
 class FlightLog:
-    """One log as the autopilot lists it."""
+    """One log in the autopilot's list."""
 
     number: int  # its id on board
-    date: str  # when it was written, UTC, by the autopilot's clock; 1970 when it never knew the time
+    date: str  # time of writing, UTC, by the autopilot's clock; 1970 if it had no time
     size_bytes: int
 
 
@@ -46,9 +46,9 @@ class LogStore:
         return sorted(logs, key=lambda log: (log.date, log.number))
 
     def fetch(self, log: FlightLog, folder: Path, progress: Callable[[float], None] = lambda share: None) -> Path:
-        """Download a log into a folder and return its file. Nothing that is there already is written over.
+        """Download a log into a folder and return its file. Existing files are kept.
 
-        Raises UsageError when it is there or cannot be written, LinkError when the download breaks off.
+        Raises UsageError if the file exists or cannot be written, LinkError if the download breaks off.
         """
         stamp = "".join(c for c in log.date if c.isalnum())
         file = folder / f"log{log.number:03d}-{stamp}.ulg"
@@ -63,14 +63,14 @@ class LogStore:
         self._download(log, part, progress)
         with part.open("rb") as data:
             if data.read(len(ULOG_MAGIC)) != ULOG_MAGIC:
-                raise LinkError(f"the file from the autopilot is not a ULog. It is in {part}")
+                raise LinkError(f"the file from the autopilot is not a ULog. It stays in {part}")
         part.rename(file)
         return file
 
     def _download(self, log: FlightLog, part: Path, progress: Callable[[float], None]) -> None:
         from mavsdk.plugins.log_files import Entry, LogFilesResult
 
-        updates: queue.Queue[tuple[Any, float]] = queue.Queue()  # MAVSDK tells from a thread of its own
+        updates: queue.Queue[tuple[Any, float]] = queue.Queue()  # MAVSDK calls back from its own thread
         entry = Entry(log.number, log.date, log.size_bytes)
         self._files.download_log_file_async(
             entry, str(part), lambda result, data, _: updates.put((result, data.progress))
@@ -94,9 +94,9 @@ class LogStore:
 
 @contextmanager
 def log_store(url: str, timeout_s: float = 15.0) -> Iterator[LogStore]:
-    """Connect to an autopilot as a ground station and give its logs.
+    """Connect to an autopilot as a ground station and yield its logs.
 
-    Raises UsageError for a URL that is none or a port that is taken, LinkError when no autopilot is heard.
+    Raises UsageError for an invalid URL or a port in use, LinkError if no autopilot answers.
     """
     from mavsdk.component_type import ComponentType
     from mavsdk.connection_result import ConnectionResult
@@ -105,7 +105,7 @@ def log_store(url: str, timeout_s: float = 15.0) -> Iterator[LogStore]:
     from mavsdk.plugins.log_files import LogFiles
 
     shown, mavsdk_url = redacted(url), _mavsdk_url(url)
-    log_subscribe(lambda level, text, file, line: True)  # what goes wrong is said by our own errors
+    log_subscribe(lambda level, text, file, line: True)  # our own errors replace MAVSDK's log
     mavsdk = Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION))
     try:
         result = mavsdk.add_any_connection(mavsdk_url)

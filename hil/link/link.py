@@ -1,4 +1,4 @@
-"""The link to any MAVLink autopilot, ours or PX4: one class through which every flight goes."""
+"""The link to any MAVLink autopilot, ours or PX4. Every flight uses this class."""
 
 import math
 import time
@@ -8,7 +8,7 @@ from foundation.errors import LinkError
 from foundation.frames import Vec3
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Setpoint, Sight
-from hil.link.conversation import SILENCE_S, Conversation
+from hil.link.conversation import GIMBAL, SILENCE_S, Conversation
 from hil.link.course import Arrival
 from hil.link.envelope import Limits, admit, broken_off, placed
 from hil.link.offboard import Destination, OffboardSetpoint, OffboardStream, SetpointRate, Turning
@@ -16,29 +16,29 @@ from hil.link.streams import TICK_US
 from hil.link.telemetry import VehicleState
 from hil.link.transport import Transport
 
-BRAKE_S = 0.5  # s of vehicle time for which a flight that ends is held by us before the autopilot is asked to hold
+BRAKE_S = 0.5  # s of vehicle time that we hold at the end of a flight, before the autopilot's own hold
 ROUND_RATE = math.radians(60.0)  # rad/s of a turn for the compass
-GIVEN_S = 1.5  # s for which a hand-over has to last; a heartbeat, which alone tells of a failsafe, comes every second
-OVERTAKEN_US = 300_000  # µs in which a word of the mode before may still come, overtaken on a wire that mixes them up
-ARMED_S = 10.0  # s for which arming is asked for again: a pre-arm check may flicker
-OFFERED_S = 2.0  # s for which offboard is asked for again while it is temporarily refused
-DISARMED_US = 1_500_000  # µs for which a vehicle in the air has to say that it is disarmed: more than one heartbeat
-CAUSE_US = 2_000_000  # µs before a change of mode in which the text of the failsafe that caused it may have come
-FOREIGN_S = 600.0  # s that a person has to arm, take off and hand over
+GIVEN_S = 1.5  # s that a hand-over must last; only a heartbeat, once a second, shows a failsafe
+OVERTAKEN_US = 300_000  # µs in which a message with the previous mode may still arrive on a link that reorders
+ARMED_S = 10.0  # s of attempts to arm, because a pre-arm check may flicker
+OFFERED_S = 2.0  # s of attempts to enter Offboard while it is temporarily refused
+DISARMED_US = 1_500_000  # µs for which a vehicle in the air must report that it is disarmed: more than one heartbeat
+CAUSE_US = 2_000_000  # µs before a change of mode; the text of its failsafe may arrive in this time
+FOREIGN_S = 600.0  # s for a person to arm, take off and hand over
 
 
 class TakeoverError(LinkError):
-    """A pilot, a ground station or a failsafe has taken the vehicle out of offboard, and has it now."""
+    """A pilot, a ground station or a failsafe has ended Offboard and controls the vehicle now."""
 
 
 class EnvelopeError(LinkError):
-    """The envelope ends the flight: the battery or the time is used up."""
+    """The envelope ends the flight, because the battery or the time is used up."""
 
 
 class Link(Conversation):
-    """A conversation that flies: modes, arming, and an offboard stream.
+    """A conversation with modes, arming, and a stream of setpoints in Offboard.
 
-    Setpoints are sent from `tick` alone, which the decider calls: one that hangs, crashes or is killed sends no more.
+    Only `tick` sends setpoints, and the decider calls it. So a decider that hangs, crashes or is killed sends none.
     """
 
     def __init__(
@@ -52,36 +52,38 @@ class Link(Conversation):
         dry: bool = False,
         simulated: bool = False,
     ) -> None:
-        """`limits`: the safety envelope of every setpoint. `dry`: nothing that would move the vehicle is sent.
+        """`limits`: the safety envelope of every setpoint. `dry`: send nothing that would move the vehicle.
 
-        `key`, `unix_s`: as `Conversation` has them.
-        `simulated`: a vehicle of our own, whose failsafes are part of its flight, as after a crash: what the autopilot
-        does then is nobody's hand, the stream goes on, and PX4 comes back to it when it can.
+        `key`, `unix_s`: as in `Conversation`. `simulated`: a simulated vehicle, whose failsafes are part of its flight,
+        for example after a crash. They are not a takeover: the stream of setpoints continues, and PX4 returns to it
+        when it can.
         """
         super().__init__(transport, silence_s=silence_s, key=key, unix_s=unix_s)
         self.limits = limits
         self.dry = dry
-        self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # hears every one, sent or not
-        self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: None  # hears what limits act, at each change
+        self.on_setpoint: Callable[[OffboardSetpoint], None] = lambda setpoint: None  # gets every setpoint, sent or not
+        self.on_limit: Callable[[tuple[str, ...]], None] = lambda names: (
+            None
+        )  # gets the names of the acting limits at each change
         self._stream = OffboardStream()
         self._rate = SetpointRate()
-        self._offboard = False  # whether offboard is ours
-        self._expected: tuple[str, ...] = ()  # modes that our last order leads to; (): a person has the vehicle
+        self._offboard = False  # whether we are in Offboard
+        self._expected: tuple[str, ...] = ()  # modes that follow from our last order; (): a person has the vehicle
         self._leaving: tuple[str, ...] = ()  # the modes before that order, until it has been obeyed for a moment
-        self._obeyed_us = 0  # µs, when it was first seen to be obeyed
+        self._obeyed_us = 0  # µs, first sign that it was obeyed
         self._taken_by: str | None = None
         self.simulated = simulated
-        self.failsafe = ""  # what the vehicle does when setpoints stop in offboard, as words; empty: not known
-        self._strayed_us = 0  # µs, since when a simulated vehicle is in a mode that we have not ordered
+        self.failsafe = ""  # effect of missing setpoints in Offboard, in words; empty: unknown
+        self._strayed_us = 0  # µs, start of a mode of a simulated vehicle that we did not order
         self._failed = False  # whether a failsafe of a simulated vehicle has acted
-        self._offboard_us = 0  # since when
+        self._offboard_us = 0  # start of Offboard
         self._ended = False  # whether the envelope has ended the flight
         self._limited: tuple[str, ...] = ()
-        self._home_ned: Vec3 | None = None  # where the envelope's distances begin, once that is settled
-        self._first_ned: Vec3 | None = None  # in its stead while the autopilot has told no home
+        self._home_ned: Vec3 | None = None  # origin of the envelope's distances, after it is settled
+        self._first_ned: Vec3 | None = None  # its substitute while the autopilot has sent no home
         self._tried_to_arm = False
-        self._flew_armed = False  # whether it has been armed in our present offboard
-        self._disarmed_us: int | None = None  # µs, since when its heartbeats say otherwise
+        self._flew_armed = False  # whether it has been armed in the present Offboard
+        self._disarmed_us: int | None = None  # µs, start of heartbeats that say otherwise
 
     # -- modes ---------------------------------------------------------------------------------------------------
 
@@ -92,16 +94,16 @@ class Link(Conversation):
         if name != "OFFBOARD":
             self._offboard = False
         self._expect(name, *self.family.goes_on_to(name))
-        # a stream of setpoints may not have been heard yet where much is lost
+        # on a lossy link, the setpoints may not have arrived yet
         insist_s = OFFERED_S if name == "OFFBOARD" else 0.0
         self.order(
             f"mode {name}", dialect.MAV_CMD_DO_SET_MODE, 1, *self.family.mode_parameters(name), insist_s=insist_s
         )
-        if name in self.family.homeward:  # nothing more is ordered
+        if name in self.family.homeward:  # there are no orders after it
             self._expected = ()
 
     def arm(self) -> None:
-        """Arm; retried for ten seconds, since a pre-arm check may flicker. Raises LinkError when refused to the end."""
+        """Arm, with attempts for ten seconds, because a pre-arm check may flicker. Raises LinkError if all fail."""
         if self.dry:
             return
         self._tried_to_arm = True
@@ -110,11 +112,11 @@ class Link(Conversation):
         self.wait_for(lambda state: state.armed, 5.0, "arming")
 
     def may_fly(self) -> bool:
-        """Return whether we may have armed or flown the vehicle, so that it has to be landed.
+        """Return whether we may have armed or flown the vehicle, so that it must be landed.
 
-        A vehicle that a person has armed and not handed over is not ours. Heartbeats lag by up to a second, so one that
-        we have just told to arm is asked: it disarms on the ground and refuses to in the air. One that we fly and that
-        has sent no heartbeat since a reboot may still be in the air.
+        A vehicle that a person armed and did not hand over is not ours. Heartbeats lag by up to a second. So after our
+        order to arm, an order to disarm shows the state: the vehicle obeys on the ground and refuses in the air. A
+        vehicle that we fly and that has sent no heartbeat since a reboot may still be in the air.
         """
         if not self._tried_to_arm or self.state.armed:
             may_be_armed = self.state.armed or not self.state.heartbeat_us
@@ -122,10 +124,10 @@ class Link(Conversation):
         return bool(self.command(dialect.MAV_CMD_COMPONENT_ARM_DISARM, 0) != dialect.MAV_RESULT_ACCEPTED)
 
     def await_handover(self, notify: Callable[[str], None] = lambda line: None) -> None:
-        """Wait until a person has armed, taken off and handed over by switching to Hold, or to Offboard themselves.
+        """Wait until a person has armed, taken off and handed over by switching to Hold or Offboard.
 
-        On the ground nothing is streamed: Offboard must not be there to be armed in. In the air it is a hold of the
-        place where the vehicle is at every moment. A switch that only passes through Hold hands nothing over.
+        On the ground no setpoint is sent, so that the vehicle cannot be armed in Offboard. In the air the setpoint is
+        always the vehicle's present place. A switch that only passes through Hold is not a hand-over.
         Raises LinkError after ten minutes of vehicle time.
         """
         self.wait_for(lambda state: state.armed, FOREIGN_S, "arming by a person")
@@ -143,7 +145,7 @@ class Link(Conversation):
         self._expect(self.state.mode)
 
     def _is_given(self, state: VehicleState) -> bool:
-        """Return whether the vehicle is handed over: a hold that a failsafe has ordered is no hand-over."""
+        """Return whether the vehicle is handed over. A hold by a failsafe is not a hand-over."""
         calm = state.armed and state.system_status == dialect.MAV_STATE_ACTIVE
         return calm and state.landed is False and state.mode in ("HOLD", "OFFBOARD")
 
@@ -151,31 +153,31 @@ class Link(Conversation):
 
     @property
     def is_left_to_failsafe(self) -> bool:
-        """Whether the vehicle, as far as is known, is in offboard and gets no setpoints from us."""
+        """Whether the vehicle is probably in Offboard and gets no setpoints from us."""
         return self.state.mode in ("", "OFFBOARD") and not self.streaming
 
     @property
     def taken_by(self) -> str | None:
-        """The mode into which another hand has switched the vehicle, None before."""
+        """The mode to which another pilot has switched the vehicle; None: no takeover."""
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """Take any mode but these for a takeover from now on, and the present one once one of these has been seen."""
+        """Treat all modes except these as a takeover from now on, and the present one after one of these was seen."""
         if self._taken_by is None:
-            # an order that is acknowledged may be shown only after the next one
+            # telemetry may show an acknowledged order only after the next one
             unshown = () if self._obeyed_us else self._expected
             self._expected, self._leaving, self._obeyed_us = modes, (self.state.mode, *unshown), 0
 
     def _noticed(self) -> None:
         mode, armed = self.state.mode, self.state.armed
         if not mode or self._taken_by is not None or not (self._offboard or self._tried_to_arm or armed):
-            return  # nothing told yet, lost already, or a rehearsal on the ground
+            return  # no mode yet, lost already, or a dry run
         disarmed = self._reports_disarmed()
         believed = disarmed and (self.simulated or self._is_disarmed())
         if mode in self._expected:
             self._obeyed_us = self._obeyed_us or self.time_us
         if self._obeyed_us and self.time_us > self._obeyed_us + OVERTAKEN_US:
-            # a late word of an offboard that we left is no hand at any time
+            # a late message with the Offboard that we left is never a takeover
             self._leaving = tuple(left for left in self._leaving if left == "OFFBOARD")
         if believed or (self._expected and mode not in (*self._expected, *self._leaving)):
             if self.simulated and self._is_failsafe(disarmed):
@@ -186,7 +188,7 @@ class Link(Conversation):
             self._strayed_us = 0
 
     def _reports_disarmed(self) -> bool:
-        """Return whether the last heartbeat says that the vehicle which we fly in offboard is disarmed."""
+        """Return whether the last heartbeat reports our vehicle in Offboard as disarmed."""
         self._flew_armed = self._offboard and (self._flew_armed or self.state.armed)
         if not self._flew_armed or self.state.armed:
             self._disarmed_us = None
@@ -195,20 +197,20 @@ class Link(Conversation):
         return self._disarmed_us is not None
 
     def _is_disarmed(self) -> bool:
-        """Return whether that is believed: at once on the ground, in the air when no heartbeat has contradicted it."""
+        """Return whether this report counts: on the ground immediately, in the air if no heartbeat contradicts it."""
         assert self._disarmed_us is not None
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether a failsafe has changed the mode, or may have, while no heartbeat has come since."""
+        """Return whether a failsafe has changed the mode, or may have changed it because no heartbeat came since."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
-        return self._failed or self.state.heartbeat_us <= self._strayed_us  # it may take its time on a bad wire
+        return self._failed or self.state.heartbeat_us <= self._strayed_us  # it may be late on a bad link
 
     def tick(self) -> None:
         """Wait for the next tick of vehicle time (20 Hz), then send the setpoint.
 
-        Raises LinkError, and TakeoverError when the vehicle has left offboard by anybody else's hand.
+        Raises LinkError, and TakeoverError if another client has ended Offboard.
         """
         super().tick()
         if self._taken_by is not None and not self.dry:
@@ -226,7 +228,7 @@ class Link(Conversation):
         return TakeoverError(f"the vehicle was {change} {cause}{words}")
 
     def _watch(self, limits: Limits) -> None:
-        """Raise EnvelopeError, once, when the flight has to end."""
+        """Raise EnvelopeError, once, if the flight must end."""
         reason = broken_off(self.state, limits, (self.time_us - self._offboard_us) / 1e6)
         if reason is not None and not self._ended:
             self._ended = True
@@ -235,20 +237,30 @@ class Link(Conversation):
     # -- offboard ------------------------------------------------------------------------------------------------
 
     def fly(self, setpoint: Setpoint, seconds: float | None = None, seen: Sight | None = None) -> None:
-        """From the next tick on, stream this setpoint, and after `seconds` of vehicle time a hold in its stead.
+        """Send this setpoint from the next tick on, and after `seconds` of vehicle time a hold instead.
 
-        `seen` is what its angles are counted from, the heading that is held without it.
+        `seen` has the heading from which its angles count; None: the held heading.
         """
         ends_us = None if seconds is None else self.time_us + round(seconds * 1e6)
         self._stream.fly(setpoint, ends_us, self.time_us, seen)
 
+    def watch_gimbal(self) -> None:
+        """Ask for the attitude of the camera's gimbal, from the next request of streams on."""
+        self.streams.wanted[GIMBAL] = TICK_US
+
+    def point_camera(self, pitch: float) -> None:
+        """Command the camera's gimbal to a pitch (rad, up from the horizon). Raises LinkError when it is refused."""
+        command, nan = dialect.MAV_CMD_DO_GIMBAL_MANAGER_PITCHYAW, math.nan
+        flags = dialect.GIMBAL_MANAGER_FLAGS_PITCH_LOCK | dialect.GIMBAL_MANAGER_FLAGS_ROLL_LOCK
+        self.order("the gimbal's angle", command, math.degrees(pitch), nan, nan, nan, flags, 0, 0)
+
     @property
     def streaming(self) -> bool:
-        """Whether setpoints are streamed."""
+        """Whether setpoints are being sent."""
         return self._stream.setpoint is not None
 
     def sight(self, time_us: int) -> Sight:
-        """Return where the vehicle was at a time (µs, vehicle clock), by its own estimate. Raises LinkError."""
+        """Return the vehicle's estimated pose at a time (µs, vehicle clock). Raises LinkError."""
         sight = self.track.at(time_us)
         if sight is None:
             raise LinkError("the autopilot has sent neither position nor heading")
@@ -256,7 +268,7 @@ class Link(Conversation):
 
     @property
     def steady(self) -> bool:
-        """Whether a turn has been made: the nose within 1° of its end and turning less than 5°/s, the place held."""
+        """Whether a turn is over: the nose is within 1° of its end and slower than 5°/s, and the place is held."""
         state = self.state
         if self.dry:
             return True  # nothing will turn, so there is nothing to wait for
@@ -265,9 +277,9 @@ class Link(Conversation):
         return self._stream.steady(state.position_ned, state.euler[2], state.yaw_rate or 0.0)
 
     def stream_at(self, hz: float | None) -> None:
-        """From now on send `hz` setpoints a second of vehicle time; None: one at every tick, as ever.
+        """Send `hz` setpoints per second of vehicle time from now on; None: one at every tick.
 
-        More than the ticks' rate asks for telemetry as often, and ticks with it.
+        A rate above that of the ticks also requests telemetry and ticks at this rate.
         """
         tick_us = min(TICK_US, round(1e6 / hz)) if hz else TICK_US
         self._rate = SetpointRate(hz if tick_us == TICK_US else None)
@@ -277,13 +289,13 @@ class Link(Conversation):
                 self._request(interval.message_id, interval.interval_us)
 
     def start_offboard(self) -> None:
-        """Enter offboard with the setpoint given to `fly`, which is streamed before. Raises LinkError when refused."""
+        """Enter Offboard. Before that, the setpoint of `fly` is already sent. Raises LinkError if refused."""
         if self._taken_by is not None:
             raise self._takeover()
         self.tick()
         if self.dry:
             return
-        self._offboard, self._offboard_us = True, self.time_us  # from the order on: whatever breaks off ends it
+        self._offboard, self._offboard_us = True, self.time_us  # from the order on, so that every error ends it
         if self.state.mode == "OFFBOARD":
             self._expect("OFFBOARD")
             return
@@ -295,21 +307,21 @@ class Link(Conversation):
         self.wait_for(lambda state: state.mode == "OFFBOARD", 3.0, "offboard mode")
 
     def stop_stream(self) -> None:
-        """Send no setpoint from now on; the autopilot's own failsafe is what follows unless a mode is set."""
+        """Send no setpoint from now on. Unless a mode is set, the autopilot's own failsafe follows."""
         self._offboard = False
         self._stream.stop()
 
     def stop_offboard(self) -> None:
-        """Let the autopilot hold, and stop streaming once it does."""
+        """Order the autopilot to hold, and stop sending setpoints when it does."""
         self.set_mode("HOLD")
-        # the acknowledgement is ahead of the telemetry, and our own hold must not look like another hand's
+        # the acknowledgement precedes telemetry, and our own hold must not look like a takeover
         self.wait_for(lambda state: state.mode != "OFFBOARD", 3.0, "leaving offboard")
         self._stream.stop()
 
     def give_up(self, then: str = "land") -> None:
-        """End a flight in order: stand still, then the autopilot's own hold, then `then`: land, return or hold.
+        """End a flight: hold by setpoints, then the autopilot's own hold, then `then`: land, return or hold.
 
-        A vehicle that another hand has taken gets no order. Raises LinkError when the last order is refused.
+        A vehicle that was taken over gets no order. Raises LinkError if the last order is refused.
         """
         if self._taken_by is not None or self.dry:
             self.stop_stream()
@@ -329,12 +341,12 @@ class Link(Conversation):
             self.set_mode(self.family.ending(then))
         elif refusal:
             raise refusal
-        self._expected = ()  # it is the autopilot's now, and whoever stands by
+        self._expected = ()  # the autopilot and the safety pilot have it now
 
     def fly_to(self, position_ned: Vec3, yaw: float, *, round_first: bool = False) -> Arrival:
-        """From the next tick on, fly to a place of the local frame and stay there; return what tells the arrival.
+        """Fly to a place of the local frame from the next tick on, and stay there; return the check of the arrival.
 
-        `round_first`: with one turn about the vertical on the way, which ends at the heading `yaw`.
+        `round_first`: make one full turn on the way, which ends at the heading `yaw`.
         """
         turning = Turning(yaw, ROUND_RATE, 2.0 * math.pi, None) if round_first else None
         self._stream.fly_to(Destination(position_ned, yaw, turning))
@@ -363,12 +375,12 @@ class Link(Conversation):
         return admitted.setpoint
 
     def settle_envelope(self) -> None:
-        """From now on the limits stay where they are, whatever becomes of home. Raises LinkError as `placed` does."""
+        """Fix the places of the limits from now on, even if home changes. Raises LinkError like `placed`."""
         if self.limits is not None:
             self.limits, self._home_ned = placed(self.limits, self.state), self.state.home_ned
 
     def _home(self, state: VehicleState) -> Vec3:
-        """Return home in the local frame: the autopilot's, or where the vehicle was when it was first needed."""
+        """Return home in the local frame: the autopilot's, or the vehicle's place at the first call."""
         home = self._home_ned or state.home_ned
         if home is not None:
             return home

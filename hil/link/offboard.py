@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from foundation.frames import Vec3, wrap_pi
 from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
+from hil.link.streams import TICK_US
 
 HEIGHT_GAIN = 1.0  # 1/s
 PLACE_GAIN = 0.9  # 1/s
@@ -19,6 +20,7 @@ STOPPING_S = 0.6  # s: a hold asked for in motion is put where the vehicle can c
 BACK_MAX = 0.5  # sine of the angle at which a move may be aimed back to its line
 HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
+ROUNDING = 1e-6  # rad by which a sum of ticks may fall short of the angle that it makes
 YAW_RATE_STILL = math.radians(5.0)  # rad/s: below it a turn is over
 GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
 GAP_US = 200_000  # µs between two looks at a turn, beyond which the time is not counted as turned
@@ -53,7 +55,7 @@ class Turning:
     @property
     def over(self) -> bool:
         """Whether the wanted heading has come to the end of the angle."""
-        return self.angle is not None and self.turned >= abs(self.angle)
+        return self.angle is not None and self.turned >= abs(self.angle) - ROUNDING
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +150,10 @@ class OffboardStream:
                 self._heading = seen.heading if seen else self._heading
                 self._line = Line(seen.position_ned, seen.heading + (angle or 0.0)) if seen and onto_line else None
                 self._place = self._line.nearest(self._place) if self._line and self._place else self._place
-                self._turning = Turning(self._heading or 0.0, yaw_rate, angle, ends_us, starts_us)
+                # a rate lasts a tick at least, so an angle that takes less is asked for as a heading
+                is_short = angle is not None and abs(angle) <= abs(yaw_rate) * TICK_US / 1e6 + ROUNDING
+                turned = abs(angle) if angle is not None and is_short else 0.0
+                self._turning = Turning(self._heading or 0.0, yaw_rate, angle, ends_us, starts_us, turned)
             case Velocity(_, _, bearing):
                 self._line = None
                 if seen is not None and bearing is not None:
@@ -156,7 +161,7 @@ class OffboardStream:
                     self._line = Line(seen.position_ned, self._heading)
 
     def _end_turn(self, time_us: int | None) -> None:
-        """Hold the heading to which the turn has come by then; where nobody says when, it has come to its end."""
+        """Hold the heading that the turn has reached by then. Without a time, hold the heading at its end."""
         if self._turning is not None and self._heading is not None:
             until_us = time_us if time_us is not None else self._turning.ends_us
             turning = self._turning if until_us is None else self._turning.until(until_us)

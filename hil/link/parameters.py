@@ -1,7 +1,7 @@
 """Reads and sets parameters of the autopilot at the other end of a link.
 
-PX4 puts an INT32 byte by byte into the float field (capability PARAM_ENCODE_BYTEWISE). It does not
-answer for an unknown name; ours and newer ones answer PARAM_ERROR. Both are None here.
+PX4 puts the bytes of an INT32 into the float field (capability PARAM_ENCODE_BYTEWISE). For an unknown name, our
+autopilot and newer versions of PX4 answer PARAM_ERROR, and older versions do not answer. Both give None here.
 """
 
 import struct
@@ -38,7 +38,7 @@ class Parameters:
         return self.read_many([name])[name]
 
     def read_many(self, names: Iterable[str]) -> dict[str, Value | None]:
-        """Return name → value in the order of `names`, None where the autopilot knows none or does not answer."""
+        """Return name → value in the order of `names`, None for a name that is unknown or gets no answer."""
         wanted = list(dict.fromkeys(names))
         for name in wanted:
             _checked(name)
@@ -54,8 +54,8 @@ class Parameters:
     def set(self, name: str, value: Value) -> Value:
         """Set a parameter and return the value that the autopilot holds afterwards, read back.
 
-        Raises LinkError when it does not know the name, refuses, or holds another value; UsageError for a value that
-        the parameter's type cannot hold.
+        Raises LinkError if the autopilot does not know the name, refuses, or holds another value;
+        UsageError for a value that the parameter's type cannot hold.
         """
         if self.read(name) is None:
             raise LinkError(f"the autopilot has no parameter {name}")
@@ -86,16 +86,16 @@ class Parameters:
         wanted: Value
         if kind == INT32:
             if value != int(value) or not -(1 << 31) <= value < 1 << 31:
-                raise UsageError(f"{name} is a 32-bit integer; {value:g} is not")
+                raise UsageError(f"{name} must be a 32-bit integer, got {value:g}")
             wanted = int(value)
             field = struct.unpack("<f", struct.pack("<i", wanted))[0]
             if struct.unpack("<i", struct.pack("<f", field))[0] != wanted:
-                raise UsageError(f"{name} = {wanted} cannot be sent: as a float its bits are a signalling NaN")
+                raise UsageError(f"{name} = {wanted} cannot be sent, because its bits as a float are a signalling NaN")
         elif kind == REAL32:
             try:
                 field = wanted = struct.unpack("<f", struct.pack("<f", value))[0]
             except OverflowError:
-                raise UsageError(f"{name} is a 32-bit float; {value:g} does not fit") from None
+                raise UsageError(f"{name} must be a 32-bit float, got {value:g}") from None
         else:
             raise LinkError(f"{name} has MAV_PARAM_TYPE {kind}, which PX4 does not use")
         link = self._link

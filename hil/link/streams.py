@@ -1,7 +1,7 @@
-"""The message intervals that a flight asks for: requested, checked by what really comes, fitted to the wire.
+"""The message intervals of a flight: requests, counts of arrivals, and adaptation to slow links.
 
-A request may be lost on a bad wire, forgotten by an autopilot that restarts, or refused by one that has no room: PX4
-divides the rates of a telemetry radio by whatever it takes to fit MAV_x_RATE. So what arrives is counted.
+A request may be lost on a bad link, forgotten after a restart, or refused: PX4 divides the rates on a telemetry radio
+until they fit MAV_x_RATE. So arriving messages are counted.
 """
 
 from collections import Counter
@@ -19,49 +19,49 @@ WATCHED = {  # message id -> µs between two
     dialect.MAVLINK_MSG_ID_GPS_RAW_INT: 1_000_000,
     dialect.MAVLINK_MSG_ID_CURRENT_MODE: 100_000,
 }
-OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # taken where there is one, and not missed where not
+OFFERED = {dialect.MAVLINK_MSG_ID_DISTANCE_SENSOR: 100_000}  # optional: used if it arrives
 FAST = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
-ONCE = (  # asked for as single messages until they have come
+ONCE = (  # requested as single messages until they arrive
     dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION,
     dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN,
     dialect.MAVLINK_MSG_ID_HOME_POSITION,
 )
 CHECK_US = 3_000_000  # µs of vehicle time over which arrivals are counted
-SHORT = 0.6  # of what was asked for: below it the wire or the autopilot does not keep up
-DOUBLINGS = 2  # of the fast messages' interval, down to 5 Hz: PX4's offboard wants more than 2 Hz of setpoints
-SMALL = 0.05  # share of the bytes under which a foreign stream is not worth silencing
+SHORT = 0.6  # share of the requested rate; below it, link or autopilot are too slow
+DOUBLINGS = 2  # doublings of the fast messages' interval, down to 5 Hz: PX4's Offboard needs setpoints above 2 Hz
+SMALL = 0.05  # share of the bytes; smaller foreign streams are not stopped
 KEEP = frozenset({dialect.MAVLINK_MSG_ID_HEARTBEAT, dialect.MAVLINK_MSG_ID_STATUSTEXT})
 
 
 @dataclass(frozen=True, slots=True)
 class Interval:
-    """A request: `interval_us` µs between two messages of `message_id`; −1 silences it."""
+    """A request: `interval_us` µs between two messages of `message_id`; −1 stops it."""
 
     message_id: int
     interval_us: int
 
 
 class Streams:
-    """Counts what arrives and says what to ask for next."""
+    """Counts arriving messages and returns the next requests."""
 
     def __init__(self) -> None:
         self.wanted = dict(WATCHED)
         self.silenced: set[int] = set()
-        self.slowed = 0  # how often the fast messages' interval has been stretched
+        self.slowed = 0  # number of doublings of the fast messages' interval
         self._missing = set(ONCE)
         self._seen: Counter[int] = Counter()
         self._bytes: Counter[int] = Counter()
-        self._lost: set[int] = set()  # what did not come at all before the last check
+        self._lost: set[int] = set()  # messages that did not arrive before the last check
         self._since_us: int | None = None
 
     def saw(self, message_id: int, size: int) -> None:
-        """Take note of a message of the autopilot and of its length in bytes."""
+        """Count a message of the autopilot and its length in bytes."""
         self._seen[message_id] += 1
         self._bytes[message_id] += size
         self._missing.discard(message_id)
 
     def all(self) -> list[Interval]:
-        """Return every interval that is wanted."""
+        """Return all intervals to request."""
         wanted = [Interval(*item) for item in (self.wanted | OFFERED).items()]
         return wanted + [Interval(i, -1) for i in sorted(self.silenced)]
 
@@ -70,19 +70,19 @@ class Streams:
         return [message_id for message_id in ONCE if message_id in self._missing]
 
     def quicken(self, interval_us: int) -> list[Interval]:
-        """Have place and attitude come every `interval_us`; return what has to be asked for."""
+        """Set the interval of place and attitude to `interval_us`; return the requests for it."""
         self._seen.clear()
         self._bytes.clear()
-        self._since_us = None  # counted anew
+        self._since_us = None  # restarts the counts
         for i in FAST:
             self.wanted[i] = interval_us
         return [Interval(i, interval_us) for i in FAST]
 
     def check(self, time_us: int) -> list[Interval]:
-        """Return what has to be asked for again, at most every three seconds of vehicle time.
+        """Return the requests to repeat, at most every three seconds of vehicle time.
 
-        What does not come at all is asked for anew. What then still does not come, or comes too slowly, means that the
-        wire is full: then streams that nobody here reads are silenced, and after that the fast ones slowed down.
+        Missing messages are requested again. If they are still missing or too slow, the link is full. Then streams that
+        we do not read are stopped, and after that the fast messages are slowed down.
         """
         if self._since_us is None or time_us < self._since_us:
             self._since_us = time_us

@@ -25,7 +25,7 @@ class ReceivedText:
 
 @dataclass(frozen=True, slots=True)
 class _Open:
-    """A text of which a piece may still be missing."""
+    """A text that may still miss a piece."""
 
     text_id: int
     severity: int
@@ -41,7 +41,7 @@ class StatusTexts:
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take in a STATUSTEXT. A full piece may have a successor or be the last: another text, or `since`, ends it."""
+        """Take a STATUSTEXT. After a full piece there may be another one; another text, or `since`, ends the text."""
         text = _plain(message.text)
         if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
             self._complete()
@@ -61,7 +61,7 @@ class StatusTexts:
         self.newest.append(ReceivedText(time_us, severity, " ".join(text.split())))
 
     def since(self, time_us: int) -> str:
-        """Return the warnings and worse since then, in order, joined; empty when there are none."""
+        """Return the warnings and worse texts since then, in order, joined; empty without any."""
         self._complete()
         texts = [text.text for text in self.newest if text.time_us >= time_us and text.severity <= WARNING]
         return "; ".join(dict.fromkeys(texts))
@@ -73,10 +73,10 @@ def _plain(text: str | bytes) -> str:
 
 
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
-FAR_MS = 60_000  # a stamp further ahead than this, or one from after a reboot, is doubted until others confirm it
-LATE_MS = 5_000  # what is this much older is no packet that was on the way
-CONFIRMED = 5  # stamps that agree, without one in between that goes on from the last one believed, …
-CONFIRMED_S = 0.3  # … and, where messages are heard live, s from the first of them to the last
+FAR_MS = 60_000  # a stamp further ahead, or one after a reboot, counts only after others confirm it
+LATE_MS = 5_000  # a stamp older than this is not from a late packet
+CONFIRMED = 5  # agreeing stamps, without one in between that fits the last trusted stamp, …
+CONFIRMED_S = 0.3  # … and, for live messages, s between the first and the last of them
 
 
 class _Doubt(NamedTuple):
@@ -88,7 +88,7 @@ class _Doubt(NamedTuple):
 
 
 class VehicleClock:
-    """µs since boot from time_boot_ms, robust against its wrap after 49 days; never runs backwards but for a reboot."""
+    """µs since boot from time_boot_ms, with its wrap after 49 days. It runs backwards only at a reboot."""
 
     def __init__(self) -> None:
         self.time_us = 0
@@ -97,7 +97,7 @@ class VehicleClock:
         self._doubt: _Doubt | None = None
 
     def see(self, time_boot_ms: int, received_s: float | None = None) -> None:
-        """Record a time stamp, received at `received_s` of another clock than the vehicle's; None: in a recording."""
+        """Record a time stamp; `received_s`: its arrival by a clock other than the vehicle's; None: a recording."""
         if self._last_ms is None:
             self._last_ms, self.time_us = time_boot_ms, time_boot_ms * 1000
             return
@@ -107,7 +107,7 @@ class VehicleClock:
             if ahead_ms >= -LATE_MS:
                 self._doubt = None
             return  # a late packet
-        # a damaged stamp must not stop the clock for good, and a forged one must not end the flight
+        # a damaged stamp must not stop the clock forever, and a forged one must not end the flight
         if (rebooted or ahead_ms > FAR_MS) and not self._is_confirmed(time_boot_ms, received_s):
             return
         self._doubt, self._last_ms = None, time_boot_ms
@@ -126,22 +126,22 @@ class VehicleClock:
         return lasts and self._doubt.seen >= CONFIRMED
 
     def of(self, time_boot_ms: int) -> int:
-        """Return the time (µs) of a message that was just seen: before the newest where others have overtaken it."""
+        """Return the time (µs) of a message that was just seen; it may be before the newest time."""
         late_ms = 0 if self._last_ms is None else _between(time_boot_ms, self._last_ms)
         return self.time_us - late_ms * 1000 if 0 <= late_ms <= LATE_MS else self.time_us
 
 
 def _between(earlier_ms: int, later_ms: int) -> int:
-    """Return the ms from one stamp to another by the shorter way around the wrap; negative: back."""
+    """Return the ms from one stamp to another, the shorter way around the wrap; negative: backwards."""
     return (later_ms - earlier_ms + WRAP_MS // 2) % WRAP_MS - WRAP_MS // 2
 
 
 class VehicleState(NamedTuple):
-    """The newest value of each quantity; None where none has come yet."""
+    """The newest value of each quantity; None: none has arrived yet."""
 
     armed: bool = False
     mode: str = ""
-    mode_us: int = 0  # µs, vehicle clock when the mode was last told
+    mode_us: int = 0  # µs, vehicle clock at the last message with the mode
     heartbeat_us: int = 0  # µs, vehicle clock at the last heartbeat
     system_status: int = 0
     position_ned: Vec3 | None = None  # m, local frame of the autopilot
@@ -195,11 +195,11 @@ def update(
     time_us: int = 0,
     received_us: int | None = None,
 ) -> VehicleState:
-    """Return the state after a message of the autopilot component, of `time_us` by the vehicle's clock.
+    """Return the state after a message of the autopilot component with the time `time_us` of the vehicle's clock.
 
-    `received_us`: when it came by that clock, of a wire that is known to be late; None: at once. Poses are stamped with
-    the one, mode and heartbeat with the other. A pose that a newer one has overtaken is ignored, and so is one that is
-    not a number: the last one grows stale, instead of passing every comparison.
+    `received_us`: its arrival by the vehicle's clock, on a link with known delay; None: no delay. Poses get `time_us`,
+    mode and heartbeat get `received_us`. A pose that is older than the newest is ignored, and so is one that is not a
+    number. The last valid pose then becomes stale, instead of a NaN that passes every comparison.
     """
     received_us = time_us if received_us is None else received_us
     match message.get_msgId():
@@ -264,7 +264,7 @@ def _finite(*values: float) -> bool:
 
 
 def setpoint_velocity(message: dialect.MAVLink_message) -> Vec3:
-    """Return the velocity (m/s, NED) that a POSITION_TARGET_LOCAL_NED asks for, 0 along what it leaves open."""
+    """Return the velocity (m/s, NED) of a POSITION_TARGET_LOCAL_NED; 0 along the axes that it ignores."""
     velocity = (message.vx, message.vy, message.vz)
     north, east, down = (
         0.0 if message.type_mask & mask or not math.isfinite(v) else float(v)

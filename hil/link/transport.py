@@ -1,4 +1,4 @@
-"""Byte pipes to an autopilot, opened by URL: UDP, TCP and serial, with MAVSDK's URL forms understood too."""
+"""Byte pipes to an autopilot, opened by URL: UDP, TCP and serial. MAVSDK's URL forms work too."""
 
 import contextlib
 import select
@@ -14,23 +14,23 @@ from foundation.errors import DronecatsError, LinkError, UsageError
 from foundation.machine import port_holder
 
 FORMS = "udpin://HOST:PORT, udpout://HOST:PORT, tcp://HOST:PORT, tcpin://HOST:PORT or serial://DEVICE:BAUD"
-BAUD = 57_600  # of a serial line that names none, MAVSDK's and PX4's TELEM1
-PEER_S = 3.0  # wall seconds after which who has said nothing is answered no more
+BAUD = 57_600  # default rate of a serial line, as in MAVSDK and for PX4's TELEM1
+PEER_S = 3.0  # wall seconds of silence after which an address gets no more answers
 BUFFER_BYTES = 4 * 1024 * 1024  # a renderer that is busy for 100 ms must not lose telemetry
 
 
 class Transport(Protocol):
-    """Bytes in, bytes out. The defaults are those of a wire on which only one other end can send."""
+    """Receives and sends bytes. The defaults are for a link with one other end."""
 
     url: str
-    peer: str = ""  # address that the bytes of the last `receive` came from; "" where there is one other end
+    peer: str = ""  # source address of the last `receive`; "": there is only one other end
 
     def time_s(self) -> float:
-        """Return s of the clock by which the other end is silent: the wall's, in lockstep the vehicle's."""
+        """Return s of the clock for silence: the wall clock, in lockstep the vehicle's clock."""
         return time.monotonic()
 
     def receive(self, timeout_s: float) -> bytes:
-        """Return what has arrived from one address, b'' when nothing came within `timeout_s` of `time_s`.
+        """Return the bytes from one address; b'' if none arrived within `timeout_s` of `time_s`.
 
         Raises LinkError.
         """
@@ -39,18 +39,18 @@ class Transport(Protocol):
     def send(self, data: bytes) -> None: ...
 
     def follow(self, peer: str) -> None:
-        """From now on send to this address alone. Does nothing where there is one other end."""
+        """Send only to this address from now on. Does nothing if there is only one other end."""
         return None
 
     def close(self) -> None: ...
 
 
 class UdpTransport(Transport):
-    """A UDP socket that listens (`udpin`) or speaks first (`udpout`).
+    """A UDP socket that listens (`udpin`) or sends first (`udpout`).
 
-    Until it follows one address it answers whoever spoke last, and everybody else who spoke within PEER_S: where two
-    vehicles send to one port, what is said goes to both, and MAVLink's target says whom it is for. One thread may
-    receive while others send.
+    Until it follows one address, it sends to all addresses that have sent within PEER_S, and to the last one. If two
+    vehicles send to one port, both get every message, and MAVLink's target names the receiver. One thread may receive
+    while others send.
     """
 
     def __init__(self, url: str, host: str, port: int, *, listen: bool) -> None:
@@ -58,9 +58,9 @@ class UdpTransport(Transport):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        self._peers: dict[Any, float] = {}  # address -> wall clock when it last spoke, the newest last
-        self._followed: Any = None  # the address that alone is answered, once one is followed
-        self._waiting: tuple[bytes, Any] | None = None  # a datagram that came behind those of another address
+        self._peers: dict[Any, float] = {}  # address -> wall clock when it last sent, the newest last
+        self._followed: Any = None  # the only receiver; None: none is followed
+        self._waiting: tuple[bytes, Any] | None = None  # a datagram after those of another address
         self._lock = threading.Lock()  # of the peers: a camera's server threads send while its main thread receives
         try:
             if listen:
@@ -83,7 +83,7 @@ class UdpTransport(Transport):
             return b""
         datagrams: list[bytes] = []
         first: Any = None
-        # an ICMP refusal of something we sent surfaces here: the peer is not up yet, which silence will tell in time
+        # an ICMP refusal of an earlier send arrives here: the peer is not up yet, and silence will show it
         with contextlib.suppress(OSError):
             while len(datagrams) < 256:
                 data, address = self._waiting or self._socket.recvfrom(65536)
@@ -111,7 +111,7 @@ class UdpTransport(Transport):
                 self._peers = {peer: at_s for peer, at_s in self._peers.items() if peer == newest or at_s > oldest_s}
             peers = tuple(self._peers) if self._followed is None else (self._followed,)
         for peer in peers:
-            with contextlib.suppress(OSError):  # no network for the moment: lost, as any datagram may be
+            with contextlib.suppress(OSError):  # no network at the moment: the datagram is lost
                 self._socket.sendto(data, peer)
 
     def close(self) -> None:
@@ -151,7 +151,7 @@ class TcpTransport(Transport):
 
 
 class TcpListener(Transport):
-    """A TCP server for one client at a time; a client that comes later takes its place."""
+    """A TCP server for one client at a time. A later client replaces an earlier one."""
 
     def __init__(self, url: str, host: str, port: int) -> None:
         self.url = url
@@ -225,7 +225,7 @@ class SerialTransport(Transport):
             data = bytes(self._port.read(65536))
         except OSError as error:
             raise LinkError(f"the serial line {self.url} broke: {error}") from None
-        if not data:  # readable, and yet nothing there: the device was removed
+        if not data:  # readable without bytes: the device was removed
             raise LinkError(f"the serial line {self.url} broke: the device was removed")
         return data
 
@@ -240,9 +240,9 @@ class SerialTransport(Transport):
 
 
 class MemoryTransport(Transport):
-    """One end of a pipe inside a process. When it runs dry it calls `pump`, which makes the other side go on.
+    """One end of a pipe inside a process. If it is empty, it calls `pump`, which advances the other side.
 
-    This is lockstep: the vehicle's time advances only when somebody waits for it.
+    This is lockstep: the vehicle's time advances only during a wait.
     """
 
     def __init__(
@@ -253,7 +253,7 @@ class MemoryTransport(Transport):
         pump: Callable[[], None],
         time_s: Callable[[], float],
     ) -> None:
-        """`time_s` reads the clock (s) that `pump` moves on."""
+        """`time_s` reads the clock (s) that `pump` advances."""
         self.url = url
         self._take, self._give, self._pump, self._time_s = take, give, pump, time_s
 
@@ -261,11 +261,12 @@ class MemoryTransport(Transport):
         return self._time_s()
 
     def receive(self, timeout_s: float) -> bytes:
-        due_s = self._time_s() + timeout_s
         data = self._take()
-        while not data and self._time_s() < due_s:
-            self._pump()
-            data = self._take()
+        if not data:
+            due_s = self._time_s() + timeout_s
+            while not data and self._time_s() < due_s:
+                self._pump()
+                data = self._take()
         return data
 
     def send(self, data: bytes) -> None:
@@ -282,9 +283,9 @@ def _shown(address: Any) -> str:
 
 
 def connect(url: str) -> Transport:
-    """Return an open transport. Raises UsageError for a malformed URL or a taken port, LinkError when none answers.
+    """Return an open transport. Raises UsageError for a malformed URL or a port in use, LinkError if none answers.
 
-    MAVSDK's forms are understood too: udp:// listens, tcpout:// connects, serial:// without a rate takes 57,600 baud.
+    MAVSDK's forms work too: udp:// listens, tcpout:// connects, serial:// without a rate takes 57,600 baud.
     """
     scheme, _, rest = url.partition("://")
     if scheme == "serial" and rest:
@@ -328,17 +329,17 @@ RETRY_S = 0.5  # wall seconds between two attempts
 
 
 class Reopening(Transport):
-    """A transport around a transport. While it is broken it receives nothing and what is sent is lost.
+    """A transport that reopens another transport. While that is broken, it receives nothing and loses what is sent.
 
-    How long that may last is not decided here: `Conversation` raises when the vehicle has been silent for too long.
+    It has no time limit: `Conversation` raises if the vehicle is silent for too long.
     """
 
     def __init__(self, open_transport: Callable[[], Transport]) -> None:
-        """Open it for the first time. Raises UsageError and LinkError as `open_transport` does."""
+        """Open it for the first time. Raises UsageError and LinkError like `open_transport`."""
         self._open = open_transport
         self._transport: Transport | None = open_transport()
         self.url = self._transport.url
-        self.reopened = 0  # how often it has come back
+        self.reopened = 0  # number of reopenings
         self._retry_s = 0.0
 
     def follow(self, peer: str) -> None:
@@ -375,7 +376,7 @@ class Reopening(Transport):
         self._transport, self._retry_s = None, time.monotonic()
 
     def _reopen(self, timeout_s: float) -> bool:
-        """Try again when it is time to; wait for that at most `timeout_s`."""
+        """Try again if it is time; wait for that at most `timeout_s`."""
         left_s = self._retry_s + RETRY_S - time.monotonic()
         if left_s > timeout_s:
             time.sleep(timeout_s)
@@ -384,7 +385,7 @@ class Reopening(Transport):
         self._retry_s = time.monotonic()
         try:
             self._transport = self._open()
-        except DronecatsError:  # a device that is not back yet, a server that does not listen yet
+        except DronecatsError:  # the device is not back yet, or the server does not listen yet
             return False
         self.reopened += 1
         return True

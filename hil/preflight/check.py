@@ -1,7 +1,8 @@
-"""The preflight check of one vehicle: it listens, reads parameters, rehearses offboard, and puts the results into rows.
+"""The preflight check of one vehicle: it listens, reads parameters, tests Offboard, and returns rows of results.
 
-Offboard is rehearsed while disarmed. PX4 lets a disarmed vehicle switch to any mode, with or without setpoints. Its
-pre-arm check shows that they arrive: in OFFBOARD it passes only while they do (measured on 1.15; offboardCheck.cpp).
+Offboard is tested while disarmed. PX4 lets a disarmed vehicle switch to any mode, with or without setpoints. Its
+pre-arm check shows whether setpoints arrive: in OFFBOARD it passes only if they do (measured on 1.15;
+offboardCheck.cpp).
 """
 
 import contextlib
@@ -18,7 +19,7 @@ from hil.link.parameters import Parameters, Value
 from hil.preflight import failsafes, ground_side, vehicle
 from hil.preflight.observation import Change, Finding, Observation, Row, Watch
 
-# PX4's own values that no vehicle should fly with (its parameter reference); our simulator has them as PX4 does
+# PX4's defaults that are unsafe for a real vehicle (its parameter reference); our simulator has them too
 PX4_DEFAULTS = {"COM_OBL_RC_ACT": 0, "COM_LOW_BAT_ACT": 0, "GF_MAX_HOR_DIST": 0, "GF_MAX_VER_DIST": 0}
 NAMES = (*failsafes.FAILSAFE_PARAMETERS, *failsafes.FENCE_PARAMETERS, *vehicle.BATTERY_PARAMETERS)
 
@@ -28,14 +29,14 @@ class Check:
     """The observations and parameters of a vehicle, and the rows and changes that follow from them."""
 
     observed: Observation
-    values: dict[str, Value | None]  # parameters; None where the autopilot did not tell one
+    values: dict[str, Value | None]  # parameters; None: the autopilot did not send it
     fence_points: int | None
     rehearsal: Row
-    around: tuple[Row, ...]  # of this machine: camera, disk
+    around: tuple[Row, ...]  # rows about this machine: camera, disk
 
     @property
     def rows(self) -> list[Row]:
-        """Every row, in the order of a walk around the vehicle."""
+        """All rows, in the order of a walk around the vehicle."""
         return [
             *vehicle.health_rows(self.observed),
             *vehicle.position_rows(self.observed),
@@ -48,17 +49,17 @@ class Check:
 
     @property
     def changes(self) -> list[Change]:
-        """The parameters that ought to be changed."""
+        """The proposed parameter changes."""
         return [finding.change for finding in self._findings() if finding.change is not None]
 
     def _shown(self, finding: Finding) -> Row:
-        """Return a finding's row; a failed one says where it is PX4's own value that our simulator has, too."""
+        """Return a finding's row. A failed one mentions a PX4 default that our simulator also has."""
         row, change = finding.row, finding.change
         if row.passed is not False or change is None or PX4_DEFAULTS.get(change.name) != change.old:
             return row
         if not ground_side.is_simulated(self.observed):
             return row
-        return replace(row, why=f"{row.why}; expected here: a simulated vehicle with PX4's default")
+        return replace(row, why=f"{row.why}. This is normal for a simulated vehicle, which has PX4's default")
 
     def _findings(self) -> list[Finding]:
         situation = failsafes.Situation(
@@ -74,7 +75,7 @@ class Check:
 def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = None) -> Check:
     """Return the check of the vehicle on a connected link: `seconds` of listening, and some more. Never arms.
 
-    Raises LinkError when the vehicle goes away meanwhile.
+    Raises LinkError if the vehicle disappears meanwhile.
     """
     observed = Watch(link).listen(seconds)
     names = (*NAMES, *(failsafes.SIGNING_PARAMETERS if link.has_key else ()))
@@ -87,7 +88,7 @@ def check(link: Link, *, seconds: float, folder: Path, camera_url: str | None = 
 
 
 def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
-    """Return the vehicle's clock in µs, by this machine's and the offset that the quickest TIMESYNC has shown.
+    """Return the vehicle's clock in µs: this machine's clock plus the offset of the fastest TIMESYNC.
 
     Without TIMESYNC it is the clock of the newest telemetry.
     """
@@ -98,9 +99,10 @@ def vehicle_clock(observed: Observation, link: Link) -> Callable[[], int]:
 
 
 def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
-    """Set the parameters, read each back, and return the check with the values as they are then. Changes nothing else.
+    """Set the parameters, read each back, and return the check with the new values. Changes nothing else.
 
-    Raises LinkError naming the first that could not be set; those before it are set. UsageError for an armed vehicle.
+    Raises LinkError with the first parameter that could not be set; the ones before it are set. Raises UsageError for
+    an armed vehicle.
     """
     if link.state.armed:
         raise UsageError("the vehicle is armed; parameters are only changed on one that is not: disarm it first")
@@ -112,14 +114,14 @@ def mend(link: Link, before: Check, changes: Sequence[Change]) -> Check:
 
 REHEARSAL = "offboard rehearsal"
 STREAM_S = 2.0  # s of vehicle time
-SHOWN_S = 3.0  # s: HEARTBEAT comes once a second, CURRENT_MODE may not come at all
+SHOWN_S = 3.0  # s: HEARTBEAT arrives once a second, CURRENT_MODE perhaps never
 ZERO_VELOCITY = Velocity(forward=0.0, up=0.0)
 
 
 def rehearse(link: Link) -> Row:
-    """Stream a velocity of zero, switch to OFFBOARD, see the mode shown, go back to HOLD; return the result as a row.
+    """Send a velocity of zero, switch to OFFBOARD, wait for the mode, go back to HOLD; return the result as a row.
 
-    Never arms, and does nothing with a vehicle that is armed. Raises LinkError when the vehicle is gone.
+    Never arms, and does nothing with an armed vehicle. Raises LinkError if the vehicle is gone.
     """
     if link.state.armed:
         return Row(REHEARSAL, False, "not done: the vehicle is armed", "disarm it first")
@@ -129,7 +131,7 @@ def rehearse(link: Link) -> Row:
         return _switch(link)
     finally:
         link.stop_stream()
-        with contextlib.suppress(DronecatsError):  # what went wrong before says more
+        with contextlib.suppress(DronecatsError):  # the earlier error is more useful
             link.set_mode("HOLD")
 
 
@@ -137,7 +139,7 @@ def _switch(link: Link) -> Row:
     try:
         link.set_mode("OFFBOARD")
     except LinkError as refusal:
-        link.tick()  # raises when it was the wire that broke
+        link.tick()  # raises if the link is broken
         return Row(REHEARSAL, False, str(refusal), "PX4 needs a position, a velocity and our setpoints for it")
     shown_s = _until(link, lambda: link.state.mode == "OFFBOARD", SHOWN_S)
     if shown_s is None:
@@ -167,7 +169,7 @@ def _switch(link: Link) -> Row:
 
 
 def _would_arm(link: Link) -> bool:
-    """Return whether the pre-arm check passes within SHOWN_S, by a SYS_STATUS that comes from now on."""
+    """Return whether the pre-arm check passes within SHOWN_S, by a new SYS_STATUS."""
     checks: list[bool] = []
 
     def on_message(message: dialect.MAVLink_message) -> None:
@@ -183,7 +185,7 @@ def _would_arm(link: Link) -> bool:
 
 
 def _until(link: Link, reached: Callable[[], bool], seconds: float) -> float | None:
-    """Tick until `reached`; return the vehicle time that it took in s, None when it did not within `seconds`."""
+    """Tick until `reached`; return its vehicle time in s; None: not reached within `seconds`."""
     began_us = link.time_us
     while not reached():
         if link.time_us - began_us >= seconds * 1e6:

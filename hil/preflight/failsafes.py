@@ -168,7 +168,7 @@ def _vertical_speed(name: str, verb: str) -> FailsafeRule:
     def rule(s: Situation, value: Value) -> Finding:
         if value < SPEED_MAX:
             return _bad(name, value, f"the agent {verb} at up to {SPEED_MAX:g} m/s, which this limit cuts", "raise it")
-        return _good(name, value, f"as fast as the agent {verb}, or faster")
+        return _good(name, value, f"the agent {verb} at up to {SPEED_MAX:g} m/s, which this limit allows")
 
     return rule
 
@@ -276,7 +276,7 @@ def _judge(name: str, value: float, why: str, fix: str) -> Finding:
 
 def _mend(name: str, value: float, new: float, why: str, reason: str) -> Finding:
     """Return a failed finding with the change that mends it."""
-    row = Row(_named(name, value), False, why, f"{new:g}: --fix proposes it")
+    row = Row(_named(name, value), False, why, f"set it to {new:g}, which --fix proposes")
     return Finding(row, Change(name, value, new, reason))
 
 

@@ -1,6 +1,6 @@
-"""Rows about what a flight needs beside the vehicle: the wire, the camera, and room for its files.
+"""Rows about the other parts of a flight: link, camera and disk.
 
-Of the wire: the telemetry's rates, the round trip, the two clocks. Of the camera: its rate and the age of its frames.
+Link: rates of telemetry, round trip, both clocks. Camera: rate and age of its frames.
 """
 
 import os
@@ -17,13 +17,13 @@ from foundation.sensors import CALENDAR_START_US
 from hil.preflight.observation import STREAM_HZ, Observation, Row
 
 FLIGHT_STREAMS = (dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED, dialect.MAVLINK_MSG_ID_ATTITUDE)
-RATE_LEAST = 8.0  # Hz, below which the height and place loops of the link lag more than they hold
-SHARE_LEAST = 0.8  # of the rate asked for, below which it is worth a word
+RATE_LEAST = 8.0  # Hz; below it the link's height and place loops lag too much
+SHARE_LEAST = 0.8  # share of the requested rate; a lower one is reported
 ROUND_TRIP_MOST = 0.5  # s: a setpoint would be half of COM_OF_LOSS_T old at its arrival
-LOST_MOST = 0.35  # of the questions: one message in five is lost each way
-DRIFT_MOST = 2e-3  # a quartz drifts 1e-4; a vehicle whose seconds are not ours is simulated or overloaded
+LOST_MOST = 0.35  # share of the requests: one message in five is lost each way
+DRIFT_MOST = 2e-3  # a quartz drifts 1e-4; with more, the vehicle is simulated or overloaded
 CALENDAR_MOST = 2.0  # s
-SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator that runs for longer than a week is rare
+SIMULATED_MOST_US = 7 * 86_400_000_000  # a simulator seldom runs longer than a week
 
 
 def wire_rows(observed: Observation) -> list[Row]:
@@ -79,7 +79,7 @@ def _clock(observed: Observation) -> Row:
         why += f"; its date is {abs(apart):.1f} s {'behind' if apart > 0 else 'ahead'}"
         if abs(apart) > CALENDAR_MOST:
             return Row("clocks", None, why, "set this machine's clock (NTP), because logs are matched by it")
-    slack = max(DRIFT_MOST, 2.0 * (first[2] + last[2]) / max(span_ns, 1))  # what the round trips leave unknown
+    slack = max(DRIFT_MOST, 2.0 * (first[2] + last[2]) / max(span_ns, 1))  # uncertainty from the round trips
     if abs(drift) > slack:
         return Row(
             "clocks", None, why, "either the simulation does not run in real time, or the autopilot is overloaded"
@@ -88,13 +88,13 @@ def _clock(observed: Observation) -> Row:
 
 
 def is_simulated(observed: Observation) -> bool:
-    """Return whether the calendar is that of our simulated receiver, which begins on the same day in each flight."""
+    """Return whether the date is from our simulated receiver, which begins on the same day in each flight."""
     calendar = observed.message("SYSTEM_TIME")
     return calendar is not None and 0 <= calendar.time_unix_usec - CALENDAR_START_US < SIMULATED_MOST_US
 
 
 def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
-    """Return (when, offset, half its uncertainty), all in ns, of the quickest round trip of one half of the watch."""
+    """Return (time, offset, half its uncertainty), all in ns, of the fastest round trip in one half of the watch."""
     half = len(observed.round_trips) // 2
     trips = observed.round_trips[:half] if early else observed.round_trips[half:]
     trip = min(trips, key=lambda t: t.length_s)
@@ -102,12 +102,12 @@ def _best(observed: Observation, *, early: bool) -> tuple[int, int, int]:
 
 
 CAMERA = "camera"
-FRAME_RATE_LEAST = 1.0  # Hz: a decision takes seconds, but the frame it is made from must not
+FRAME_RATE_LEAST = 1.0  # Hz; a decision takes seconds, but its frame must be recent
 FRAME_AGE_MOST = 1.0  # s
 
 
 def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None], seconds: float) -> Row:
-    """Return the row of a camera that was looked through for `seconds` of wall time; `keep_up` serves the link."""
+    """Return the row of a camera, measured for `seconds` of wall time; `keep_up` serves the link meanwhile."""
     from hil.cameras.open import open_camera
 
     frames: list[Frame] = []
@@ -117,7 +117,7 @@ def camera_row(url: str, now_us: Callable[[], int], keep_up: Callable[[], None],
         camera: Camera = open_camera(url, now_us)
         try:
             camera.newest()  # the first one also opens the connection
-            began_s = time.monotonic()  # wall time is the subject here
+            began_s = time.monotonic()  # measures wall time
             while time.monotonic() - began_s < seconds:
                 began_fetch_s = time.monotonic()
                 frame = camera.newest()
@@ -152,7 +152,7 @@ DISK_LEAST_GB = (
 
 
 def disk_row(folder: Path) -> Row:
-    """Return the row of the disk that `folder` is on, or would be."""
+    """Return the row of the disk of `folder`, which may not exist yet."""
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     if not there.is_dir() or not os.access(there, os.W_OK):
         return Row(DISK, False, f"{folder} cannot be written to", "name another folder with --out")

@@ -19,7 +19,7 @@ class Row:
     name: str
     passed: bool | None  # None: not measured, or only a person can judge it
     why: str
-    fix: str = ""  # what to do about it; empty where there is nothing to do
+    fix: str = ""  # what to do; empty: nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A row, and the parameter change that would mend it."""
+    """A row, and the parameter change that would correct it."""
 
     row: Row
     change: Change | None = None
@@ -48,7 +48,7 @@ def summary(rows: Sequence[Row]) -> str:
 
 Message: TypeAlias = dialect.MAVLink_message
 
-STREAM_HZ: dict[int, float] = {  # the streams that the checks read, and the two that flying stands on
+STREAM_HZ: dict[int, float] = {  # the streams for the checks, and the two that flying needs
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 20.0,
     dialect.MAVLINK_MSG_ID_ATTITUDE: 20.0,
     dialect.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: 2.0,
@@ -60,8 +60,8 @@ STREAM_HZ: dict[int, float] = {  # the streams that the checks read, and the two
 }
 ONCE = (dialect.MAVLINK_MSG_ID_AUTOPILOT_VERSION, dialect.MAVLINK_MSG_ID_HOME_POSITION)
 SYNC_US = 200_000  # µs of vehicle time between two TIMESYNC questions
-ANSWER_US = 1_000_000  # µs before the end from which on nothing is asked that could not be answered in time
-TRIES = 3  # for a message that does not come by itself
+ANSWER_US = 1_000_000  # µs before the end without new requests, so that answers arrive in time
+TRIES = 3  # attempts for a message that does not arrive by itself
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,21 +88,21 @@ class Observation:
 
     newest: Mapping[int, Message] = field(default_factory=dict)
     seconds: float = 0.0  # of vehicle time
-    counts: Mapping[int, int] = field(default_factory=dict)  # message id → how many came in `seconds`
+    counts: Mapping[int, int] = field(default_factory=dict)  # message id → number in `seconds`
     worst_ratio: Mapping[str, float] = field(default_factory=dict)  # field of ESTIMATOR_STATUS → its largest
     texts: tuple[str, ...] = ()  # STATUSTEXT of severity warning or worse
     station: bool = False  # some ground station's heartbeat was heard
     round_trips: tuple[RoundTrip, ...] = ()
     sync_requests: int = 0  # TIMESYNC questions that were sent
-    unix_s: float = 0.0  # this machine's calendar when SYSTEM_TIME came
+    unix_s: float = 0.0  # this machine's date at the arrival of SYSTEM_TIME
 
     def message(self, name: str) -> Message | None:
-        """Return the newest message of this name, None when none came."""
+        """Return the newest message of this name; None: none arrived."""
         return self.newest.get(getattr(dialect, f"MAVLINK_MSG_ID_{name}"))
 
     @property
     def firmware(self) -> Firmware | None:
-        """The firmware of AUTOPILOT_VERSION, None when the message did not come."""
+        """The firmware of AUTOPILOT_VERSION; None: it did not arrive."""
         message = self.message("AUTOPILOT_VERSION")
         return None if message is None else firmware(message)
 
@@ -131,7 +131,7 @@ class Watch:
         self._began_us = 0
 
     def listen(self, seconds: float) -> Observation:
-        """Request the streams of the checks, let `seconds` of vehicle time pass, and return what came.
+        """Request the streams of the checks, wait `seconds` of vehicle time, and return the observation.
 
         The streams keep their rates afterwards: the next user of this link requests its own.
         """
@@ -139,7 +139,7 @@ class Watch:
         with link.listening(self._take):
             for message_id, rate in STREAM_HZ.items():
                 link.command(dialect.MAV_CMD_SET_MESSAGE_INTERVAL, message_id, round(1e6 / rate))
-            link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # has the reasons said again
+            link.command(dialect.MAV_CMD_RUN_PREARM_CHECKS)  # makes PX4 send the reasons again
             self._counts.clear()
             self._began_us = link.time_us
             sync_us, end_us = 0, self._began_us + seconds * 1e6
@@ -153,7 +153,7 @@ class Watch:
             return replace(observation, newest=dict(self._newest))
 
     def _request_missing(self) -> None:
-        """On a crowded wire some streams do not come through at all; a single message does."""
+        """Request missing messages once, because on a crowded link a single message arrives where a stream does not."""
         for message_id in (*ONCE, *STREAM_HZ):
             for _ in range(TRIES):
                 if message_id in self._newest:
@@ -175,7 +175,7 @@ class Watch:
         )
 
     def _request_time(self) -> None:
-        now_ns = time.monotonic_ns()  # wall time is the subject here
+        now_ns = time.monotonic_ns()  # measures wall time
         self._pending.add(now_ns)
         self._link.send(dialect.MAVLink_timesync_message(0, now_ns))
 

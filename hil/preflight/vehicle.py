@@ -1,7 +1,6 @@
-"""Rows about the vehicle itself: its autopilot, where it is and would return to, and its battery.
+"""Rows about the vehicle itself: autopilot, position, home and battery.
 
-Of the autopilot: which firmware, what its own checks say, and whether its estimate can be flown on. Of the battery:
-charged, measured, and of as many cells as the autopilot believes.
+Autopilot: firmware, its own checks, quality of its estimate. Battery: charge, measurement, number of cells.
 """
 
 import math
@@ -11,7 +10,7 @@ from foundation.mavlink import dialect, mode_name
 from hil.link.parameters import Value
 from hil.preflight.observation import Message, Observation, Row
 
-OLDEST = (1, 14)  # from there on what is absent at arming, such as sticks, counts as optional: failsafe.cpp
+OLDEST = (1, 14)  # from this version on, parts that are absent at arming, such as sticks, are optional: failsafe.cpp
 SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_SENSOR_3D_GYRO: "gyro",
     dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL: "accelerometer",
@@ -23,25 +22,25 @@ SENSORS = {  # bits of SYS_STATUS
     dialect.MAV_SYS_STATUS_SENSOR_BATTERY: "battery",
     dialect.MAV_SYS_STATUS_LOGGING: "flight log",
 }
-NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # without one of them it is no vehicle for us
-PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 only ever says that it is unhealthy
+NEEDED = ("gyro", "accelerometer", "compass", "barometer", "GPS")  # we cannot fly a vehicle without one of these
+PRESENT_UNSAID = dialect.MAV_SYS_STATUS_SENSOR_3D_ACCEL  # PX4 reports only that it is unhealthy
 PREARM = dialect.MAV_SYS_STATUS_PREARM_CHECK
-ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying velocities and places stands on
+ESTIMATES = {  # bits of ESTIMATOR_STATUS that flying needs
     dialect.ESTIMATOR_ATTITUDE: "attitude",
     dialect.ESTIMATOR_VELOCITY_HORIZ: "horizontal velocity",
     dialect.ESTIMATOR_VELOCITY_VERT: "vertical velocity",
     dialect.ESTIMATOR_POS_HORIZ_ABS: "place",
     dialect.ESTIMATOR_POS_VERT_ABS: "altitude",
 }
-TROUBLES = {  # not CONST_POS_MODE: PX4 assumes a constant place whenever the vehicle stands still
+TROUBLES = {  # not CONST_POS_MODE, because PX4 sets it whenever the vehicle is at rest
     dialect.ESTIMATOR_GPS_GLITCH: "the estimator rejects the GPS as a glitch",
     dialect.ESTIMATOR_ACCEL_ERROR: "the estimator suspects the accelerometer",
 }
-RATIOS = {  # test ratios of ESTIMATOR_STATUS: above 1 the filter throws the measurement away
+RATIOS = {  # test ratios of ESTIMATOR_STATUS: above 1 the filter rejects the measurement
     "vel_ratio": "velocity", "pos_horiz_ratio": "place", "pos_vert_ratio": "height", "mag_ratio": "heading",
 }  # fmt: skip
 TESTED = "1.14.4, 1.15.4 and 1.16.1"
-SPREAD_MOST = 5.0  # m, COM_POS_FS_EPH's default: beyond it PX4 does not trust the place itself
+SPREAD_MOST = 5.0  # m, COM_POS_FS_EPH's default: beyond it PX4 does not trust its position
 
 
 def health_rows(observed: Observation) -> list[Row]:
@@ -60,7 +59,7 @@ def _firmware(observed: Observation) -> Row:
 
 
 def version(observed: Observation) -> tuple[int, int]:
-    """Return (major, minor) of the firmware, (0, 0) when it was not told."""
+    """Return (major, minor) of the firmware; (0, 0): it was not sent."""
     message = observed.message("AUTOPILOT_VERSION")
     number = 0 if message is None else int(message.flight_sw_version)
     return number >> 24 & 0xFF, number >> 16 & 0xFF
@@ -97,7 +96,7 @@ def _prearm(observed: Observation) -> Row:
     if status is None:
         return Row("pre-arm check", False, "SYS_STATUS does not arrive", "look at the link's rates")
     if not _health(status) & PREARM:
-        in_offboard = _mode(observed) == "OFFBOARD"  # as a flight that was broken off leaves it
+        in_offboard = _mode(observed) == "OFFBOARD"  # for example after a broken flight
         fix = (
             "switch it to Hold, because OFFBOARD needs setpoints"
             if in_offboard
@@ -152,7 +151,7 @@ SATELLITES = 6  # EKF2_REQ_NSATS, default
 HDOP_MOST = 2.5  # EKF2_REQ_PDOP's default, which HDOP stays below
 SPREAD_H, SPREAD_V = 3.0, 5.0  # m, EKF2_REQ_EPH and EKF2_REQ_EPV, defaults
 UNKNOWN = 65535
-HOME_NEAR = 10.0  # m from home within which a vehicle stands on its home, a GPS's scatter included
+HOME_NEAR = 10.0  # m; within this distance, with the scatter of a GPS, a vehicle is at home
 EARTH = 6_371_000.0  # m, mean radius
 
 

@@ -1,7 +1,6 @@
 """Each failsafe provoked: what the vehicle does, when, and what it says."""
 
 import math
-from dataclasses import replace
 
 import pytest
 
@@ -311,17 +310,17 @@ def test_the_more_severe_action_wins() -> None:
     for name, value in {"COM_LOW_BAT_ACT": 3, "NAV_DLL_ACT": 1, "GF_ACTION": 5, "CBRK_FLIGHTTERM": 0}.items():
         p.set(name, value)
     assert evaluate(QUIET, p).action == Reaction.NONE
-    c = replace(QUIET, battery=0.1)
+    c = QUIET._replace(battery=0.1)
     assert evaluate(c, p).action == Reaction.WARN
-    c = replace(c, station_lost_s=11.0)
+    c = c._replace(station_lost_s=11.0)
     assert evaluate(c, p).action == Reaction.HOLD
-    c = replace(c, battery=0.06)
+    c = c._replace(battery=0.06)
     assert evaluate(c, p).action == Reaction.RETURN
-    c = replace(c, fence_breach="area")
+    c = c._replace(fence_breach="area")
     assert evaluate(c, p).action == Reaction.LAND
-    c = replace(c, attitude_failed=True)
+    c = c._replace(attitude_failed=True)
     assert evaluate(c, p).action == Reaction.TERMINATE
-    assert evaluate(replace(c, just_armed=True), p).action == Reaction.DISARM
+    assert evaluate(c._replace(just_armed=True), p).action == Reaction.DISARM
 
 
 def test_what_cannot_be_done_falls_back() -> None:

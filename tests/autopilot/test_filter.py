@@ -1,6 +1,7 @@
 """The filter alone, fed by a world whose noise is what it assumes: consistency, and references for its parts."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -322,3 +323,22 @@ def test_fast_attitude_step_equals_the_exact_one():
 def test_pressure_altitude_of_the_standard_atmosphere():
     assert pressure_altitude(1013.25) == pytest.approx(0.0, abs=1e-9)
     assert pressure_altitude(898.746) == pytest.approx(1000.0, abs=0.5)  # ISO 2533
+
+
+def test_vibration_is_the_smoothed_change_from_look_to_look() -> None:
+    vehicle = Filter()
+
+    def feel(milliseconds: int, accel_down: Callable[[int], float]) -> None:
+        for i in range(milliseconds):
+            vehicle.sensors["imu_time_us"] += 1000
+            vehicle.sensors["accel_frd"] = (0.0, 0.0, accel_down(i // 20))  # it looks every 20 ms
+            ekf.update(*vehicle.args)
+
+    feel(1000, lambda look: -GRAVITY)
+    assert vehicle.estimate["vibration_accel"] < 1e-6
+    feel(10_000, lambda look: -GRAVITY + (3.0 if look % 2 else -3.0))
+    assert vehicle.estimate["vibration_accel"] == pytest.approx(6.0, abs=0.2)
+    assert vehicle.estimate["vibration_gyro"] < 1e-3
+    assert vehicle.estimate["clipped"].tolist() == [0, 0, 0]
+    feel(200, lambda look: -200.0)
+    assert vehicle.estimate["clipped"].tolist() == [0, 0, 10]

@@ -53,6 +53,12 @@ def test_presses():
     assert found["of"] == len(found["presses"]) == 2
 
 
+def test_landings():
+    (found,) = printed("landings")
+    assert found["of"] == len(found["landings"]) == 1
+    assert found["landings"][0]["disarmed"] or found["landings"][0]["texts"]
+
+
 def test_soak():
     for found, vehicles in zip(printed("soak"), (1, 4), strict=True):
         assert_figures(found, {"hours", "pictures", "files_most", "logs_most", "real_time_factor"})
@@ -158,7 +164,7 @@ def test_study():
     for share in (found["parts"], found["phases"]):
         assert sum(share.values()) == pytest.approx(1.0, abs=0.01)
     assert {"episode", "landing", "ascent to the start pose"} <= set(found["phases"])
-    assert "plant, estimator and inner loops (compiled)" in found["parts"]
+    assert "physics, estimator and inner loops (compiled)" in found["parts"]
 
 
 def test_film():

@@ -62,6 +62,15 @@ def test_check_of_a_snapshot_is_at_the_rate_of_asking(capsys):
     assert found["repeated"] == found["frames"] - 1
 
 
+def test_check_of_a_camera_with_the_vehicles_clock_leaves_the_age_unknown(capsys):
+    """A simulated camera stamps its frames; the host's clock may be hours ahead of the vehicle's."""
+    stamps = {"X_Frame_Id": "7", "X_Frame_Time_Us": "1000"}
+    server = HttpServer(lambda handler: reply(handler, 200, jpeg(1), **stamps))
+    assert main(["camera", "check", server.url(), "--seconds", "0.5", "--json"]) == 0
+    server.close()
+    assert json.loads(capsys.readouterr().out)["age_ms"] is None
+
+
 def test_calibrate_and_check_with_what_came_out(tmp_path, capsys):
     out = tmp_path / "camera.yml"
     boards = tmp_path / "boards"

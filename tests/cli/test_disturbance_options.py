@@ -10,7 +10,7 @@ import pytest
 from dronecats.cli import bench_spec
 from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import main, parse
-from dronecats.flight.spec.disturbances import OPTIONS, UNDISTURBED, Disturbances, FrameFaults
+from dronecats.flight.spec.disturbances import OPTIONS, UNDISTURBED, Disturbances, FlightConditions, FrameFaults
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_json, from_json
 from foundation.errors import UsageError
@@ -36,6 +36,21 @@ def test_fly_and_bench_and_a_file_say_the_same(tmp_path, monkeypatch):
     assert from_json(json.loads(json.dumps(as_json(asked))), "here") == asked
 
 
+def test_light_and_season_are_words_and_numbers(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my.toml").write_text(
+        'suite = "quick"\npilot = "oracle"\nsun = "270,15"\nsky = "overcast"\nseason = "autumn"\n'
+    )
+    args = bench_spec.with_file(parse(["bench", "my.toml"]))
+    (entry,) = bench_spec.runs(args, bench_spec.suite(args), Path("out"))
+    words = ["--sun", "270,15", "--sky", "overcast", "--season", "autumn"]
+    asked = spec_of(parse(["fly", "--sitl", *words]))
+    wanted = FlightConditions(sun_azimuth_deg=270.0, sun_elevation_deg=15.0, sky="overcast", season="autumn")
+    assert entry.flight.disturbances.conditions == asked.disturbances.conditions == wanted
+    plain = spec_of(parse(["fly", "--sitl", "--sky", "clear", "--season", "summer"]))
+    assert plain == spec_of(parse(["fly", "--sitl"]))
+
+
 def test_every_option_is_told_in_the_help_and_on_its_page():
     page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
     for option in OPTIONS:
@@ -48,6 +63,9 @@ def test_what_cannot_be_is_refused_in_one_sentence(capsys):
         (["--sitl", "--frame-drop", "1"], "frame_drop .*0 .*0.95, .*1"),
         (["--sitl", "--frame-delay", "-1"], "delay .*0 .*60 s"),
         (["--sitl", "--frame-rate", "0.1", "--frame-delay", "9"], "delay .*period .*15 s"),
+        (["--sitl", "--sun", "40,2"], "sun_elevation .*3 .*90 °, .*2"),
+        (["--sitl", "--sun", "40"], "--sun .*AZ,EL"),
+        (["--sitl", "--sun", "40,30", "--sky", "dusk"], "dusk .*--sun"),
         (["--connect", "udpin://0.0.0.0:14540", "--frame-delay", "1"], "--frame-delay .*--sitl"),
     ):
         assert main(["fly", *words]) == 2, words

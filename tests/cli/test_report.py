@@ -9,7 +9,7 @@ import pytest
 
 from dronecats.cli.main import main
 from dronecats.report import figures as drawing
-from tests.report.results.synthetic_runs import write_run
+from tests.report.results.synthetic_runs import clear, hit, reset, tell_incidents, write_run
 from tests.support.command_line import last_object
 
 DRAW = drawing.draw
@@ -59,6 +59,24 @@ def test_the_page_is_written_beside(place, capsys, monkeypatch):
     assert main(["report", "runs/oracle", "--out", "report"]) == 0
     assert re.search(r"report/report\.md\b.* report/index\.html\n$", capsys.readouterr().out)
     assert (place / "report" / "index.html").exists()
+
+
+@pytest.mark.parametrize("metric", ["hits", "estimator_resets"])
+def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
+    tell_incidents(place / "runs" / "oracle" / IDS[0], hit(2.0), hit(8.0), clear(10.0, 1.5), reset(4.0))
+    tell_incidents(place / "runs" / "oracle" / IDS[1])
+    command = ["report", "runs/oracle", "--out", "report", "--no-page"]
+    assert main(command) == 0
+    with (place / "report" / "tables" / "incidents.csv").open(encoding="utf-8", newline="") as file:
+        [row] = csv.DictReader(file)
+    assert [row[k] for k in ("flights", "hits", "contact_s", "estimator_resets")] == ["3", "2", "1.5", "1"]
+    assert row["hit_flights_percent"] == row["reset_flights_percent"] == "50.0"  # of the two that tell
+    assert main([*command, "--exclude-above", f"{metric}=0"]) == 0
+    with (place / "report" / "tables" / "main.csv").open(encoding="utf-8", newline="") as file:
+        [row] = [row for row in csv.DictReader(file) if row["pilot"] == "oracle"]
+    assert (row["flights"], row["not_scored"]) == ("2", "1")
+    told = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert f"1 of 3 flights: {metric} above 0" in told.replace("\\", "")
 
 
 def test_another_radius_judges_anew_and_is_said(place):

@@ -4,8 +4,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 from episodes import maps
-from foundation import threads as once_module
-from foundation.threads import expect_more, once, recurring
+from foundation.threads import once
 
 
 def test_who_asks_for_one_in_the_making_waits_for_it():
@@ -37,15 +36,3 @@ def test_a_map_is_built_once():
     with ThreadPoolExecutor(2) as threads:
         one, other = threads.map(lambda _: maps.build("blocks", 1), range(2))
     assert one is other
-
-
-def test_what_recurs_is_kept_from_the_first_on_where_more_is_expected(monkeypatch):
-    monkeypatch.setattr(once_module, "_expects_more", threading.Event())
-
-    @recurring(2)
-    def thing(name):
-        return object()
-
-    assert thing("a") is None
-    expect_more()
-    assert thing("b") is thing("b") is not None

@@ -1,7 +1,6 @@
 """Episodes of one process share what is laid out of their map, and are, byte for byte, those laid out alone."""
 
 import dataclasses
-import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -39,7 +38,7 @@ def alone(scene):
 
 def shadows(renderer):
     """Return the shadows that it draws a picture with, of things that never move."""
-    with renderer._shadows.cast(renderer._layout.triangles, ()) as sun:
+    with renderer._shadows.cast(renderer._layout, ()) as sun:
         return sun._replace(height=sun.height.copy())
 
 
@@ -72,7 +71,9 @@ def test_two_scenes_of_a_map_draw_their_own_shadows():
     assert one.base is not None
     assert one.base is other.base
     made = [Renderer(scene, SMALL, shadow_cells=512) for scene in (one, one, other)][1:]
-    bare = renderer._shadows_of_map(one.base, 512)[0].height
+    of_map = renderer._of_map(one.base, 512)
+    assert of_map
+    bare = of_map[0][0].height
     kept = bare.copy()
     first = shadows(made[0])
     assert not same(tuple(first), tuple(shadows(made[1])))
@@ -164,20 +165,3 @@ def test_what_reaches_beyond_the_map_makes_its_own_grid():
     assert same(tuple(shadows(made[1])), tuple(shadows(made[2])))
     for each in made:
         each.close()
-
-
-def test_one_flight_keeps_nothing(monkeypatch):
-    """What is kept for the next costs memory, and a process that flies once has no next."""
-    monkeypatch.setattr("foundation.threads._expects_more", threading.Event())
-    kept, of_map = [], renderer._shadows_of_map
-
-    def keeping(*arguments):
-        kept.append(arguments)
-        return of_map(*arguments)
-
-    monkeypatch.setattr(renderer, "_shadows_of_map", keeping)
-    scene = World(dataclasses.replace(catalogue.load("blocks-commanding-01"), map_seed=77)).filmed
-    Renderer(scene, SMALL, shadow_cells=64).close()
-    assert not kept
-    Renderer(scene, SMALL, shadow_cells=64).close()
-    assert len(kept) == 1

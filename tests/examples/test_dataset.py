@@ -74,7 +74,7 @@ def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):
     table = pq.read_table(file)
     place = table.column_names.index("judge.success")
     pq.write_table(table.set_column(place, table.schema.field(place), [[False] * len(table)]), file)
-    with pytest.raises(UsageError, match="succeeded"):
+    with pytest.raises(UsageError, match="successful"):
         dataset.read(folder)
 
 

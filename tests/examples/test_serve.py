@@ -83,7 +83,7 @@ def test_each_drone_of_a_fleet_has_its_own_past(served):
 def test_a_request_without_a_picture_is_refused(served):
     said = asked(served, [])
     assert said.status_code == 400
-    assert "wants a picture" in said.json()["error"]["message"]
+    assert "picture" in said.json()["error"]["message"]
 
 
 def test_the_models_own_check_finds_that_it_points(served, capsys):

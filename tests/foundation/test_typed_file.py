@@ -53,7 +53,7 @@ WRONG: list[tuple[dict[str, Any], tuple[str, ...]]] = [
     ({"name": None}, ("'name'", "None")),
     ({"paint": "gren"}, ("'paint'", "'gren'", "green")),
     ({"paint": 3}, ("'paint'", "red, green")),
-    ({"loads": None}, ("'loads'", "leave it out")),
+    ({"loads": None}, ("'loads'", "null")),
     ({"loads": {"hay": 2}}, ("'loads.hay'", "2", "0 … 1")),
     ({"loads": {"hay": float("nan")}}, ("'loads.hay'", "nan")),
     ({"wheels": []}, ("'wheels'", "1 … 4")),

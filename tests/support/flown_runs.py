@@ -89,5 +89,5 @@ def _without_picture() -> Iterator[None]:
     from dronecats.flight.run import simulated
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(simulated, "draw", lambda folder: None)
+        patch.setattr(simulated, "draw", lambda *arguments: None)
         yield

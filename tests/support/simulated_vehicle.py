@@ -6,18 +6,21 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.flight.processes.supervisor import Supervisor
-from dronecats.flight.sitl.config import CameraConfig, SimulatorConfig
+from dronecats.flight.sitl.config import AIRFRAME, CameraConfig, SimulatorConfig
 from dronecats.flight.stages.stage import CAMERA, SIMULATOR
 
 EPISODE = "residential-approaching-01"
 
 
-def start_vehicle(supervisor: Supervisor, speed: float = 1.0, state_dir: Path | None = None) -> dict[str, Any]:
-    """Start an x500 where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name.
+def start_vehicle(
+    supervisor: Supervisor, speed: float = 1.0, state_dir: Path | None = None, airframe: str = AIRFRAME
+) -> dict[str, Any]:
+    """Start a vehicle where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name.
 
     `state_dir` keeps its parameters, plans, logs and clients' files; None: nothing is kept.
     """
-    config = SimulatorConfig(episode=EPISODE, speed=speed, state_dir=str(state_dir) if state_dir else None)
+    folder = str(state_dir) if state_dir else None
+    config = SimulatorConfig(episode=EPISODE, airframe=airframe, speed=speed, state_dir=folder)
     return supervisor.start(SIMULATOR, config).ready()
 
 
@@ -35,10 +38,12 @@ def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]
 
 
 @contextmanager
-def simulated_vehicle(folder: Path, speed: float = 1.0, state_dir: Path | None = None) -> Iterator[dict[str, Any]]:
+def simulated_vehicle(
+    folder: Path, speed: float = 1.0, state_dir: Path | None = None, airframe: str = AIRFRAME
+) -> Iterator[dict[str, Any]]:
     """Give the ports of such a vehicle; when the block is left it is gone. Its log goes to `folder`."""
     supervisor = Supervisor(folder)
     try:
-        yield start_vehicle(supervisor, speed, state_dir)
+        yield start_vehicle(supervisor, speed, state_dir, airframe)
     finally:
         supervisor.close()

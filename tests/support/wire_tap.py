@@ -1,5 +1,6 @@
 """What passes between an agent and a vehicle, heard on the wire between them."""
 
+import contextlib
 import socket
 import threading
 import time
@@ -45,7 +46,8 @@ class Tap(threading.Thread):
                 data, self.agent = self.near.recvfrom(65536)
             except TimeoutError:
                 continue
-            self.far.send(data)
+            with contextlib.suppress(ConnectionRefusedError):  # the vehicle is gone
+                self.far.send(data)
             self.note(parser, data, "agent")
 
     def back(self):

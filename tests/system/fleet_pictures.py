@@ -3,10 +3,10 @@
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from pymavlink import mavutil
 
+from dronecats.flight.sitl.camera import GRAIN
 from dronecats.flight.sitl.simulation import load_world, origin
 from episodes.camera.renderer import Renderer
 from episodes.maps.assets.multirotor import X500
@@ -69,7 +69,7 @@ def check(folder: Path, truth) -> tuple[int, int]:
     outside these boxes and those of the drones' shadows.
     """
     world = load_world(str(folder / "episode.json"))
-    poses, bare = true_poses(folder, world), Renderer(world.scene, CAMERA)
+    poses, bare = true_poses(folder, world), Renderer(world.scene, CameraModel(*SIZE), grain=GRAIN)
     t0_us = next(line["t0_us"] for line in truth if line["kind"] == "begin")
     frames = {line["frame_id"]: line for line in truth if line["kind"] == "frame"}
     seen = empty = 0
@@ -77,8 +77,7 @@ def check(folder: Path, truth) -> tuple[int, int]:
         frame = frames[int(file.stem.split("_")[0])]
         time_us, mine = t0_us + round(frame["t"] * 1e6), frame["drone"]
         place, attitude, axes = poses[mine][time_us]
-        view = bare.render(camera_pose(place, attitude, CAMERA), world.moved(frame["t"]))
-        without = cv2.resize(view.rgb, SIZE, interpolation=cv2.INTER_AREA)
+        without = bare.picture(camera_pose(place, attitude, CAMERA), world.moved(frame["t"]))
         differs = np.abs(pictures.read(file)[..., ::-1].astype(int) - without).max(axis=2) > DIFFERS
         allowed, eye = np.zeros_like(differs), np.array(place) + axes @ CAMERA.offset_frd
         for other in poses.keys() - {mine}:

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import signal
 import subprocess
 import threading
 import time
@@ -9,7 +10,11 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 
+from dronecats.judge.diagnostics import delayed
 from foundation.mavlink import MODES, Packer, dialect
+from foundation.run_folder.reading import rows
+from foundation.run_folder.rows import Decision
+from tests.support.children import children
 from tests.support.command_line import DRONECATS, last_object
 from tests.support.first_question import is_first_question
 from tests.support.simulated_vehicle import simulated_rig
@@ -103,6 +108,42 @@ def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
     assert [m.param2 for m in tap.of("agent", "COMMAND_LONG") if m.command == 176] == [6.0]
     tap.order("LAND")
     tap.until(lambda: not tap.of("vehicle", "HEARTBEAT")[-1].base_mode & 128)
+
+
+def simulator():
+    """Return the process of the vehicle."""
+    (process,) = children("dronecats.flight.sitl.simulator_process")
+    return process
+
+
+def test_a_vehicle_that_stands_still_for_three_seconds_is_reported_and_marked(field, tap, tmp_path):
+    flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "40")
+    flight.stdin.write("ARM\n")
+    flight.stdin.flush()
+    tap.until(lambda: any(m.coordinate_frame == 8 for m in setpoints(tap)), flight=flight)
+    simulator().send_signal(signal.SIGSTOP)
+    time.sleep(3.0)
+    simulator().send_signal(signal.SIGCONT)
+    out, err = flight.communicate(timeout=240)
+    assert flight.returncode == 0, err
+    assert "no telemetry for" in out
+    decisions = list(rows(tmp_path / "run" / "connected" / "decisions.jsonl", Decision))
+    assert max(decision.host_lag_s for decision in decisions if isinstance(decision.host_lag_s, float)) > 2.0
+    assert sum(map(delayed, decisions)) >= 1
+
+
+def test_a_vehicle_that_is_gone_ends_the_flight_within_fifteen_seconds(field, tap, tmp_path):
+    flight = fly(tap, field[1], tmp_path, "--arm")
+    flight.stdin.write("ARM\n")
+    flight.stdin.flush()
+    tap.until(lambda: any(m.coordinate_frame == 8 for m in setpoints(tap)), flight=flight)
+    simulator().kill()
+    killed_s = time.monotonic()
+    out, err = flight.communicate(timeout=240)
+    assert time.monotonic() - killed_s < 15.0
+    assert flight.returncode == 3
+    assert "silent" in err
+    assert last_object(out)["outcome"] == "error"
 
 
 class DeafModel(BaseHTTPRequestHandler):

@@ -4,7 +4,10 @@ import contextlib
 import json
 import os
 import signal
+import socket
 import subprocess
+import threading
+import urllib.request
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +15,14 @@ import psutil
 import pytest
 from pymavlink import mavutil
 
+from dronecats.report.recorded.flight import RecordedFlight
 from episodes.records import catalogue
 from foundation.frames import geodetic_to_ned
+from foundation.run_folder import layout
+from foundation.run_folder.reading import estimate
 from tests.needs import needs
 from tests.support.command_line import DRONECATS, last_object
-from tests.support.ports import free_instance
+from tests.support.ports import free_instance, free_port
 from tests.system.courses import holds, record
 
 COMMAND = os.environ.get("DRONECATS_PX4")
@@ -79,6 +85,49 @@ def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
     wandered = errors - errors[: len(errors) // 10].mean(axis=0)
     assert np.abs(wandered[:, :2]).max() < 1.0
     assert np.abs(wandered[:, 2]).max() < 1.5
+
+
+def test_film_replay_and_the_estimate_read_the_log_that_px4_kept(tmp_path):
+    out = tmp_path / "run"
+    words = ["--pilot", "oracle", "--speed", "max", "--keep-ulog", "--out", str(out), "--json"]
+    fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words)
+    flown = subprocess.run(fly, capture_output=True, text=True, timeout=600)
+    assert flown.returncode == 0, flown.stderr + flown.stdout
+    folder = out / last_object(flown.stdout)["episode"]
+    streamed = RecordedFlight.read(folder).true_tracks[0]
+    (folder / layout.TLOG).unlink()  # so that the log on board is the best that there is
+
+    kept = RecordedFlight.read(folder)  # what film and replay draw
+    times = np.arange(0.5, kept.end_s - 0.5, 0.25)
+    assert len(times) > 20
+    assert np.abs(kept.tracks[0].positions(times) - streamed.positions(times)).max() < 0.05
+    assert not kept.tracks[0].level
+    poses = [(kept.tracks[0].at(t).attitude, streamed.at(t).attitude) for t in times]
+    assert min(abs(float(np.dot(*pair))) for pair in poses) > np.cos(np.radians(1.0) / 2)
+    assert page(folder).startswith(b"<!doctype html")
+
+    subprocess.run([*DRONECATS, "flightlog", "trace", str(folder)], check=True, timeout=300)
+    trace = estimate(folder)
+    assert trace is not None
+    assert trace.head.source == layout.onboard_log_name()
+    assert len(trace.poses) > 20
+    off = [np.array(pose.position_ned) - kept.tracks[0].at(pose.t).position_ned for pose in trace.poses]
+    assert np.abs(off - np.mean(off, axis=0)).max() < 1.5  # in PX4's frame, whose origin is where it had its first fix
+
+
+def page(folder):
+    """Return the page of `replay`."""
+    command = [*DRONECATS, "replay", str(folder), "--no-browser", "--port", str(free_port(socket.SOCK_STREAM))]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as replay:
+        late = threading.Timer(120.0, replay.kill)
+        late.start()
+        assert replay.stdout is not None
+        address = next(word for line in replay.stdout for word in line.split() if word.startswith("http://"))
+        found = urllib.request.urlopen(address).read()
+        replay.send_signal(signal.SIGINT)
+        late.cancel()
+    assert replay.returncode == 0
+    return found
 
 
 def test_the_same_decisions_fly_the_same_square(tmp_path):

@@ -77,6 +77,15 @@ def test_a_malformed_field_is_named() -> None:
         assert named in refusal(airframe.parse, table, "broken")
 
 
+def test_a_mount_outside_its_gimbals_range_is_refused() -> None:
+    table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
+    for gimbal in ({}, {"pitch_min_deg": 60.0, "pitch_max_deg": -60.0}):
+        table["camera"] = {"pitch_deg": 45.0, "gimbal": gimbal}
+        assert "pitch_deg" in refusal(airframe.parse, table, "broken")
+    table["camera"] = {"pitch_deg": 30.0, "gimbal": {}}
+    assert airframe.parse(table, "fine").camera.pitch_deg == 30.0
+
+
 def test_a_missing_field_is_named() -> None:
     table = tomllib.loads((FILES / "x500.toml").read_text(encoding="utf-8"))
     del table["curve"]["radius_m"]

@@ -93,6 +93,22 @@ def test_it_is_said_once_and_what_it_was() -> None:
     assert all(seconds is not None and seconds < 0.1 for seconds in ends)
 
 
+def test_drones_that_lean_on_one_another_say_so_once_it_has_lasted() -> None:
+    fleet = pair("x500", 2.0 * girth(vehicle("x500")) + 0.01, 0.0, 0.04)
+    reports = [CollisionReport(craft) for craft in fleet]
+    encounters, said = Encounters(fleet), []
+    for tick in range(120):
+        encounters.part(TICK * 1e-3)
+        for sign, craft, report in zip((-1.0, 1.0), fleet, reports, strict=True):
+            craft.advance(TICK)
+            craft.state["velocity"] = (-sign * 0.04, 0.0, 0.0)  # held there by their autopilots
+            message = report.message()
+            said += [(tick, hit_of(message.text))] if message else []
+    assert not any(craft.state["hits"] for craft in fleet)
+    assert [hit and hit.what for _, hit in said] == ["another drone"] * 2
+    assert all(tick > 50 and hit and 0.0 < (hit.closing_speed or 0.0) < 0.15 for tick, hit in said)
+
+
 COORDINATE, SPEED = st.floats(-3.0, 3.0), st.floats(-40.0, 40.0)
 
 

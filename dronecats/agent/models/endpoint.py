@@ -1,4 +1,7 @@
-"""Requests to an HTTP endpoint that may be slow, busy, broken or hostile: an answer or a ModelError, within a time."""
+"""Sends requests to an HTTP endpoint that may be slow, busy, broken or hostile.
+
+The result is an answer or a ModelError, within a time limit.
+"""
 
 import functools
 import json
@@ -43,7 +46,7 @@ _DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # google.rpc.RetryInfo
 class BodyFault:
     """The error in a body."""
 
-    status: int  # of HTTP: the vendor's own, or the equivalent of its word
+    status: int  # HTTP status: the vendor's, or the equivalent of the vendor's word
     cut: bool = False  # the body ends in the middle of its JSON
 
 
@@ -100,9 +103,9 @@ def _status(error: Any) -> int:
 
 
 GIVE_UP_S = 300.0  # wall s for a question with all its attempts and pauses, as long as an episode
-CONNECT_S = 10.0  # … of which for each connection
+CONNECT_S = 10.0  # wall s for each connection, included in GIVE_UP_S
 MAX_BODY_BYTES = 4 * 2**20  # of an answer, decompressed; one of 8192 tokens has some 40 kB
-MAX_SHOWN_CHARS = 100_000  # of an error, searched for its first sentence
+MAX_SHOWN_CHARS = 100_000  # of an answer that `brief` reads
 MAX_PAUSE_S = 60.0  # upper limit on Retry-After
 AGAIN = (408, 425, 429)  # and 5xx: statuses that are worth a retry
 UNAUTHORIZED, UNPAID, FORBIDDEN, NOT_FOUND = 401, 402, 403, 404  # every other question would get the same answer
@@ -149,8 +152,8 @@ class Exchanged:
 
     status: int  # of HTTP; for an error in a 200, the error's own
     body: bytes  # decompressed
-    wish_s: float | None  # s to wait, on request of the answer
-    outcome: str = "answered {}"  # in words, {} for the status
+    wish_s: float | None  # s to wait before the next attempt, as the answer asks
+    outcome: str = "answered {}"  # in words; {} stands for the status
 
     @property
     def rejects(self) -> bool:
@@ -167,7 +170,7 @@ def _trusted() -> ssl.SSLContext:
 
 
 class Endpoint:
-    """A base URL with its key. All text that leaves it, its own and from answers, is free of secrets."""
+    """A base URL with its key. All texts that it returns or raises are free of secrets."""
 
     def __init__(
         self,
@@ -222,7 +225,7 @@ class Endpoint:
         return printable(line)[:200] or "(empty)"
 
     def check(self) -> None:
-        """Raise UsageError when nothing answers there. Any answer will do."""
+        """Raise UsageError if nothing answers at the address. Any answer is enough."""
 
         def look(until: float) -> None:
             with self._http.stream("GET", self.url("models"), timeout=CONNECT_S):
@@ -260,9 +263,9 @@ class Endpoint:
         return self._within(self.patience.give_up_s, lambda until: self._attempts(path, content, tokens, failed, until))
 
     def _within(self, seconds: float, call: Callable[[float], T]) -> T:
-        """Return the result of `call`, which gets its deadline. Raises ModelError when that has passed.
+        """Return the result of `call`, which gets the deadline. Raises ModelError when the deadline has passed.
 
-        It runs on its own thread, since name resolution and slow headers have no timeout.
+        The call runs on its own thread, because name resolution and slow headers have no timeout.
         """
         coming: Future[T] = DaemonExecutor().submit(call, time.monotonic() + seconds)
         try:

@@ -98,7 +98,7 @@ def probe(model: Model, spec: ModelSpec, parser: ReplyParser = "strict") -> Prob
     """Ask an open model three questions, and a fourth where a schema is sent. Raises ModelError."""
     crossed_order: AxisOrder = "yx" if spec.axis_order == "xy" else "xy"
     own, crossed = (_point(model, order, parser) for order in (spec.axis_order, crossed_order))
-    lifted = _answer(model, "reasoning lifted", pointing_question(spec.axis_order, lifted=True))
+    lifted = _answer(model, "with reasoning", pointing_question(spec.axis_order, lifted=True))
     answers = [own, crossed, replace(lifted, order=order_of(lifted.reply.text, parser))]
     enforced = None
     if spec.schema:

@@ -16,7 +16,7 @@ from foundation.files import FileKind, SqliteFile
 _BROKEN_OFF = {  # by the reason of a flight's end
     "budget": "its budget was spent",
     "error": "it ended in an error",
-    "rejected": "its model endpoint rejected every question",
+    "rejected": "its model endpoint rejected the questions",
     "interrupted": "it was interrupted",
     "takeover": "a person or the autopilot took over",
 }

@@ -174,7 +174,9 @@ class AnthropicModel(HttpModel):
         for lifted in (False, True):
             for name, value in self.reasoning(lifted).items():
                 if name in _TABLES and not isinstance(value, dict):
-                    raise UsageError(f"{spec.title} needs a table as the {name} of its reasoning, got {value!r:.40}")
+                    raise UsageError(
+                        f"{spec.title} needs a table for {name}, which sets its reasoning; got {value!r:.40}"
+                    )
         budget = self.reasoning(lifted=True).get("thinking", {}).get("budget_tokens", 0)
         if not isinstance(budget, int):
             raise UsageError(f"{spec.title} needs a whole number as budget_tokens, got {budget!r:.40}")

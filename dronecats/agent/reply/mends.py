@@ -17,9 +17,9 @@ Mend = Literal[
 TOLERATED: dict[Mend, str] = {
     "prose": "other text before or after",
     "fence": "a code fence",
-    "array": "one drone's object stands in an array",
-    "several": "several objects, the last with an action counts; of a fleet several arrays, the first counts",
-    "reasoning": "marked reasoning, which is not read",
+    "array": "the single drone's object is in an array",
+    "several": "several objects: the last with an action counts; in a fleet, several arrays: the first counts",
+    "reasoning": "reasoning between marks, which is skipped",
 }
 # In the syntax.
 WRITTEN: dict[Mend, str] = {
@@ -31,36 +31,36 @@ WRITTEN: dict[Mend, str] = {
     "unquoted": "a key or a word without quotes",
     "python": "True, False or None, or a tuple",
     "full_width": "full-width digits or punctuation",
-    "whitespace": "spaces that JSON does not know",
+    "whitespace": "spaces that JSON does not allow",
     "control": "a line break or tab within a string",
     "number_form": "+5, .5, 5. or 045",
     "escaped": "JSON within a JSON string, or with its quotes escaped",
-    "truncated": "it breaks off after everything that the action needs",
+    "truncated": "the reply breaks off, but the action is complete",
 }
 # In the expression of the action.
 EXPRESSED: dict[Mend, str] = {
     "number_text": "a number as a string",
     "unit": "a number with its unit",
     "name": "another spelling of the action's name, or an unmistakable synonym",
-    "field": "another name of a field",
-    "implied": "no action is named, and the fields are those of one alone",
+    "field": "another name for a field",
+    "implied": "no action is named, but only one action has these fields",
     "action_key": 'the action\'s name is the key: {"go": {…}}',
-    "nested": "the fields stand in an object of their own",
-    "tool_call": "in the shape of a tool call",
-    "wrapped": "within another object that holds nothing else to fly",
-    "point_form": "the point is no pair: x and y by name, text, a tag, or a list of one",
-    "box": "a box instead of a point; its centre is flown to",
+    "nested": "the fields are in a separate object",
+    "tool_call": "the action is written as a tool call",
+    "wrapped": "the action is inside another object, which has no other action",
+    "point_form": "the point is not a pair: x and y by name, text, a tag, or a list in a list",
+    "box": "a box instead of a point; its centre is the point",
 }
 # In the division among the drones of a fleet.
 DIVIDED: dict[Mend, str] = {
-    "nested_array": "arrays of one around the array, or around an object",
+    "nested_array": "an extra array around the array, or around each object",
     "one_fits": "several arrays, of which only one has an object per drone",
-    "by_name": "the objects name their drones, and are not in the order of the pictures, or not all there",
+    "by_name": "the objects name their drones, but are in another order, or some are missing",
     "zero_based": "the drones are counted from 0",
     "keyed": "an object with a drone's name as each key",
     "lines": "one object after the other, without an array",
-    "short": "fewer objects than drones: those without one hold",
-    "extra": "more objects than drones: those beyond are passed over",
+    "short": "fewer objects than drones: the drones without an object hold",
+    "extra": "more objects than drones: the extra objects are ignored",
 }
 MENDS: dict[Mend, str] = {**TOLERATED, **WRITTEN, **EXPRESSED, **DIVIDED}
 _PLACE = {mend: place for place, mend in enumerate(MENDS)}

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 from dronecats.agent.action import Go
 from dronecats.agent.controller import displacement
-from foundation.camera import CameraModel
-from foundation.frames import Vec3, quat_from_euler, rotate, rotate_inverse
+from foundation.camera import CameraModel, camera_attitude
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse
 from foundation.protocol import BRAKE_M, CLIMB_DEADBAND, NEAR_M, NEAR_SCALE, POINT_SPAN, SPEED_MAX, STEP_S, STRIDE_MAX_M
 from foundation.setpoints import Sight, Velocity
 
@@ -25,8 +25,8 @@ class SeenPlace:
 
 def seen_place(go: Go, sight: Sight, camera: CameraModel) -> SeenPlace:
     """Return the place that a go names in a picture taken at `sight`."""
-    right, forward, up = displacement(go, camera)
-    attitude = quat_from_euler(sight.roll, sight.pitch, sight.heading)
+    right, forward, up = displacement(go, camera.at_pitch(sight.gimbal_pitch))
+    attitude = _attitude(sight, camera)
     north, east, down = rotate(attitude, (forward, right, -up))
     lens = _lens(sight, camera)
     ahead = math.hypot(north, east)
@@ -46,12 +46,18 @@ def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
     lens = _lens(sight, camera)
     attitude = quat_from_euler(sight.roll, sight.pitch, sight.heading)
     offset = (place_ned[0] - lens[0], place_ned[1] - lens[1], place_ned[2] - lens[2])
-    forward, right, down = rotate_inverse(attitude, offset)
+    forward, right, down = rotate_inverse(camera_attitude(attitude, camera.at_pitch(sight.gimbal_pitch)), offset)
     if forward <= 0.0:
-        raise ValueError("the place is behind the camera")
+        raise ValueError("the point is behind the camera")
     x = camera.width / 2.0 + camera.focal_px * right / forward
     y = camera.height / 2.0 + camera.focal_px * down / forward
     return Go(x * POINT_SPAN / camera.width, y * POINT_SPAN / camera.height, forward)
+
+
+def _attitude(sight: Sight, camera: CameraModel) -> Quat:
+    """Return the attitude of the axes of `displacement`: of the body, or level ones where the camera has a gimbal."""
+    level = camera.gimballed
+    return quat_from_euler(0.0 if level else sight.roll, 0.0 if level else sight.pitch, sight.heading)
 
 
 def _lens(sight: Sight, camera: CameraModel) -> Vec3:

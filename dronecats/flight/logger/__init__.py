@@ -1,1 +1,1 @@
-"""A process of its own that writes down what really happened."""
+"""The logger: a separate process that writes the truth of a flight."""

@@ -19,7 +19,7 @@ from hil.link.transport import UdpTransport
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimateLoggerConfig:
-    """A logger that keeps what an autopilot says of itself."""
+    """Configuration of a logger of an autopilot's estimate."""
 
     folder: str
 
@@ -87,7 +87,7 @@ class EstimateRecorder:
 
 
 class EstimateLogger:
-    """Part of a flight on a vehicle that we did not start."""
+    """The logger as a child process of a flight on a connected vehicle."""
 
     def __init__(self, config: EstimateLoggerConfig) -> None:
         self._recorder = EstimateRecorder(Path(config.folder))

@@ -1,8 +1,8 @@
-"""Resets of an autopilot's estimator, as its ODOMETRY tells them.
+"""Resets of an autopilot's estimator, from its ODOMETRY.
 
-PX4 adds up all resets of its EKF2 in ODOMETRY.reset_counter (EKF2.cpp, PublishOdometry), and so does our autopilot.
-The counter does not say which quantity was reset. That is read from the jump of the estimate: the difference from
-where its own velocity and body rates lead since the message before.
+PX4 counts all resets of its EKF2 in ODOMETRY.reset_counter (EKF2.cpp, PublishOdometry), and so does our autopilot. The
+counter does not say which quantity was reset. The jump of the estimate shows it: the difference from the prediction by
+velocity and body rates since the previous message.
 """
 
 import math
@@ -14,19 +14,18 @@ from foundation.run_folder.rows import Reset, ResetQuantity
 
 COUNTS = 256  # reset_counter is a uint8
 MAVLINK2 = 0xFD
-# What an estimate may move by between two messages that are dt seconds apart, beyond what the mean of their rates
-# explains: a multirotor accelerates by 5 m/s² and 30°/s within 0.2 s at most in the flights here. A reset that is
-# smaller has no name.
+# Largest change of an estimate between two messages, beyond the prediction by the mean of their rates: in the flights
+# here a multirotor accelerates by at most 5 m/s² and 30°/s within 0.2 s. A smaller reset has no named quantity.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
-ACCELERATION, TURNING_DEG = 5.0, 30.0  # m/s², °/s of change in the rate of turn
+ACCELERATION, TURNING_DEG = 5.0, 30.0  # m/s²; °/s, change of the turn rate
 
 
 @dataclass(frozen=True, slots=True)
 class EstimatorReset:
-    """One or more resets between two messages, with the jumps of the estimate, none of which motion explains."""
+    """One or more resets between two messages, with the jumps of the estimate that no motion explains."""
 
     count: int
-    quantities: tuple[ResetQuantity, ...]  # those whose jump is too large to be motion
+    quantities: tuple[ResetQuantity, ...]  # quantities whose jump is too large for a motion
     yaw_deg: float  # °, + right
     position_m: float  # m, horizontally
     height_m: float  # m, + up
@@ -44,7 +43,7 @@ class _Odometry:
 
 
 class ResetWatch:
-    """Follows one autopilot's bytes."""
+    """Finds the resets in one autopilot's messages."""
 
     def __init__(self) -> None:
         self._parser = Parser()
@@ -52,7 +51,7 @@ class ResetWatch:
 
     @property
     def sends_counter(self) -> bool:
-        """Whether the autopilot sends the counter at all."""
+        """Whether the autopilot sends the counter."""
         return self._last is not None
 
     def frame(self, frame: bytes) -> EstimatorReset | None:
@@ -69,14 +68,14 @@ class ResetWatch:
             return None
         new, last = _odometry(message), self._last
         if last is not None and new.time_us <= last.time_us:
-            return None  # a newer one has overtaken it
+            return None  # older than the last message
         self._last = new
         count = (new.counter - last.counter) % COUNTS if last else 0
         return _reset(last, new, count) if last and count else None
 
 
 def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
-    """Return the row of truth.jsonl that tells a reset at `t` (s of the episode)."""
+    """Return the row of truth.jsonl for a reset at `t` (s of the episode)."""
     return Reset(
         t=t,
         drone=drone,
@@ -92,7 +91,7 @@ def reset_row(t: float, drone: int, reset: EstimatorReset) -> Reset:
 def _odometry(message: dialect.MAVLink_message) -> _Odometry:
     q = (message.q[0], message.q[1], message.q[2], message.q[3])
     velocity = (message.vx, message.vy, message.vz)
-    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # PX4 tells the frame of the velocity here
+    if message.child_frame_id != dialect.MAV_FRAME_LOCAL_NED:  # PX4 gives the frame of the velocity here
         velocity = rotate(q, velocity)
     return _Odometry(
         time_us=message.time_usec,
@@ -114,7 +113,7 @@ def _reset(last: _Odometry, new: _Odometry, count: int) -> EstimatorReset:
     yaw_deg = math.degrees(wrap_pi(new.yaw - last.yaw - turned))
     velocity_mps = math.dist(new.velocity_ned, last.velocity_ned)
     position_m = math.hypot(north, east)
-    # a reset of the velocity moves the mean of the two, and must not look like one of the place
+    # a velocity reset changes the mean of the two, and must not look like a position reset
     moved_m = LEAST_M + 0.5 * (ACCELERATION * dt + velocity_mps) * dt
     jumps: dict[ResetQuantity, bool] = {
         "yaw": abs(yaw_deg) > LEAST_DEG + TURNING_DEG * dt,

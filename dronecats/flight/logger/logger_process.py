@@ -1,4 +1,4 @@
-"""The logger as a process: listens on the truth bus and on a telemetry port of its own, and writes."""
+"""The logger as a process: it listens on the truth bus and on its own telemetry port, and writes the logs."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -6,24 +6,26 @@ from pathlib import Path
 from typing import Any
 
 from dronecats.flight.logger.recorder import LoggerConfig, Measure, Recorder
+from dronecats.flight.sitl.config import AIRFRAME
 from dronecats.flight.sitl.simulation import load_world, origin
 from dronecats.flight.sitl.truth_listener import Listener
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_on
 from foundation.mavlink import Packer, dialect
 from foundation.measurement import TargetMeasurement
 from foundation.truth import TruthSample
+from vehicles import airframe as airframes
 
 
 def measured_in(world: World) -> Measure:
-    """Return the measure of an episode's world, in which the other drones stand before the target, too."""
+    """Return the measurement function of an episode's world, in which other drones may hide the target."""
 
     def measure(
         t_s: float, sample: TruthSample, camera: CameraModel, fleet: Sequence[TruthSample]
     ) -> TargetMeasurement:
         around = [DronePose(drone.position_ned, drone.attitude) for drone in fleet]
-        return world.measure(t_s, sample.position_ned, sample.attitude, camera, around)
+        return world.measure(t_s, sample.position_ned, sample.attitude, camera.at_pitch(sample.gimbal_pitch), around)
 
     return measure
 
@@ -44,7 +46,7 @@ WATCHED = {
 
 
 def subscribe(send: Callable[[bytes], None], system: int) -> None:
-    """Ask the autopilot of `system` for the messages worth keeping, at five a second."""
+    """Request the messages to log from the autopilot of `system`, five times a second."""
     packer = Packer(SYSTEM, COMPONENT)
     for message_id, interval_us in WATCHED.items():
         send(
@@ -57,11 +59,12 @@ def subscribe(send: Callable[[bytes], None], system: int) -> None:
 
 
 class Logger:
-    """Part of a real-time flight."""
+    """The logger as a child process of a real-time flight."""
 
     def __init__(self, config: LoggerConfig) -> None:
         world = load_world(config.episode, config.airframe)
-        self._recorder = Recorder(Path(config.folder), origin(world), measured_in(world), CameraModel())
+        camera = camera_on(airframes.load(config.airframe or AIRFRAME).camera)
+        self._recorder = Recorder(Path(config.folder), origin(world), measured_in(world), camera)
         self._drones = len(world.record.starts)
         self._truth = Listener(config.truth, self._recorder.truth)
         self._telemetry = [

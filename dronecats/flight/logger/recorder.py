@@ -1,4 +1,4 @@
-"""truth.jsonl and flight.tlog, from the truth bus and a telemetry port. Contract: docs/run-folder.md."""
+"""Writes truth.jsonl and flight.tlog, from the truth bus and a telemetry port. Contract: docs/run-folder.md."""
 
 import math
 from collections import deque
@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from msgspec import UNSET
+from msgspec import UNSET, UnsetType
 
 from dronecats.flight.logger.estimator_resets import ResetWatch, reset_row
 from foundation.camera import CameraModel
@@ -19,16 +19,26 @@ from foundation.protocol import POSE_PERIOD_S
 from foundation.run_folder import layout
 from foundation.run_folder.rows import Begin, Clear, End, FrameTruth, Hit, Pose
 from foundation.run_folder.writing import LineLog, TelemetryLog
-from foundation.truth import SILENT_US, Origin, TruthSample, frame_taken, hit_of, nearest, seconds_of, truth_sample
+from foundation.truth import (
+    SILENT_US,
+    Origin,
+    TruthSample,
+    frame_taken,
+    gimbal_pitch,
+    hit_of,
+    nearest,
+    seconds_of,
+    truth_sample,
+)
 
 # (t in s, where the drone is, its camera, where the fleet's others are at that time)
 Measure = Callable[[float, TruthSample, CameraModel, Sequence[TruthSample]], TargetMeasurement]
-KEPT = 1000  # truth samples per drone that a frame may still refer to: 20 s at 50 Hz
+KEPT = 1000  # truth samples per drone to keep, for late frames: 20 s at 50 Hz
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggerConfig:
-    """A logger that measures the truth in an episode's world."""
+    """Configuration of a logger that measures the truth in an episode's world."""
 
     episode: str  # id, or a record's file
     folder: str  # of the episode's logs
@@ -38,20 +48,21 @@ class LoggerConfig:
 
 
 class LazySample:
-    """A truth sample that is read when it is wanted: one in twenty-five is."""
+    """A truth sample that is decoded on demand, because only one in twenty-five is needed."""
 
-    def __init__(self, message: dialect.MAVLink_message, origin: Origin) -> None:
+    def __init__(self, message: dialect.MAVLink_message, origin: Origin, pitch: float | None) -> None:
+        """`pitch` (rad) is that of the camera's gimbal at this time, None without one."""
         self.drone, self.time_us = message.get_srcSystem() - 1, int(message.time_usec)
-        self._message, self._origin = message, origin
+        self._message, self._origin, self._pitch = message, origin, pitch
 
     @cached_property
     def sample(self) -> TruthSample:
         """Where the vehicle was."""
-        return truth_sample(self._message, self._origin)
+        return truth_sample(self._message, self._origin, self._pitch)
 
 
 class Recorder:
-    """Writes what happened. Before `begin` and after `end` only the tlog grows."""
+    """Writes the logs. Before `begin` and after `end`, it writes only the tlog."""
 
     def __init__(self, folder: Path, origin: Origin, measure: Measure, camera: CameraModel) -> None:
         self._origin, self._measure, self._camera = origin, measure, camera
@@ -59,8 +70,9 @@ class Recorder:
         self._truth_parser = Parser()
         self._telemetry: dict[int, tuple[Parser, ResetWatch]] = {}  # of each drone
         self._samples: dict[int, deque[LazySample]] = {}
+        self._pitches: dict[int, float] = {}  # rad, of the gimbals, by system id: the message before a vehicle's pose
         self._next_pose: dict[int, int] = {}
-        self._due: deque[LazySample] = deque()  # poses to be written once it is known where the others are
+        self._due: deque[LazySample] = deque()  # poses that wait for the positions of the other drones
         self._t0_us: int | None = None
         self._time_us = 0
 
@@ -70,14 +82,14 @@ class Recorder:
         return len(self._samples)
 
     def begin(self, t0_us: int, cap_s: float | None = None) -> None:
-        """The episode's clock is zero at this vehicle time; it is flown for `cap_s` seconds at most."""
+        """Start the episode: its clock is zero at this vehicle time, and it lasts `cap_s` seconds at most."""
         self._t0_us = t0_us
         sending = {drone for drone, (_, watch) in self._telemetry.items() if watch.sends_counter}
         resets = True if sending and sending >= set(self._samples) else UNSET
         self._rows.write(Begin(t0_us=t0_us, cap_s=cap_s, contacts=True, resets=resets))
 
     def end(self, reason: str, error: str | None = None) -> None:
-        """The episode is over: `reason` is cap, decided, interrupted or error. Written once."""
+        """Write the end of the episode, once. `reason` is cap, decided, interrupted or error."""
         if self._t0_us is not None:
             self._write_poses(waiting=False)
             self._rows.write(End(t=self._t(self._time_us), reason=reason, error=error))
@@ -91,7 +103,9 @@ class Recorder:
         """Take bytes of the truth bus."""
         for message in self._truth_parser.feed(data):
             if message.get_msgId() == dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION:
-                self._pose(LazySample(message, self._origin))
+                self._pose(LazySample(message, self._origin, self._pitches.get(message.get_srcSystem())))
+            elif message.get_msgId() == dialect.MAVLINK_MSG_ID_GIMBAL_DEVICE_ATTITUDE_STATUS:
+                self._pitches[message.get_srcSystem()] = gimbal_pitch(message)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED:
                 self._frame(message)
             elif message.get_msgId() == dialect.MAVLINK_MSG_ID_STATUSTEXT and self._t0_us is not None:
@@ -100,7 +114,7 @@ class Recorder:
         self._tlog.flush()
 
     def telemetry(self, data: bytes, drone: int = 0) -> None:
-        """Take bytes of a drone's autopilot; kept raw for the ground-station tools."""
+        """Take bytes of a drone's autopilot, and write them unchanged for ground-station tools."""
         if not data:
             return
         parser, watch = self._telemetry.setdefault(drone, (Parser(), ResetWatch()))
@@ -119,7 +133,7 @@ class Recorder:
             self._write_poses(waiting=True)
 
     def _keep(self, sample: LazySample, t0_us: int) -> None:
-        """Have a pose written every POSE_PERIOD_S."""
+        """Queue a pose every POSE_PERIOD_S."""
         due = self._next_pose.setdefault(sample.drone, 0)
         t = (sample.time_us - t0_us) / 1e6
         if t >= due * POSE_PERIOD_S:
@@ -127,7 +141,7 @@ class Recorder:
             self._due.append(sample)
 
     def _write_poses(self, waiting: bool) -> None:
-        """Write the poses that are due; `waiting` for every drone's sample of that time, unless one has gone silent."""
+        """Write the due poses. With `waiting`, a pose waits for the samples of all drones, unless a drone is silent."""
         while self._due:
             time_us = self._due[0].time_us
             reached = min(samples[-1].time_us for samples in self._samples.values())
@@ -146,7 +160,7 @@ class Recorder:
             return
         stored = next((s for s in reversed(self._samples.get(taken.drone, ())) if s.time_us == taken.time_us), None)
         if stored is None:
-            return  # a pose that never reached us: the verdict will find the frame's record missing and say so
+            return  # the pose never arrived; the verdict reports the frame without truth
         sample = stored.sample
         self._rows.write(
             FrameTruth(
@@ -155,8 +169,15 @@ class Recorder:
                 drone=sample.drone,
                 **_body(sample),
                 **self._measured(sample),
+                camera_pitch_deg=self._camera_pitch_deg(sample),
             )
         )
+
+    def _camera_pitch_deg(self, sample: TruthSample) -> float | UnsetType:
+        """Return the pitch of the camera for a frame's row; unset where it is fixed and level."""
+        if sample.gimbal_pitch is not None:
+            return round(math.degrees(sample.gimbal_pitch), 3)
+        return self._camera.pitch_deg or UNSET
 
     def _contact(self, message: dialect.MAVLink_message) -> None:
         t, drone = self._t(self._time_us), message.get_srcSystem() - 1
@@ -166,7 +187,7 @@ class Recorder:
             self._rows.write(Clear(t=t, drone=drone, contact_s=seconds))
 
     def _measured(self, sample: TruthSample) -> dict[str, Any]:
-        """Return the fields of what is measured at a sample, rounded for the log."""
+        """Return the fields of the measurement at a sample, rounded for the log."""
         fleet = [nearest(kept, sample.time_us).sample for k, kept in self._samples.items() if k != sample.drone]
         measured = self._measure(self._t(sample.time_us), sample, self._camera, fleet)
         return {field.name: _rounded(getattr(measured, field.name), field.name) for field in fields(measured)}
@@ -176,7 +197,7 @@ class Recorder:
 
 
 def _body(sample: TruthSample) -> dict[str, Any]:
-    """Return the fields of where a drone is, rounded for the log."""
+    """Return the fields of a drone's pose, rounded for the log."""
     return {
         "position_ned": _rounded(sample.position_ned, "position_ned"),
         "yaw_deg": _rounded(math.degrees(quat_yaw(sample.attitude)), "yaw_deg"),
@@ -184,10 +205,10 @@ def _body(sample: TruthSample) -> dict[str, Any]:
 
 
 def _rounded(value: Any, name: str) -> Any:
-    """Return a number or a tuple of numbers rounded, anything else as it is.
+    """Return a number or a tuple of numbers rounded, other values unchanged.
 
-    Truth travels with a centimetre's resolution; four digits keep all of it without printing noise. A picture's
-    thousandth is a pixel or more; two digits are a hundredth of one.
+    The bus has a resolution of 1 cm, so four digits are enough. A thousandth of a picture is a pixel or more, so two
+    digits are a hundredth of a pixel.
     """
     if isinstance(value, tuple):
         return tuple(_rounded(number, name) for number in value)

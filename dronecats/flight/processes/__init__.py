@@ -1,1 +1,1 @@
-"""Child processes: how they are started, kept on a lifeline, asked for signs of life, and never left behind."""
+"""Child processes: start, watch, and end them. None outlives its parent."""

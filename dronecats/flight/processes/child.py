@@ -1,10 +1,10 @@
-"""The child's side of a supervised process: commands are JSON lines on standard input, answers on standard output.
+"""The child's side of a supervised process: it reads commands as JSON lines and writes answers as JSON lines.
 
     python -m dronecats.flight.processes.child MODULE
 
-The first line is the configuration; `{"ready": …}` answers it. `{"alive": true}` is answered with itself between two
-turns, so that a part that hangs is found out. When standard input ends, the parent is gone, and so is the child: no
-process is ever orphaned, not even by a kill -9 of the parent.
+The first line is the configuration; its answer is `{"ready": …}`. Between two turns, the child answers `{"alive":
+true}` with the same line, so the parent notices a child that hangs. When standard input ends, the parent is gone and
+the child ends too. So no process is orphaned, not even by a kill -9 of the parent.
 """
 
 import importlib
@@ -23,9 +23,9 @@ from foundation.errors import DronecatsError
 
 
 class Part(Protocol):
-    """The work of a child process. Its module offers `create(config) -> Part`, the type of whose argument is declared.
+    """The work of a child process. Its module has a function `create(config) -> Part` with an annotated argument.
 
-    A part whose commands take long may also have `orphaned()`: called, from another thread, when the parent is gone.
+    A part with long commands may also have `orphaned()`, which another thread calls when the parent is gone.
     """
 
     def ready(self) -> dict[str, Any]:
@@ -37,7 +37,7 @@ class Part(Protocol):
         ...
 
     def turn(self) -> None:
-        """Do a little work, or wait a little for some; called for ever."""
+        """Do a little work, or wait a short time for work. It is called again and again."""
         ...
 
     def close(self) -> None: ...
@@ -45,7 +45,7 @@ class Part(Protocol):
 
 def main() -> int:
     """Run the part whose module is named on the command line."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to handle: it lands first
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C: it lands first
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # a stray print must not look like an answer
 
@@ -84,7 +84,7 @@ def main() -> int:
 
 
 def _created(module: Any, config: Any) -> Part:
-    """Return the part that a module creates, of its configuration as its own `create` declares it."""
+    """Return the part of a module. The annotation of `create` gives the type of its configuration."""
     of_type = get_type_hints(module.create)["config"]
     part: Part = module.create(msgspec.convert(config, of_type))
     return part

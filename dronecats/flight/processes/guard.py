@@ -1,10 +1,9 @@
-"""Runs a foreign program that must not outlive us: its process group ends when our standard input does.
+"""Runs a foreign program that must not outlive us. Its process group ends when our standard input ends.
 
     python -m dronecats.flight.processes.guard COMMAND [ARGUMENT …]
 
-Standard input is a pipe that whoever started this holds open: it closes however that process ends, a kill -9 included.
-The program's own standard input stays open and empty, since PX4's shell spins on one that has ended. The exit status is
-the program's.
+Standard input is a pipe from the parent. It closes when the parent ends, even by a kill -9. The program's own standard
+input stays open and empty, because PX4's shell spins on a closed one. The exit status is the program's.
 """
 
 import contextlib
@@ -15,11 +14,11 @@ import sys
 import threading
 import time
 
-PATIENCE_S = 3.0  # wall seconds between asking and killing
+PATIENCE_S = 3.0  # wall seconds between SIGTERM and SIGKILL
 
 
 def main() -> int:
-    """Run the command line's program until it ends or standard input does."""
+    """Run the command line's program until it ends or standard input ends."""
     program = subprocess.Popen(sys.argv[1:], stdin=subprocess.PIPE, start_new_session=True)
 
     def let_go() -> None:
@@ -30,12 +29,12 @@ def main() -> int:
         signal.signal(number, lambda *_: end(program))
     threading.Thread(target=let_go, daemon=True).start()
     status = program.wait()
-    end(program)  # what a wrapper script has left in the background
+    end(program)  # background processes of a wrapper script
     return status if status >= 0 else 128 - status
 
 
 def end(program: "subprocess.Popen[bytes]") -> None:
-    """End the program and all that it has started, politely at first."""
+    """End the program and all its children: first SIGTERM, then SIGKILL."""
     with contextlib.suppress(ProcessLookupError):
         os.killpg(program.pid, signal.SIGTERM)
         due_s = time.monotonic() + PATIENCE_S

@@ -1,4 +1,4 @@
-"""Starts the processes a flight stands on, watches them, and never leaves one behind."""
+"""Starts the child processes of a flight, watches them, and ends them all."""
 
 import contextlib
 import json
@@ -21,14 +21,14 @@ from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.redaction import keyless_environment
 
 EVERY_S = 1.0  # between an answer and the next question
-GLANCE_S = 0.5  # the most that one look at the process counts: a pause of the asker's own is not held against it
+GLANCE_S = 0.5  # most time that one look counts, so that a pause of the parent does not count as silence
 
 
 class Heartbeat:
-    """Pure: all times are the caller's, in seconds of one clock that never goes back."""
+    """The sign of life of a process, as pure logic. The caller passes all times, in seconds of one monotonic clock."""
 
     def __init__(self, patience_s: float) -> None:
-        """`patience_s` without an answer, and the process hangs."""
+        """After `patience_s` without an answer, the process counts as hanging."""
         self.patience_s = patience_s
         self._is_pending = False
         self._answered_s: float | None = None
@@ -36,7 +36,7 @@ class Heartbeat:
         self._waited_s = 0.0
 
     def is_due(self, now_s: float) -> bool:
-        """Return whether it is time to ask: never while an answer is owed, so that no questions pile up."""
+        """Return whether it is time to ask. It never is while an answer is pending, so that no questions pile up."""
         return not self._is_pending and (self._answered_s is None or now_s >= self._answered_s + EVERY_S)
 
     def sent(self, now_s: float) -> None:
@@ -46,10 +46,10 @@ class Heartbeat:
         self._is_pending, self._answered_s = False, now_s
 
     def pending_s(self, now_s: float) -> float:
-        """Look, and return for how long an answer has been owed, 0 while none is.
+        """Look, and return for how long an answer has been pending; 0: none is.
 
-        What counts is the time in which we were there to hear it: after a machine has slept, or a Ctrl-Z of ours, the
-        process had no more chance to answer than we had to ask.
+        Only time in which we could hear the answer counts. After a sleep of the machine, or a Ctrl-Z, the process had
+        no chance to answer either.
         """
         if not self._is_pending or self._looked_s is None:
             return 0.0
@@ -58,7 +58,7 @@ class Heartbeat:
         return self._waited_s
 
     def hangs(self, now_s: float) -> bool:
-        """Look, and return whether the answer has been owed for longer than patience lasts."""
+        """Look, and return whether the answer has been pending for longer than `patience_s`."""
         return self.pending_s(now_s) > self.patience_s
 
     @property
@@ -67,14 +67,13 @@ class Heartbeat:
         return self._is_pending
 
 
-READY_S = 600.0  # wall seconds; covers the first run's compilation on a slow and busy machine
+READY_S = 600.0  # wall seconds; includes the compilation of a first run on a slow and busy machine
 ANSWER_S = 30.0  # to a command
-# To the question for a sign of life, which every part answers between two turns of some milliseconds. On a busy machine
-# a turn may last seconds. What is silent for this long has lost more of a flight than can be judged: the socket of a
-# listener that does not read overflows sooner. And whoever waits for the process, as an agent for its camera, must not
-# give up first with a sentence that names no process.
+# Longest wait for a sign of life. A part answers between two turns of some milliseconds, on a busy machine of seconds.
+# After such a long silence a flight cannot be judged, because the socket of a listener that does not read overflows
+# earlier. It is shorter than the patience of the agent for its camera, because this error names the process.
 HANG_S = 15.0
-CAUSE_S = 10.0  # the same once something has gone wrong: whoever is silent then is what went wrong
+CAUSE_S = 10.0  # the same after an error, when a silent process is the likely cause
 CLOSE_S = 5.0
 C = TypeVar("C")
 
@@ -83,17 +82,17 @@ C = TypeVar("C")
 class ChildKind(Generic[C]):
     """A kind of child process."""
 
-    name: str  # in sentences, and of its log
-    module: str  # with `create(config) -> Part`; by name, since only the child imports it
+    name: str  # in messages, and in the name of its log
+    module: str  # with `create(config) -> Part`; a name, because only the child imports it
     config: type[C]  # a frozen dataclass of JSON values
-    needs_keys: bool = False  # a model, for which it needs the keys of the environment
+    needs_keys: bool = False  # True for models, which need the keys in the environment
 
 
 class ChildProcess:
-    """One supervised process. Raises InfrastructureError, in one sentence, when it is not what it should be."""
+    """One supervised process. Its methods raise InfrastructureError if it has ended or hangs."""
 
     def __init__(self, kind: ChildKind[C], config: C, log: Path, answer_s: float = HANG_S) -> None:
-        """`answer_s` without a sign of life, and the process hangs."""
+        """After `answer_s` without a sign of life, the process counts as hanging."""
         self.kind, self.log, self._answer_s = kind.name, log, answer_s
         with log.open("ab") as errors:
             self._process = subprocess.Popen(
@@ -102,12 +101,12 @@ class ChildProcess:
                 stdout=subprocess.PIPE,
                 stderr=errors,
                 env=None if kind.needs_keys else keyless_environment(os.environ),
-                start_new_session=True,  # a Ctrl-C in the terminal reaches the parent alone
+                start_new_session=True,  # a Ctrl-C in the terminal reaches only the parent
             )
         self._buffer = b""
         self._answers: deque[dict[str, Any]] = deque()
-        self._heartbeat: Heartbeat | None = None  # from when it is ready: until then it may compile for minutes
-        self._silent_s = 0.0  # for which it was waited in vain; above nothing, it is not waited for again
+        self._heartbeat: Heartbeat | None = None  # None until it is ready, because it may compile for minutes
+        self._silent_s = 0.0  # wait without an answer; if above 0, there is no second wait
         self._send(msgspec.to_builtins(config))
 
     @property
@@ -115,7 +114,7 @@ class ChildProcess:
         return self._process.pid
 
     def ready(self, waiting: Callable[[], None] = lambda: None) -> dict[str, Any]:
-        """Wait until the child is ready and return what it announced; `waiting` is called twice a second."""
+        """Wait until the child is ready and return its facts; `waiting` is called twice a second."""
         answer = self._answer(READY_S, waiting)
         if "ready" not in answer:
             raise self._fault(answer)
@@ -123,9 +122,9 @@ class ChildProcess:
         return dict(answer["ready"])
 
     def do(self, command: str, timeout_s: float | None = ANSWER_S, /, **arguments: Any) -> Any:
-        """Have a command carried out and return its answer; a `timeout_s` of None waits for as long as it lives.
+        """Send a command and return its answer. `timeout_s` None: wait as long as the process lives.
 
-        A process that has been found to hang is not waited for again.
+        There is no second wait for a process that hangs.
         """
         if self._silent_s:
             raise self._silence(0.0)
@@ -136,9 +135,9 @@ class ChildProcess:
         return answer["done"]
 
     def check(self) -> None:
-        """Raise InfrastructureError if the process has ended, or answers no more. Never waits.
+        """Raise InfrastructureError if the process has ended or no longer answers. Never waits.
 
-        Called again and again: it is asked for a sign of life, and the answer is looked for at a later call.
+        Call it again and again: one call asks for a sign of life, and a later call looks for the answer.
         """
         status = self._process.poll()
         if status is not None:
@@ -155,9 +154,9 @@ class ChildProcess:
             raise self._silence(beat.patience_s)
 
     def prove_alive(self, within_s: float) -> None:
-        """Raise InfrastructureError if the process has ended, or has owed a sign of life for `within_s`.
+        """Raise InfrastructureError if the process has ended, or gives no sign of life within `within_s`.
 
-        Waits for one that is owed; a process that is well gives it within milliseconds.
+        Waits for a pending sign of life, which a healthy process gives within milliseconds.
         """
         self.check()
         beat = self._heartbeat
@@ -168,12 +167,12 @@ class ChildProcess:
                 raise self._silence(within_s)
 
     def kill(self) -> None:
-        """End the process at once, whatever it is doing. May be called from another thread."""
+        """Kill the process immediately. May be called from another thread."""
         self._process.kill()
         self._process.wait()
 
     def close(self) -> None:
-        """End the process: its standard input closes, which it obeys. A deaf one is killed, one that hangs at once."""
+        """End the process by closing its standard input. It is killed if it does not obey, or if it hangs."""
         if self._process.stdin:
             with contextlib.suppress(OSError):
                 self._process.stdin.close()
@@ -206,12 +205,12 @@ class ChildProcess:
         return self._answers.popleft()
 
     def _has_output(self, timeout_s: float) -> bool:
-        """Return whether something has come within `timeout_s`, if only its end."""
+        """Return whether output, or its end, has arrived within `timeout_s`."""
         assert self._process.stdout is not None
         return bool(select.select([self._process.stdout], [], [], timeout_s)[0])
 
     def _take(self) -> None:
-        """Take in what has come: signs of life at once, answers for who asks. Raises InfrastructureError at its end."""
+        """Read the output: handle signs of life, keep other answers. Raises InfrastructureError at its end."""
         assert self._process.stdout is not None
         data = os.read(self._process.stdout.fileno(), 65536)
         if not data:
@@ -224,19 +223,19 @@ class ChildProcess:
                 self._heartbeat.answered(time.monotonic())
 
     def _silence(self, seconds: float) -> InfrastructureError:
-        """Return the error of a process that hangs, and remember that it does, and for how long."""
+        """Return the error of a process that hangs, and remember the length of its silence."""
         self._silent_s = max(self._silent_s, seconds)
         return InfrastructureError(f"the {self.kind} process hangs: no answer for {self._silent_s:g} s; see {self.log}")
 
     def _end(self, status: int) -> InfrastructureError:
-        """Return the error of a process that has ended: in its own last words, where it had some."""
+        """Return the error of a process that has ended, in its own last words if there are any."""
         if (words := self._last_words()) is not None:
             return InfrastructureError(f"{self.kind}: {words}")
         when = " in flight" if self._heartbeat is not None else ""
         return InfrastructureError(f"the {self.kind} process ended{when} ({_ending(status)}); see {self.log}")
 
     def _last_words(self) -> str | None:
-        """Return why the process ended, if it has said so; None for one that was killed or that broke."""
+        """Return the process's own reason for its end; None if it was killed or crashed."""
         assert self._process.stdout is not None
         while self._has_output(0.0) and (data := os.read(self._process.stdout.fileno(), 65536)):
             self._buffer += data
@@ -253,7 +252,7 @@ class Supervisor:
     """The children of one flight, closed together, the newest first."""
 
     def __init__(self, log_dir: Path, answer_s: float = HANG_S) -> None:
-        """`answer_s` without a sign of life, and a child hangs."""
+        """After `answer_s` without a sign of life, a child counts as hanging."""
         self._log_dir, self._answer_s = log_dir, answer_s
         self.children: list[ChildProcess] = []
 
@@ -270,7 +269,7 @@ class Supervisor:
     def cause(self, error: DronecatsError, within_s: float = CAUSE_S) -> DronecatsError:
         """Return the error of a child that has ended, or gives no sign of life `within_s`; `error` if all are well.
 
-        A vehicle that has been silent, or a camera without a picture, is what a process that hangs looks like.
+        For example, a silent vehicle or a camera without pictures may come from a process that hangs.
         """
         for child in self.children:
             try:

@@ -1,1 +1,1 @@
-"""Runs episodes: starts what a flight stands on, flies to the start pose, lets the agent fly, lands, tidies up."""
+"""Runs episodes: starts all parts of a flight, flies to the start pose, lets the agent fly, lands, and closes all."""

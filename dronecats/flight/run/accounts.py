@@ -1,7 +1,7 @@
-"""What the models of a flight cost: first question, ledger, limiter, budget and cache between a model and the wire.
+"""The costs of a flight's models: test question, ledger, limiter, budget and cache.
 
-In a cluster, one actor keeps the ledger (extra `cluster`), and every model books and waits there. `Accounts.ledger`
-names the actor after ON_CLUSTER.
+In a cluster, one actor keeps the ledger (extra `cluster`) for all models. `Accounts.ledger` is ON_CLUSTER and the name
+of the actor.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -50,10 +50,10 @@ class LedgerKeeper:
 
 
 class RemoteLedger:
-    """The same ledger, as a worker of the cluster has it."""
+    """A worker's access to the ledger of its cluster."""
 
     def __init__(self, name: str) -> None:
-        """`name`: of the actor, without the prefix. Raises InfrastructureError when there is none."""
+        """`name`: the actor's, without the prefix. Raises InfrastructureError if there is no such actor."""
         import ray
 
         try:
@@ -76,7 +76,7 @@ class RemoteLedger:
         return RemoteLimiter(self._call, address, model)
 
     def close(self) -> None:
-        """Do nothing: the actor outlives its users."""
+        """Do nothing, because the actor outlives its users."""
 
     def _call(self, method: str, *arguments: object) -> Any:
         import ray
@@ -88,7 +88,7 @@ class RemoteLedger:
 
 
 class RemoteLimiter:
-    """The limiter of all that share a cluster's ledger (`dronecats.agent.models.turns.Limiter`)."""
+    """The limiter for all users of a cluster's ledger (`dronecats.agent.models.turns.Limiter`)."""
 
     def __init__(self, call: Callable[..., Any], address: str, model: str) -> None:
         self._call, self._address, self._model = call, address, model
@@ -102,7 +102,7 @@ class RemoteLimiter:
         self._call("update", self._address, self._model, allowances)
 
     def hold(self, seconds: float) -> None:
-        """Hold all requests to the address back for so long. Raises InfrastructureError."""
+        """Hold back all requests to the address for this time. Raises InfrastructureError."""
         self._call("hold", self._address, self._model, seconds)
 
 
@@ -126,7 +126,7 @@ def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[tuple[
 
 
 def check_budget(accounts: Accounts, run: Path) -> None:
-    """Raise BudgetError when a run has nothing left to fly on with: before anything is started."""
+    """Raise BudgetError if the budget of a run is spent, before anything is started."""
     if accounts.cost_limit_usd is None and accounts.token_limit is None:
         return
     with closing(_books(accounts, run)) as ledger:
@@ -134,7 +134,7 @@ def check_budget(accounts: Accounts, run: Path) -> None:
 
 
 def is_spent(accounts: Accounts, run: Path | None) -> bool:
-    """Return whether a run has nothing left to fly on with; `run` None: a new one."""
+    """Return whether the budget of a run is spent; `run` None: a new run."""
     kept = accounts.ledger or (run and run / LEDGER)
     if kept is None or not Path(kept).exists():
         return False
@@ -146,7 +146,7 @@ def is_spent(accounts: Accounts, run: Path | None) -> bool:
 
 
 def book(model: str, spent: Spent, accounts: Accounts, run: Path) -> None:
-    """Add what a model (PROVIDER/NAME) has cost to the ledger of the run in a folder. Raises InfrastructureError."""
+    """Add the cost of a model (PROVIDER/NAME) to the ledger of the run in a folder. Raises InfrastructureError."""
     with closing(_books(accounts, run)) as ledger:
         ledger.spend(model, spent)
 
@@ -162,14 +162,14 @@ def _budget(accounts: Accounts) -> Budget:
 
 
 class Spending:
-    """The cost of all runs of a benchmark, from their ledger; None where no model is paid."""
+    """The cost of all runs of a benchmark, from their ledger; None if no model is paid."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LEDGER
         self._ledger: Ledger | None = None
 
     def spent(self) -> Spent | None:
-        """Return it, None while there is no ledger. Raises InfrastructureError."""
+        """Return the cost; None before there is a ledger. Raises InfrastructureError."""
         if self._ledger is None and self._path.exists():
             self._ledger = Ledger(self._path)
         return self._ledger.spent() if self._ledger else None
@@ -186,20 +186,20 @@ TEXT = 'The picture does not matter. Answer with this JSON object and nothing el
 
 
 class FirstQuestions:
-    """One small question to each model before take-off, so that a wrong key or address is found on the ground.
+    """Test questions: one small question to each model before take-off, which finds a wrong key or address.
 
-    The questions are no decisions. Their cost is booked.
+    The questions are not decisions. Their cost is booked.
     """
 
     def __init__(self, flights: Iterable[FlightSpec], run: Path | None, notify: Notify) -> None:
-        """`run` is the folder with the ledger; None: a new one, with nothing spent."""
+        """`run` is the folder with the ledger; None: a new folder, with nothing spent."""
         self._flights, self._run, self._notify = list(flights), run, notify
-        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, its cost, and where it is booked
+        self._costs: list[tuple[str, Spent, Accounts]] = []  # PROVIDER/NAME, its cost, its accounts
 
     def ask(self) -> None:
-        """Ask each model once. Raises UsageError where it rejects every question, ModelError where none answers.
+        """Ask each model once. Raises UsageError if a model rejects every question, ModelError if it does not answer.
 
-        Nothing is asked of a replay, of a run whose limit is spent, or where a cache holds replies already.
+        There is no question for a replay, for a run whose limit is spent, or if a cache has replies already.
         """
         models: list[ModelSpec] = []
         for flight in self._flights:
@@ -209,7 +209,7 @@ class FirstQuestions:
                     self._costs.append(self._question(model, flight))
 
     def book(self, run: Path) -> None:
-        """Book their cost with the run in a folder. Raises InfrastructureError."""
+        """Book the cost of the questions with the run in a folder. Raises InfrastructureError."""
         for costs in self._costs:
             book(*costs, run)
 
@@ -233,7 +233,7 @@ class FirstQuestions:
 def flight_folder(
     spec: FlightSpec, out: Path | None, episode: str, configuration: dict[str, Any], notify: Notify
 ) -> Iterator[Path]:
-    """Give the folder of a flight, made once its models have answered their first question.
+    """Return the folder of a flight. It is made after the models have answered their test questions.
 
     Arguments and errors as `folders.create` has them; raises ModelError too.
     """
@@ -244,7 +244,7 @@ def flight_folder(
 
 
 def _is_cached(accounts: Accounts) -> bool:
-    """Return whether a cache holds replies: it may answer the whole flight, with no endpoint there."""
+    """Return whether a cache has replies. It may answer the whole flight without an endpoint."""
     if accounts.cache is None:
         return False
     with closing(ReplyCache(Path(accounts.cache))) as cache:

@@ -1,4 +1,4 @@
-"""From the ground to the start pose, all drones at a time, the same on any autopilot."""
+"""The way of all drones from the ground to their start poses, the same for every autopilot."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs abo
 AVERAGE_S = 3.0  # s over which the place on the ground is averaged
 ARRIVAL_S = 60.0  # s to settle at the start pose
 RANGED_S = 1.0  # s over which the height over the ground is averaged
-LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m off its height over the ground, from which and up to which that is mended
+LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; an error of the height above ground between these is corrected
 LEVELLINGS = 4
 
 
@@ -27,18 +27,18 @@ LEVELLINGS = 4
 class StartOffset:
     """The start of a drone's episode, relative to its place at boot."""
 
-    offset_ned: Vec3  # m, start pose less the place of the body's origin as it stands below it
-    yaw: float | None  # rad; None: as it stands
+    offset_ned: Vec3  # m, from the body's origin on the ground to the start pose
+    yaw: float | None  # rad; None: the heading on the ground
 
 
 def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) -> StartOffset:
-    """Return the start of a record's drone, whose body's origin stands `clearance_m` above the ground at its place."""
+    """Return the start of a record's drone; `clearance_m`: height of its body's origin when it is on the ground."""
     height_m = ground_down - clearance_m - record_start.position_ned[2]
     return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
 
 
 def unchecked(links: Sequence[Link]) -> None:
-    """Check nothing: the truth is not known."""
+    """Check nothing, because the truth is not known."""
 
 
 def ascend(
@@ -47,19 +47,19 @@ def ascend(
     notify: Callable[[str], None],
     check: Callable[[Sequence[Link]], None] = unchecked,
 ) -> None:
-    """Connect, arm, take off, fly to the start poses and stay there in offboard, all at a time. Raises LinkError.
+    """Connect, arm, take off, fly to the start poses and stay there in Offboard, all drones at once. Raises LinkError.
 
-    `check`, called when all are ready to arm, raises where one of them may not take off.
+    `check` is called when all are ready to arm. It raises if one of them may not take off.
 
-    Where the heading matters, every drone turns round once on the way: the iron that turns with its compass shows
-    itself in a full circle only, and is worth up to two degrees.
+    If the heading matters, every drone makes a full turn on the way. Only a full turn shows the iron that turns with
+    the compass, which causes an error of up to two degrees.
     """
     for link in links:
         link.connect()
         _on_the_ground(link)
         if not link.simulated:
             link.failsafe = read_failsafe(link)
-        if link.state.mode != "HOLD":  # a PX4 that was left in Land or Offboard does not arm
+        if link.state.mode != "HOLD":  # a PX4 that is still in Land or Offboard does not arm
             link.set_mode("HOLD")
     notify("waiting until the autopilot is ready to arm …")
     for link in links:
@@ -98,7 +98,7 @@ class _Ground:
 
 @dataclass(frozen=True, slots=True)
 class _Sent:
-    """A drone on its way."""
+    """The goal of a drone on its way to the start pose."""
 
     position_ned: Vec3  # m, local frame
     yaw: float  # rad
@@ -113,7 +113,7 @@ def _ground(link: Link) -> _Ground:
 
 
 def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
-    """Send a drone to its start pose in offboard."""
+    """Send a drone to its start pose in Offboard."""
     north, east, down = (g + o for g, o in zip(ground.position_ned, start.offset_ned, strict=True))
     euler = link.state.euler
     yaw = start.yaw if start.yaw is not None else euler[2] if euler else 0.0
@@ -123,13 +123,13 @@ def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
 
 
 def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _Sent:
-    """Bring a drone to its height over the ground by its rangefinder, where it has one: a barometer wanders."""
+    """Correct the height of a drone by its rangefinder, if it has one, because a barometer drifts."""
     range_m = link.track.mean_range(RANGED_S)
     place = link.track.mean_place(RANGED_S)
     if range_m is None or ground.range_m is None or place is None or start.yaw is None:
         return sent
     low_m = -start.offset_ned[2] - (range_m - ground.range_m)
-    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # more: it looks down on something else than it stood on
+    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # beyond: the ground below is not the ground of take-off
         return sent
     north, east, _ = sent.position_ned
     position_ned = (north, east, place[2] - low_m)
@@ -146,7 +146,7 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 
 
 def _on_the_ground(link: Link) -> None:
-    """Raise LinkError unless the vehicle may be armed by us: one that flies, or is armed, is flown by another."""
+    """Raise LinkError if we may not arm the vehicle. A vehicle that flies or is armed has another pilot."""
     if link.state.armed or link.state.landed is False:
         condition = "is already armed" if link.state.armed else "is in the air"
         raise LinkError(

@@ -1,4 +1,4 @@
-"""A flight of a vehicle that we did not start: the same episode code. Without truth there is no verdict."""
+"""A flight of a connected vehicle, with the same episode code. Without truth there is no verdict."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -33,7 +33,7 @@ LATER = "Fetch it later with: dronecats flightlog fetch --connect URL"
 
 
 def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str], None]) -> None:
-    """Fetch the newest log of a vehicle whose link is closed; say so where it cannot be fetched."""
+    """Fetch the newest log of a vehicle whose link is closed; print the reason if that fails."""
     if link.state.armed:
         notify(f"the autopilot's log was not fetched, because the vehicle is still armed. {LATER}")
         return
@@ -50,16 +50,16 @@ def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str]
 
 
 EPISODE = "connected"
-HEIGHT_M = 2.5  # where the episode begins: straight above the place of take-off, PX4's MIS_TAKEOFF_ALT
-# wall seconds for which a vehicle may be silent or a cable out. It has left Offboard by its own failsafe long before
+HEIGHT_M = 2.5  # start of the episode, above the place of take-off: PX4's MIS_TAKEOFF_ALT
+# wall seconds of silence, for example of an unplugged cable. Its own failsafe has ended Offboard long before
 SILENCE_S = 6.0
 
 
 class VehicleFlight(FlightSetup):
-    """A flight of a vehicle that we did not start."""
+    """A flight of a connected vehicle."""
 
     def __init__(self, flight: Flight, vehicle: Connected, link: Link, episode: str, camera: dict[str, Any]) -> None:
-        """`link` is open, and closed with the flight."""
+        """`link` is open. The flight closes it."""
         super().__init__(flight, episode, camera)
         self.vehicle, self.link, self.authority = vehicle, link, vehicle.authority
 
@@ -74,16 +74,16 @@ class VehicleFlight(FlightSetup):
             notify(f"{draw_intent(folder, self.camera_model)} decisions are drawn in {folder / layout.INTENT}")
 
     def draw(self, folder: Path, ending: EpisodeEnd) -> None:
-        """Draw flight.png, where the truth is known."""
+        """Draw flight.png if the truth is known."""
 
     @property
     def camera_model(self) -> CameraModel:
-        """The model of the camera that the pilot looks through."""
+        """The model of the pilot's camera."""
         return CameraModel()
 
 
 class ConnectedFlight(VehicleFlight):
-    """A flight in the real world, or in one that we know nothing of."""
+    """A flight in the real world, or in another world without truth."""
 
     def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
         """Open its link and its camera. Raises UsageError, LinkError."""
@@ -123,14 +123,14 @@ class ConnectedFlight(VehicleFlight):
 
 
 def open_link(vehicle: Connected, limits: Limits | None) -> Link:
-    """Return the link to a vehicle that we did not start, whose cable may come and go. Raises UsageError, LinkError."""
+    """Return the link to a connected vehicle, whose cable may be unplugged. Raises UsageError, LinkError."""
     key = load_key(Path(vehicle.sign)) if vehicle.sign else b""
     wire = Reopening(lambda: connect(vehicle.url))
     return Link(wire, silence_s=SILENCE_S, key=key, limits=limits, dry=vehicle.authority.dry)
 
 
 def _camera(vehicle: Connected, link: Link) -> RealCamera:
-    """Return the camera, from which a frame has come: no picture, no flight, said before anything moves. UsageError."""
+    """Return the camera after its first frame, so that a missing picture stops the flight early. Raises UsageError."""
     max_age_s = link.limits.frame_s if link.limits else Limits().frame_s
     try:
         camera = open_camera(vehicle.camera or "", lambda: link.time_us, vehicle.calibration, max_age_s=max_age_s)

@@ -1,4 +1,4 @@
-"""A flight of a vehicle that simulates itself, in one of our episodes, where it is judged, or on one of our maps."""
+"""A flight of a vehicle that simulates itself, in one of our episodes (with a verdict) or on one of our maps."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from hil.link.envelope import Limits
 
 
 class ConnectedWorldFlight(VehicleFlight):
-    """Our camera, logger and oracle work on the true poses that the vehicle's simulator tells."""
+    """A flight in our world: camera, logger and oracle use the true poses from the vehicle's simulator."""
 
     def __init__(self, flight: Flight, vehicle: Connected, truth: str) -> None:
         """Open its link; `truth` is the URL of its true poses. Raises UsageError, LinkError."""
@@ -37,14 +37,14 @@ class ConnectedWorldFlight(VehicleFlight):
             raise UsageError(
                 f"the pilot {spec.pilot} needs an episode's target, and a map has none. Choose --pilot vision"
             )
-        self._judged = spec.map is None and not vehicle.authority.dry  # a dry run succeeds nowhere
+        self._judged = spec.map is None and not vehicle.authority.dry  # a dry run cannot succeed
         self._record, self._truth, self._world = record, truth, World(record)
         if len(record.starts) > 1:
             raise UsageError(
-                f"{record.id} is for {len(record.starts)} drones, but --truth is of one drone. Choose an"
-                " episode for one drone"
+                f"{record.id} is for {len(record.starts)} drones, but --truth gives the pose of one drone only."
+                " Choose an episode for one drone"
             )
-        source = TruthSource(truth)  # asked once before anything is made; the flight's own process listens then
+        source = TruthSource(truth)  # read once before the folder is made; later the flight's own process listens
         try:
             source.first()
         finally:
@@ -67,7 +67,7 @@ class ConnectedWorldFlight(VehicleFlight):
         )
         try:
             start = start_of(record.starts[0], world.ground_down(*record.starts[0].position_ned[:2]))
-            # the heading that the vehicle has where it flies, before it is turned onto the map
+            # the vehicle's heading in its own world, before the rotation onto the map
             start = replace(start, yaw=wrap_pi(math.radians(record.starts[0].yaw_deg) - stage.placement.turn))
             with (
                 TrueStart(stage, world, stage.placement) as true_start,
@@ -82,5 +82,5 @@ class ConnectedWorldFlight(VehicleFlight):
             draw(folder)
 
     def _drawn(self, folder: Path) -> Path:
-        """Return the file of the record whose world is drawn."""
+        """Return the file of the record of the drawn world."""
         return folder / (layout.EPISODE if self._judged else layout.WORLD)

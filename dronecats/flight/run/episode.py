@@ -1,4 +1,4 @@
-"""One episode from the ground to the ground, the same on any autopilot."""
+"""One episode from take-off to landing, the same for every autopilot."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -30,7 +30,7 @@ EVERYTHING = Authority()
 
 
 class StartCheck(Protocol):
-    """Compares the drones with the truth. Raises InfrastructureError for an episode that may not begin."""
+    """Compares the drones with the truth. Raises InfrastructureError if the episode may not begin."""
 
     def check_estimates(self, links: Sequence[Link]) -> None:
         """On the ground, before arming."""
@@ -70,9 +70,9 @@ def fly(
 ) -> EpisodeEnd:
     """Fly the drones of a stage to their start poses, let an agent fly the episode, and land.
 
-    `pictures`: what is done to those of the camera on purpose. `true_start` decides whether the episode may begin.
-    `check`, called at every tick beside the stage's own, raises when something that the agent needs is gone.
-    Never raises for what goes wrong in flight: it comes back in `EpisodeEnd`, with the logs closed properly.
+    `pictures`: faults of the camera's pictures. `true_start` decides whether the episode may begin.
+    `check` is called at every tick, besides the stage's own check. It raises if a part that the agent needs is gone.
+    Errors in flight are not raised: `EpisodeEnd` has them, and the logs are closed properly.
     """
     log, prompts = LineLog(folder / layout.DECISIONS), PromptLog(folder / layout.PROMPTS)
     agent: Agent | None = None
@@ -113,7 +113,7 @@ def fly(
     except Exception as bug:
         reason, error = "error", unexpected(bug, folder)
     if error is not None:
-        notify_safely(notify, f"the flight ends: {error}")  # at once: landing and closing take seconds
+        notify_safely(notify, f"the flight ends: {error}")  # before landing and closing, which take seconds
     episode_s = agent.now_s if agent else 0.0
     wall_s = time.monotonic() - began_s if began_s is not None else 0.0
     stage.mend()
@@ -126,12 +126,12 @@ def fly(
 
 
 def _warn_of_silence(notify: Callable[[str], None], label: str, seconds: float) -> None:
-    """Say how much time was lost; in the record it is the `host_lag_s` of the decision under way."""
+    """Print the lost time. The log has it as `host_lag_s` of the pending decision."""
     notify_safely(notify, f"      {label}no telemetry for {seconds:.1f} s; the agent waited")
 
 
 def take_over(links: Sequence[Link], authority: Authority, notify: Callable[[str], None]) -> None:
-    """Connect to vehicles that a person has in hand, and unless nothing is to move wait until they hand over."""
+    """Connect to vehicles that a person flies. Unless it is a dry run, wait until the person hands them over."""
     for link in links:
         link.connect()
         if not authority.dry:
@@ -153,17 +153,17 @@ def _begin(
     pictures: PicturePath | None,
 ) -> Agent:
     for link in stage.links:
-        if not link.streaming:  # one that we have brought to its start pose goes on being held there
+        if not link.streaming:  # a vehicle that we brought to its start pose is already held there
             link.fly(Hold())
         link.start_offboard()
     t0_us = max(link.time_us for link in stage.links)
     stage.begin(t0_us, cap_s)
     for link in stage.links:  # so that the first frame is younger than the episode
         link.wait(0.1)
-    for link in stage.links:  # from now on the agent ticks them all in turn
+    for link in stage.links:  # from now on the agent ticks all links in turn
         link.on_wait = stage.check
 
-    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # wall time is the subject: who was late
+    host = HostPace(time.monotonic, stage.speed) if stage.speed else None  # measures wall time: delays by the host
 
     def on_tick() -> None:
         stage.check()
@@ -192,10 +192,10 @@ def _begin(
 
 
 class VerdictWatch:
-    """Looks, after each declaration, whether the verdict is decided: what the first qualifying one settles is settled.
+    """Checks after each declaration whether the verdict is decided. The first declaration that qualifies decides it.
 
-    And again at each decision until the logger has measured it, which in real time it may do later. It reads the
-    logger's files with the verifier's own function. The agent learns nothing of it but that time is up.
+    In real time the logger may measure a declaration late, so the check is repeated at each decision until then. It
+    reads the logger's files with the verifier's own function. The agent learns only that the time is over.
     """
 
     def __init__(self, folder: Path, full: bool) -> None:

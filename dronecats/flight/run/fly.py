@@ -16,9 +16,9 @@ from foundation.run_folder.folder import write_run
 
 
 def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the contents of run.json but for versions, and for what only the flight tells. No key is in it.
+    """Return the contents of run.json without versions and facts that follow from the flight. No key is in it.
 
-    Raises UsageError for an agent that there is not.
+    Raises UsageError for an unknown agent.
     """
     agent_maker(flight.spec.agent)
     of_map, on_purpose = map_digest(flight.record), flight.spec.disturbances.words
@@ -46,10 +46,10 @@ def _clock(simulated: Simulated | None) -> str:
 
 
 def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instruments = UNWATCHED) -> dict[str, Any]:
-    """Fly, judge, and return what `fly --json` prints, with the exit `status` and the `reason` the flight ended.
+    """Fly, judge, and return the object of `fly --json`, with the exit `status` and the `reason` for the end.
 
-    `out` is the run folder, None for a new one; `instruments` watch a connected vehicle. What can be refused is refused
-    before the run folder is made. Raises UsageError, ModelError.
+    `out` is the run folder, None for a new one; `instruments` watch a connected vehicle. Invalid settings raise before
+    the run folder is made. Raises UsageError, ModelError.
     """
     setup = setup_of(spec, instruments)
     configuration = settings(setup.flight, setup.camera)
@@ -65,9 +65,9 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
 
 
 def setup_of(spec: FlightSpec, instruments: Instruments = UNWATCHED) -> FlightSetup:
-    """Return a flight, looked up and checked, with its vehicle connected where it is not ours. Raises UsageError.
+    """Return a flight, looked up and checked; a vehicle that is not simulated is connected. Raises UsageError.
 
-    Each kind of vehicle is loaded only when it is flown: a companion computer has no simulator.
+    Only the code of the flown kind of vehicle is imported, because a companion computer has no simulator.
     """
     flight = look_up(spec)
     if spec.connected is None:

@@ -1,4 +1,4 @@
-"""The end of every flight: the vehicles get the order to land before anything else is done."""
+"""The end of every flight. First of all, the vehicles get the order to land."""
 
 import contextlib
 import signal
@@ -14,7 +14,7 @@ from foundation.errors import DronecatsError, InfrastructureError
 from foundation.run_folder.rows import drone_label
 from hil.link.link import Link
 
-# a landing begins when the episode is over: all declarations that the verdict is made of are in the logs by then
+# a landing begins after the episode, so the logs already have all declarations of the verdict
 AFTERWARDS = "The score is not affected: the episode had ended. The vehicle may still be armed."
 
 
@@ -23,9 +23,8 @@ def finish(
 ) -> DronecatsError | None:
     """Order the landing, tell the logger, wait for the landing. Return the flight's error, None if there is none.
 
-    In this order: a logger that hangs, a terminal that is closed or a second Ctrl-C must not keep a vehicle from being
-    told to land. The error is that of a process that is gone or hangs, if there is one, else `error`, else the
-    logger's.
+    The order to land comes first, so that a hanging logger, a closed terminal or a second Ctrl-C cannot prevent it. The
+    returned error is the error of a process that is gone or hangs, else `error`, else the logger's.
     """
     say_safely = partial(notify_safely, notify)
     try:
@@ -48,14 +47,14 @@ def finish(
 
 
 def notify_safely(notify: Callable[[str], None], line: str) -> None:
-    """Print a line; a terminal that is gone is no error."""
+    """Print a line; a closed terminal is not an error."""
     with contextlib.suppress(OSError, ValueError):
         notify(line)
 
 
 @contextlib.contextmanager
 def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
-    """Keep a Ctrl-C that comes while a landing is being ordered (seconds) in the list; a second one leaves at once."""
+    """Collect a Ctrl-C in the list while the landing is ordered (seconds). A second Ctrl-C ends the program."""
     hurried: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -70,7 +69,7 @@ def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Handlers) -> Iterator[None]:
-    """Handle Ctrl-C and its like until the context ends. They reach the main thread alone."""
+    """Handle Ctrl-C and similar signals until the context ends. Only the main thread gets them."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -85,12 +84,12 @@ def signals_handled(handler: Callable[[int, FrameType | None], None] | signal.Ha
 def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None] = lambda line: None) -> list[Link]:
     """End the flight of every armed drone: stand still, hold, and then land or return.
 
-    Returns those that will come down. One that does not answer stops no other, and one that somebody else has taken
-    is left to them.
+    Returns the drones that will land. A drone that does not answer delays no other, and a drone that another pilot has
+    taken over is left alone.
     """
     landing = []
     for label, link in zip(_labels(stage.links), stage.links, strict=True):
-        # a dead logger or model must not keep the vehicle in the air, nor a drone that has gone keep another there
+        # a dead logger, model or drone must not keep a vehicle in the air
         link.on_wait = tending(stage.links, link, stage.check_vehicles, (DronecatsError, OSError))
         try:
             if link.taken_by is not None or link.dry:
@@ -105,7 +104,7 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
                 link.give_up(then)
                 if then != "hold":
                     landing.append(link)
-        except Exception as fault:  # after the episode, so it changes no verdict; and the next vehicle is told too
+        except Exception as fault:  # after the episode, so it changes no verdict; the next vehicle gets its order too
             link.stop_stream()
             notify(f"{label}the command to {then} failed: {fault}. {AFTERWARDS}")
             say_failsafe(link, notify)
@@ -115,9 +114,9 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
 def tending(
     links: Sequence[Link], waiting: Link, check: Callable[[], None], ignored: tuple[type[Exception], ...] = ()
 ) -> Callable[[], None]:
-    """Return what is done while one link waits: call `check`, and send the other drones their setpoints.
+    """Return the function to call while one link waits: it calls `check`, and sends the other drones their setpoints.
 
-    A drone falls out of offboard when its setpoints stop. `ignored`: errors of the others that must not end the wait.
+    A drone leaves Offboard when its setpoints stop. `ignored`: errors of the other drones that do not end the wait.
     """
     fleet = [link for link in links if link is not waiting]
 
@@ -131,7 +130,7 @@ def tending(
 
 
 def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
-    """Print the failsafe of a vehicle that is left in offboard without setpoints."""
+    """Print the failsafe of a vehicle that stays in Offboard without setpoints."""
     if link.is_left_to_failsafe and link.failsafe:
         notify(f"no more setpoints are sent. A vehicle that is still in offboard mode now does: {link.failsafe}")
 
@@ -139,7 +138,7 @@ def say_failsafe(link: Link, notify: Callable[[str], None]) -> None:
 def await_landing(
     links: Sequence[Link], flying: Sequence[Link], notify: Callable[[str], None] = lambda line: None
 ) -> None:
-    """Wait until every one of the drones that are `flying` has disarmed."""
+    """Wait until all `flying` drones have disarmed."""
     for label, link in zip(_labels(links), links, strict=True):
         if link not in flying:
             continue
@@ -155,8 +154,8 @@ def _labels(links: Sequence[Link]) -> list[str]:
 
 
 def unexpected(bug: Exception, folder: Path) -> DronecatsError:
-    """Return a mistake of ours as an infrastructure error; the traceback goes into the run folder."""
-    if isinstance(bug, OSError):  # a full disk, a closed terminal: nobody's mistake, and a traceback has no place to go
+    """Return a bug of ours as an infrastructure error; the traceback is written to the run folder."""
+    if isinstance(bug, OSError):  # a full disk or closed terminal: not a bug, and a traceback cannot be written
         return InfrastructureError(f"the flight's files or its output cannot be written: {bug.strerror or bug}")
     log = folder / "traceback.log"
     with contextlib.suppress(OSError), log.open("a", encoding="utf-8", errors="backslashreplace") as file:

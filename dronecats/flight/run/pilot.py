@@ -16,7 +16,6 @@ from dronecats.agent.models.replay import ReplayModel
 from dronecats.agent.models.spec import ModelSpec
 from dronecats.agent.models.wire_formats import open_model
 from dronecats.agent.names import PAPER, STEADY
-from dronecats.agent.steady.agent import SteadyAgent
 from dronecats.flight.processes.supervisor import ChildKind, Supervisor
 from dronecats.flight.run.accounts import accounted
 from dronecats.flight.spec.flight import Flight
@@ -44,30 +43,32 @@ def questions_of(flight: Flight, model: Model) -> Questions:
         axis_order=asker.axis_order if (asker := spec.model or spec.outside) else "xy",
         parser=spec.parser,
         patience_s=spec.patience_s,
-        beside=served and waits and spec.command == "flat",  # several at a time would be asked in no certain order
+        beside=served and waits and spec.command == "flat",  # several questions at a time would have no fixed order
         last_reply=flight.scored,  # unscored flights do not wait for a late reply
     )
 
 
 def papers_agent(flight: Flight, model: Model) -> AgentFactory:
-    """Return the maker of the paper's agent: one decider for all drones, or one for each."""
+    """Return the maker of the paper's agent: one decider for all drones, or one for each drone."""
     return partial(PaperAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
 def steady_agent(flight: Flight, model: Model) -> AgentFactory:
     """Return the maker of the agent that tolerates a slow model: docs/steady.md."""
+    from dronecats.agent.steady.agent import SteadyAgent  # scipy.stats comes with it, which takes seconds
+
     return partial(SteadyAgent, questions_of(flight, model), groups=groups_of(flight))
 
 
 def groups_of(flight: Flight) -> list[list[int]] | None:
-    """Return the groups of drones that are decided for together, None for one group of all."""
+    """Return the groups of drones that share their questions; None: all drones are one group."""
     if flight.record is None or flight.spec.command != "solo":
         return None
     return [[drone] for drone in range(len(flight.record.starts))]
 
 
 def commanded_agent(flight: Flight, model: Model, commander: Model) -> AgentFactory:
-    """Return the maker of a hierarchy: a pilot of the model for each drone, and a commander over them."""
+    """Return the maker of a hierarchy: a pilot for each drone, and a commander of the pilots."""
     questions = questions_of(flight, model)
     return partial(
         Hierarchy,
@@ -88,7 +89,7 @@ SHIPPED: dict[str, AgentMaker] = {PAPER: papers_agent, STEADY: steady_agent}
 
 
 def agent_maker(name: str) -> AgentMaker:
-    """Return the maker of a shipped agent, or of a MODULE:NAME. Raises UsageError when there is none."""
+    """Return the maker of a shipped agent, or of a MODULE:NAME. Raises UsageError for an unknown one."""
     if name in SHIPPED:
         return SHIPPED[name]
     module, colon, function = name.partition(":")
@@ -105,16 +106,16 @@ def agent_maker(name: str) -> AgentMaker:
 
 @dataclass(frozen=True, slots=True)
 class OpenPilot:
-    """A model that can be asked, and in a hierarchy the one that commands it."""
+    """An open model, and in a hierarchy its commander."""
 
     model: Model
     begin: Callable[[int], None] = lambda t0_us: None  # called when the episode begins, with the vehicle's time in µs
-    check: Callable[[], None] = lambda: None  # raises InfrastructureError when what serves it is gone
-    spent: Callable[[], str] = lambda: ""  # what the run has cost so far, in a few words; nothing where nobody is paid
+    check: Callable[[], None] = lambda: None  # raises InfrastructureError if its server is gone
+    spent: Callable[[], str] = lambda: ""  # cost of the run so far, in words; empty: no cost
     commander: Model | None = None
 
     def agent(self, flight: Flight) -> AgentFactory:
-        """Return the maker of the flight's agent; with a commander, the paper's is a hierarchy."""
+        """Return the maker of the flight's agent; with a commander, the paper's agent is a hierarchy."""
         maker = agent_maker(flight.spec.agent)
         if self.commander is not None and maker is papers_agent:
             make = commanded_agent(flight, self.model, self.commander)
@@ -130,7 +131,7 @@ class OpenPilot:
 
 @contextmanager
 def opened(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
-    """Open a pilot that needs no truth; `folder` takes its log. Raises UsageError, InfrastructureError."""
+    """Open a pilot that needs no truth; `folder`: for its log. Raises UsageError, InfrastructureError."""
     with _piloted(flight, stage, folder) as pilot, commanded(flight, stage, folder, pilot) as pilot_ready:
         yield pilot_ready
 
@@ -177,7 +178,7 @@ def commanded(flight: Flight, stage: Stage, folder: Path, pilot: OpenPilot) -> I
 
 @contextmanager
 def _commander(flight: Flight, folder: Path) -> Iterator[OpenPilot]:
-    """Open the model that commands, on the ledger of the one that is commanded: what it has spent is of both."""
+    """Open the commander's model on the same ledger as the pilot's, so the spent cost is that of both."""
     assert flight.spec.commander is not None
     with accounted(flight.spec.commander, flight.spec.accounts, folder.parent) as (model, spent):
         yield OpenPilot(model, spent=spent)
@@ -194,7 +195,7 @@ def _endpoint(spec: ModelSpec) -> Iterator[OpenPilot]:
 
 @contextmanager
 def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] = PILOT) -> Iterator[OpenPilot]:
-    """Serve a built-in pilot: by a thread where the clock waits, and by a process of its own where it does not."""
+    """Serve a built-in pilot: in a thread if the clock waits, else in a separate process."""
     if stage.lockstep:
         server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
         try:

@@ -17,11 +17,11 @@ from foundation.protocol import FINISHED
 from foundation.run_folder.rows import Decision, drone_label
 from hil.link.link import Link
 
-UNREADABLE = 10  # replies in a row that are no action, after which a flight warns
+UNREADABLE = 10  # replies in a row without an action, after which a flight warns
 
 
 class StepLines:
-    """Prints a line for each decision, and once a warning when replies in a row are no actions."""
+    """Prints a line for each decision, and one warning if many replies in a row have no action."""
 
     def __init__(
         self,
@@ -30,16 +30,16 @@ class StepLines:
         spent: Callable[[], str] = lambda: "",
         stop_unreadable: int | None = None,
     ) -> None:
-        """`spent` returns what the model has cost so far, or an empty string.
+        """`spent` returns the cost of the model so far, or an empty string.
 
-        `stop_unreadable`: so many replies in a row that are no actions end the flight; None: they never do.
+        `stop_unreadable`: number of replies in a row without an action that end the flight; None: no limit.
         """
         self._notify, self._drones, self._spent, self._stop = notify, drones, spent, stop_unreadable
         self._unreadable: Counter[int] = Counter()  # replies in a row, by drone
         self._has_warned = False
 
     def __call__(self, decision: Decision) -> None:
-        """Print a decision. Raises UnreadableError when too many replies in a row are no actions."""
+        """Print a decision. Raises UnreadableError if too many replies in a row have no action."""
         text = compact(action_from(decision.action)) if decision.action else f"! {unreadable(decision)}"
         text += " (a report)" if decision.report is True and decision.kind == FINISHED else ""
         text += " (confirmed)" if decision.confirmed_by is not UNSET else ""
@@ -64,10 +64,10 @@ def unreadable(decision: Decision) -> str:
 
 
 class SafetyLog:
-    """Writes every change of the links' envelopes to the file. Says the links' notices, and a limit when it first acts.
+    """Writes every change of the links' envelopes to the file. Prints notices, and each limit when it first acts.
 
-    A limit may act at every step, so the other times are counted, and `sum_up` says them. The file begins with the
-    first limit that acts.
+    A limit may act at every step, so the later times are only counted, and `sum_up` prints the counts. The file is made
+    when the first limit acts.
     """
 
     def __init__(self, path: Path, links: Sequence[Link], notify: Callable[[str], None]) -> None:
@@ -78,11 +78,11 @@ class SafetyLog:
             link.on_notice = partial(self._report, "link", drone)
 
     def sum_up(self) -> None:
-        """Say how often each limit acted on each drone, if any did so more than once."""
+        """Print how often each limit acted on each drone, if a limit acted more than once."""
         for drone, times in enumerate(self._times):
             if times and max(times.values()) > 1:
                 counts = ", ".join(f"by {name} {_times(count)}" for name, count in times.most_common())
-                self._report("envelope", drone, f"limited in the whole flight {counts}; {self._path} has each")
+                self._report("envelope", drone, f"limited {counts} during the flight; see {self._path}")
 
     def _listener(self, drone: int, link: Link) -> Callable[[tuple[str, ...]], None]:
         acting: frozenset[str] = frozenset()
@@ -103,7 +103,7 @@ class SafetyLog:
 
     def _report(self, source: str, drone: int, text: str) -> None:
         name = f"{drone_label(drone)} " if len(self._times) > 1 else ""
-        with contextlib.suppress(OSError, ValueError):  # a closed terminal stops no setpoint and no landing
+        with contextlib.suppress(OSError, ValueError):  # a closed terminal must not stop setpoints or a landing
             self._notify(f"      {source}: {name}{text}")
 
 

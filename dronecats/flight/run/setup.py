@@ -1,4 +1,4 @@
-"""The sequence of every flight, from its record to its judged folder. Each kind of vehicle is a subclass."""
+"""The sequence of every flight, from its record to its judged folder. Each kind of vehicle has a subclass."""
 
 import signal
 import statistics
@@ -44,10 +44,10 @@ def fly_and_judge(
     afterwards: Callable[[EpisodeEnd], None] = lambda ending: None,
     pace: Callable[[], Mapping[str, float] | None] = lambda: None,
 ) -> dict[str, Any]:
-    """Fly, and whatever comes of it leave a judged folder; return the JSON object of `fly`.
+    """Fly, leave a judged folder in every case, and return the JSON object of `fly`.
 
-    `afterwards` writes what else belongs to the flight; like the verdict, it is not disturbed by a Ctrl-C. `pace` is
-    asked after the flight how well it held real time.
+    `afterwards` writes the other files of the flight; a Ctrl-C disturbs neither it nor the verdict. `pace` returns,
+    after the flight, how well it kept real time.
     """
     try:
         ending = flight()
@@ -63,7 +63,9 @@ def fly_and_judge(
     except Exception as bug:
         ending = EpisodeEnd("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with signals_handled(signal.SIG_IGN):
-        _, unidentified = _kept(lambda: write_identity(folder, pace()), folder)  # a verdict says that all else is there
+        _, unidentified = _kept(
+            lambda: write_identity(folder, pace()), folder
+        )  # a folder with a verdict has all other files
         verdict, unkept = _kept(lambda: write_verdict(folder), folder)
         _, unwritten = _kept(lambda: afterwards(ending), folder)
     verdict = verdict or verdict_of(folder)
@@ -97,7 +99,7 @@ def fly_and_judge(
 
 
 def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
-    """Write a file of a flight that is over; return the error of a disk that refuses it."""
+    """Write a file after the flight; return the error if the disk refuses it."""
     try:
         return write(), None
     except InfrastructureError as fault:
@@ -107,16 +109,16 @@ def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, D
 
 
 def served_rate_hz(folder: Path) -> float | None:
-    """Return the decisions per second of vehicle time that the pilot was really served with, the median."""
+    """Return the median of the served control rate, decisions per second of vehicle time."""
     rates = [d.rate_hz for d in rows(folder / DECISIONS, Decision) if d.rate_hz]
     return statistics.median(rates) if rates else None
 
 
 class Instruments:
-    """Watches what a connected vehicle is flown with. This one watches nothing; a measurement is a subclass."""
+    """Watches link, camera, model and agent of a connected vehicle. This one does nothing; subclasses measure."""
 
     def watch(self, link: Link, camera: PatientCamera, run: Path) -> None:
-        """Begin to watch link and camera, before the first message is sent. `run` is the run folder."""
+        """Start to watch link and camera, before the first message is sent. `run` is the run folder."""
 
     def model(self, model: Model) -> Model:
         """Return the model that the agent asks."""
@@ -138,19 +140,19 @@ class Ready:
     starts: list[StartOffset]  # of each drone
     pilot: OpenPilot
     true_start: StartCheck | None = None  # decides whether the episode may begin; None: it may
-    pictures: PicturePath | None = None  # what is done to pictures on purpose; None: nothing
+    pictures: PicturePath | None = None  # faults of the pictures; None: none
 
 
 class FlightSetup(ABC):
-    """A flight that has been looked up and checked. Each kind of vehicle is a subclass."""
+    """A flight that has been looked up and checked. Each kind of vehicle has a subclass."""
 
     authority: Authority = EVERYTHING
-    headline = ""  # printed before the flight; empty: nothing is
+    headline = ""  # printed before the flight, unless empty
 
     def __init__(self, flight: Flight, episode: str, camera: dict[str, Any] | None) -> None:
-        """`episode` names its folder; `camera` is what run.json says of the camera."""
+        """`episode` names its folder; `camera` is the camera's entry in run.json."""
         self.flight, self.episode, self.camera = flight, episode, camera
-        self.pace: dict[str, float] | None = None  # how well a flight in real time held it, known after the flight
+        self.pace: dict[str, float] | None = None  # how well the flight kept real time; set after the flight
 
     @abstractmethod
     def write_record(self, folder: Path) -> None:
@@ -170,14 +172,14 @@ class FlightSetup(ABC):
 
     @abstractmethod
     def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
-        """Write the pictures and logs that a judged folder has besides."""
+        """Write the other pictures and logs of a judged folder."""
 
     def fly_in(
         self, folder: Path, notify: Notify, afterwards: Callable[[EpisodeEnd], None] = lambda ending: None
     ) -> dict[str, Any]:
-        """Fly in an episode folder that exists, judge it, and return what `fly --json` prints.
+        """Fly in an existing episode folder, judge it, and return the object of `fly --json`.
 
-        `afterwards` is called once the verdict is written. Raises InfrastructureError.
+        `afterwards` is called after the verdict is written. Raises InfrastructureError.
         """
         self.write_record(folder)
         spec = self.flight.spec

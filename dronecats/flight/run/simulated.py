@@ -1,4 +1,4 @@
-"""A flight of our own simulation."""
+"""A flight in our own simulation."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
@@ -14,6 +14,7 @@ from dronecats.flight.spec.disturbances import FrameFaults
 from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from foundation.camera import Frame
+from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.errors import DronecatsError, InfrastructureError, UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.rows import drone_label
@@ -51,10 +52,10 @@ class SimulatedFlight(FlightSetup):
         if simulated.speed is None:
             from dronecats.flight.sitl import compile_ahead
 
-            notify(f"lockstep: loading the flight core and the camera{compile_ahead.duration()} …")
+            notify(f"lockstep: loading core and camera{compile_ahead.duration()} …")
             from dronecats.flight.stages.lockstep import LockstepStage
 
-            world = world_of(record, simulated.airframe)
+            world = world_of(record, simulated.airframe, conditions=spec.disturbances.conditions.of_map)
             stage = lockstep = LockstepStage(flight, simulated, folder, world)
             recall = lockstep.camera.at
         else:
@@ -66,7 +67,7 @@ class SimulatedFlight(FlightSetup):
         try:
             clearance_m = airframes.load(simulated.airframe).standing_m
             starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
-            # a PX4 only: our own autopilot is calibrated to its start
+            # only a PX4, because our autopilot is calibrated to its start
             checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
             pictures = _pictures(spec.disturbances.frame, recall)
             with checked as true_start, opened_in(world, flight, stage, folder) as pilot:
@@ -74,14 +75,14 @@ class SimulatedFlight(FlightSetup):
         finally:
             try:
                 if pace is not None:
-                    with suppress(DronecatsError):  # a simulator that has died has said so already
+                    with suppress(DronecatsError):  # the error of a dead simulator is known already
                         self.pace = pace()
             finally:
                 stage.close()
 
     def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
         if ending.steps:
-            draw(folder)
+            draw(folder, self.flight.spec.disturbances.conditions.of_map)
         for drone in range(len(self._record.starts) if self.flight.spec.keep_ulog else 0):
             if not (folder / layout.onboard_log_name(drone)).exists():
                 notify(
@@ -98,18 +99,19 @@ def write_record(path: Path, text: str) -> None:
 
 
 def _pictures(faults: FrameFaults, recall: Callable[[int, int], Frame]) -> PicturePath | None:
-    """Return what is done to a flight's pictures on purpose, None where that is nothing."""
+    """Return the faults of a flight's pictures; None without any."""
     return None if faults == FrameFaults() else PicturePath(**asdict(faults), recall=recall)
 
 
-def draw(folder: Path) -> None:
-    """Draw flight.png of an episode folder; a picture that fails must not cost the flight."""
+def draw(folder: Path, conditions: SceneConditions = AS_BUILT) -> None:
+    """Draw flight.png of an episode folder in its light; a picture that fails must not cost the flight."""
     from dronecats.flight.picture import aerial
     from dronecats.flight.picture import draw as draw_flight
     from dronecats.flight.sitl.simulation import load_world
 
     try:
-        picture, extent = aerial(load_world(str(folder / layout.EPISODE)), folder)
+        world = load_world(str(folder / layout.EPISODE), conditions=conditions)
+        picture, extent = aerial(world, folder)
         draw_flight(folder, picture, extent)
     except (DronecatsError, OSError, ValueError) as error:
         (folder / "flight.png.error").write_text(f"{error}\n", encoding="utf-8")

@@ -1,8 +1,9 @@
-"""The digest of what decides a flight: of what sources say, not of where they stand or how they are explained.
+"""The digest of the sources that decide a flight. It depends on their statements, not on their places and comments.
 
-A Python source is the set of its top-level statements, without imports, docstrings, comments and `__version__`, so a
-function that moves to another file stays what it is. The path of one of our modules counts as `a module`, wherever it
-is written. A TOML file is its values, any other file its bytes. File names and the order of statements do not count.
+A Python source counts as the set of its top-level statements, without imports, docstrings, comments and
+`__version__`. So moving a function to another file does not change the digest. The path of one of our modules in a
+string counts as `a module`. A TOML file counts as its values, any other file as its bytes. File names and the order of
+statements do not count.
 """
 
 import ast
@@ -21,14 +22,14 @@ from foundation.machine import user_cache
 
 OUR_MODULE = re.compile(r"(foundation|vehicles|autopilot|episodes|hil|dronecats)(\.[a-z_0-9]+)+(:\w+)?")
 MODULUS = 1 << 256
-KEPT_MOST = 5000  # files in the cache, beyond which those of other versions are forgotten
-PARENTS = "parents"  # how far up a module looks for the root changes with its place
+KEPT_MOST = 5000  # files in the cache; beyond it, files of other versions are dropped
+PARENTS = "parents"  # the number of levels up to the root changes when a module moves
 
 
 def digest(paths: Sequence[Path]) -> str:
-    """Return the SHA-256, in hexadecimal, of what these files say.
+    """Return the SHA-256, in hexadecimal, of the statements of these files.
 
-    Parsing hundreds of files takes seconds: what each says is kept in the user's cache under a digest of its bytes.
+    Parsing hundreds of files takes seconds, so the user's cache keeps the sum of each file under a digest of its bytes.
     """
     kept, read = _kept(), dict[str, int]()
     for path in paths:
@@ -42,7 +43,7 @@ def digest(paths: Sequence[Path]) -> str:
 
 
 def statements(suffix: str, data: bytes) -> int:
-    """Return the sum of the digests of all that a file says, so that no order of statements or files matters."""
+    """Return the sum of the digests of a file's statements. A sum does not depend on the order."""
     if suffix == ".py":
         chunks = ["\0".join(words).encode() for node in ast.parse(data).body if (words := list(_tokens(node)))]
     elif suffix == ".toml":
@@ -63,7 +64,7 @@ def _tokens(value: Any) -> Iterator[str]:
     elif isinstance(value, ast.AST):
         yield type(value).__name__
         for name, part in ast.iter_fields(value):
-            if part is not None and part != []:  # what newer versions of Python add is empty here
+            if part is not None and part != []:  # fields of newer Python versions are empty here
                 yield name
                 yield from _tokens(part)
     elif isinstance(value, list):
@@ -85,7 +86,7 @@ def _is_version(value: Any) -> bool:
 
 
 def _kept() -> dict[str, int]:
-    """Return what has been parsed before: a file's digest and what it says."""
+    """Return the cached sums: digest of a file's bytes → sum of its statements."""
     with contextlib.suppress(UsageError, OSError, ValueError, TypeError, AttributeError):
         return {name: int(value, 16) for name, value in json.loads(_cache().read_bytes()).items()}
     return {}

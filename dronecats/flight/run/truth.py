@@ -1,8 +1,8 @@
-"""The uses of the truth in a flight, beside the logger's: pilots that know it, and the check of the start.
+"""The uses of the truth in a flight besides the logger: pilots that know it, and the check of the start.
 
-Before an episode begins, an autopilot's estimate and the start pose are compared with the truth. A flight that would
-begin elsewhere than its record, or on an autopilot that does not know its heading, is an error of the infrastructure:
-its verdict would say nothing about the pilot.
+Before an episode begins, the autopilot's estimate and the start pose are compared with the truth. If the start pose
+differs from the record, or the autopilot's heading is wrong, the flight is an error of the infrastructure, because its
+verdict would not be about the pilot.
 """
 
 import math
@@ -23,7 +23,6 @@ from dronecats.pilots.oracle.noisy import NoisyPilot
 from dronecats.pilots.oracle.oracle import TruthPilot
 from dronecats.pilots.oracle.oracle_model import OracleModel
 from episodes.world.world import World
-from foundation.camera import CameraModel
 from foundation.errors import InfrastructureError
 from foundation.frames import Vec3, ned_to_geodetic, quat_from_euler, quat_to_euler, rotate_inverse, wrap_pi
 from foundation.run_folder.rows import drone_label
@@ -31,12 +30,12 @@ from foundation.truth import KEPT, NewestTruth, TruthSample
 from hil.link.link import Link
 from hil.link.telemetry import VehicleState
 
-LATE_S = 90.0  # s; a picture that is stale for longer is taken for one of then
+LATE_S = 90.0  # s; an older picture counts as one of this age
 
 
 @contextmanager
 def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) -> Iterator[OpenPilot]:
-    """Open any pilot of a flight in a world of ours. Raises UsageError, InfrastructureError."""
+    """Open any pilot of a flight in our world. Raises UsageError, InfrastructureError."""
     name = flight.spec.pilot
     if name is None or not roster.needs_truth(name) or flight.spec.replay:
         with opened(flight, stage, folder) as pilot:
@@ -44,7 +43,7 @@ def opened_in(world: World, flight: Flight, stage: TruthfulStage, folder: Path) 
         return
     tap = stage.tap(lambda data: model.feed(data))
     model = OracleModel(
-        world, CameraModel(), origin(world), tap.drain, name, _knowing(name, flight), kept=_kept(flight),
+        world, flight.camera_model, origin(world), tap.drain, name, _knowing(name, flight), kept=_kept(flight),
         obeys=not name.startswith(roster.FAILING), looks=name == roster.NOISY,
     )  # fmt: skip
     try:
@@ -63,20 +62,20 @@ def _knowing(name: str, flight: Flight) -> TruthPilot:
 
 
 def _kept(flight: Flight) -> int:
-    """Return the number of truth samples to keep: a minute and a half where pictures may be late."""
+    """Return the number of truth samples to keep: those of a minute and a half if pictures may be late."""
     return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
 
 
-HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # of an estimate, before arming; a place horizontally
-START_M, START_DEG = 1.0, 5.0  # of a start pose, before the first question
+HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # largest errors of an estimate before arming; the place is horizontal
+START_M, START_DEG = 1.0, 5.0  # largest errors of a start pose before the first question
 DOWN = (0.0, 0.0, 1.0)
 
 
 class TrueStart:
-    """Compares the drones of a stage with the truth. It only raises, and sends nothing."""
+    """Compares the drones of a stage with the truth. It may raise, but sends nothing."""
 
     def __init__(self, stage: TruthfulStage, world: World, placement: Placement | None = None) -> None:
-        """`placement` moves what the autopilot says onto the map; None: it is there."""
+        """`placement` moves the autopilot's estimate onto the map; None: both have the same frame."""
         self._record, self._placement = world.record, placement or Placement(origin(world), (0.0, 0.0, 0.0), 0.0)
         self._truth = NewestTruth(origin(world))
         self._tap = stage.tap(self._truth.feed)
@@ -88,12 +87,12 @@ class TrueStart:
         self._tap.close()
 
     def check_estimates(self, links: Sequence[Link]) -> None:
-        """Compare what the autopilots believe with the truth. Raises InfrastructureError."""
+        """Compare the autopilots' estimates with the truth. Raises InfrastructureError."""
         for drone, link in enumerate(links):
             self._refuse(drone, estimate_faults(link.state, self._sample(drone), self._placement))
 
     def check_starts(self, links: Sequence[Link]) -> None:
-        """Compare where the drones are with the record's starts. Raises InfrastructureError."""
+        """Compare the drones' true poses with the starts of the record. Raises InfrastructureError."""
         for drone, start in enumerate(self._record.starts[: len(links)]):
             faults = start_faults(self._sample(drone), start.position_ned, math.radians(start.yaw_deg))
             self._refuse(drone, faults)
@@ -112,7 +111,7 @@ class TrueStart:
 
 
 def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement) -> list[str]:
-    """Return in words what an autopilot that stands on the ground believes too wrongly; empty when it may fly."""
+    """Return in words the large errors of an autopilot's estimate on the ground; empty if it may fly."""
     faults = []
     if state.euler is not None:
         roll, pitch, yaw = state.euler
@@ -128,7 +127,7 @@ def estimate_faults(state: VehicleState, true: TruthSample, placement: Placement
 
 
 def start_faults(true: TruthSample, position_ned: Vec3, yaw: float) -> list[str]:
-    """Return in words how far a drone is from where its episode begins; empty when it may begin there."""
+    """Return in words the large errors of a drone's start pose; empty if the episode may begin."""
     away_m = math.dist(true.position_ned, position_ned)
     turned = math.degrees(abs(wrap_pi(quat_to_euler(true.attitude)[2] - yaw)))
     low_m = true.position_ned[2] - position_ned[2]

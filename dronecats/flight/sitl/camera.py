@@ -10,6 +10,7 @@ import math
 import socket
 import sys
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -19,7 +20,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from dronecats.flight.sitl.config import CameraConfig
+from dronecats.flight.sitl.config import AIRFRAME, CameraConfig
 from dronecats.flight.sitl.simulation import load_world, origin
 from dronecats.flight.sitl.truth_listener import Listener
 from episodes.camera.optics.camera import OpticalRenderer, VehicleMotion
@@ -28,15 +29,27 @@ from episodes.camera.optics.options import Optics
 from episodes.camera.renderer.renderer import Renderer
 from episodes.world.fleet import DronePose
 from episodes.world.world import World
-from foundation.camera import WIDTH_MAX, CameraModel, Frame, camera_pose, reduced, reduced_size
+from foundation.camera import (
+    WIDTH_MAX,
+    CameraModel,
+    Frame,
+    camera_on,
+    camera_pose,
+    encode_depth,
+    in_millimetres,
+    reduced,
+    reduced_size,
+)
 from foundation.errors import CameraError, DronecatsError
 from foundation.frames import Vec3, quat_conjugate, quat_multiply
 from foundation.mavlink import Packer, dialect
 from foundation.truth import KEPT, FrameTaken, NewestTruth, TruthSample, frame_message
 from hil.link.transport import bind_error
+from vehicles import airframe as airframes
 
 CAMERA_COMPONENT = dialect.MAV_COMP_ID_CAMERA
 GRAIN = 4  # samples of a pixel per direction of a reduced picture: as many as two pixels of the full one have
+DEPTHS_KEPT = 32  # depth pictures of the newest frames
 STALE_S = 0.5  # samples farther apart say nothing about rates
 _warm: set[type] = set()  # the kinds of renderers that have drawn in this process
 _warm_lock = threading.Lock()
@@ -59,23 +72,24 @@ class WorldCamera:
         optics: Optics | None = None,
         seed: int = 0,
         kept: int = KEPT,
+        depth: bool = False,
     ) -> None:
         """`rendered` False: every frame is plain grey, taken and announced like any other.
 
         `optics` changes the pictures and nothing else; None is the benchmark's camera. `seed` tells flights of one
         episode apart: what is random in their pictures. `kept`: samples of the truth of each drone that `at` can go
-        back to.
+        back to. `depth`: frames have a depth picture even if no client asks for it.
         """
         self.world, self.camera = world, camera
         self._announce = announce
         self._seed = (world.record.seed, seed)
-        self._rendered, self._optics = rendered, optics
+        self._rendered, self._optics, self._depth = rendered, optics, depth
+        self._depths: OrderedDict[int, NDArray[np.uint16]] = OrderedDict()  # of the newest frames that have one, by id
         self._renderers: dict[bool, Renderer | OpticalRenderer] = {}  # of full pictures or not, made when first needed
         self._grey = np.full((camera.height // 4, camera.width // 4, 3), 128, np.uint8)
         self._origin = origin(world)
         self._packer = Packer(1, CAMERA_COMPONENT)
         self._truth = NewestTruth(self._origin, kept)
-        self._before: dict[int, tuple[TruthSample, TruthSample]] = {}  # drone → the two newest samples
         self._t0_us: int | None = None
         self._frames = 0
         self._lock = threading.Lock()  # frames are asked for by server threads, one is drawn at a time
@@ -83,20 +97,6 @@ class WorldCamera:
     def feed(self, data: bytes) -> None:
         """Take bytes of the truth bus."""
         self._truth.feed(data)
-        if self._optics:
-            self._remember()
-
-    def _remember(self) -> None:
-        """Keep the sample before the newest, from which the body rates are known."""
-        with self._lock:
-            for drone in range(len(self.world.record.starts)):
-                sample = self._truth.of(drone)
-                if sample is not None:
-                    _, last = self._before.get(drone, (sample, sample))
-                    if sample.time_us != last.time_us:
-                        self._before[drone] = (last, sample)
-                    else:
-                        self._before.setdefault(drone, (sample, sample))
 
     def begin(self, t0_us: int) -> None:
         """From this vehicle time on the target moves."""
@@ -114,55 +114,82 @@ class WorldCamera:
         with self._lock:
             self._picture(TruthSample(0, 0, place, (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), {}, 0.0, 0, full=False)
 
-    def newest(self, drone: int = 0, *, full: bool = False) -> Frame:
+    def newest(self, drone: int = 0, *, full: bool = False, depth: bool = False) -> Frame:
         """Return a frame of the newest truth, of a fleet the newest that is known of all of it.
 
-        Raises CameraError while nothing is known of the drone.
+        Raises CameraError while nothing is known of the drone, and for a depth picture that the camera cannot have.
         """
         with self._lock:
-            return self._taken(drone, self._truth.together(drone), full)
+            return self._taken(drone, self._truth.together(drone), full, depth or self._depth)
 
-    def at(self, time_us: int, drone: int = 0, *, full: bool = False) -> Frame:
+    def at(self, time_us: int, drone: int = 0, *, full: bool = False, depth: bool = False) -> Frame:
         """Return a frame of a moment ago (µs, vehicle clock): of the first truth at that time or after it.
 
-        Raises CameraError while nothing is known of the drone.
+        Raises CameraError as `newest` does.
         """
         with self._lock:
-            samples = self._truth.at(drone, time_us)
-            if samples and self._optics:
-                self._before[drone] = self._truth.before(samples[0]), samples[0]
-            return self._taken(drone, samples, full)
+            return self._taken(drone, self._truth.at(drone, time_us), full, depth or self._depth)
 
-    def _taken(self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None, full: bool) -> Frame:
+    def depth_of(self, frame_id: int) -> NDArray[np.uint16]:
+        """Return the depth picture of a frame that was taken with one. Raises CameraError if it is not kept."""
+        with self._lock:
+            if frame_id not in self._depths:
+                raise CameraError(f"the camera keeps no depth picture of frame {frame_id}")
+            return self._depths[frame_id]
+
+    def _taken(
+        self, drone: int, samples: tuple[TruthSample, dict[int, TruthSample]] | None, full: bool, depth: bool
+    ) -> Frame:
         """Return a frame of a sample and the others' of its time, and say that it was taken."""
         if samples is None:
             raise CameraError(f"the camera has received no pose of drone {drone + 1}")
+        if depth and (self._optics or not self._rendered):
+            raise CameraError("a camera with optics, or without rendering, has no depth picture")
         sample, fleet = samples
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
-        image = self._picture(sample, fleet, t_s, self._frames, full)
+        image, depth_mm = self._picture(sample, fleet, t_s, self._frames, full, depth)
         taken = FrameTaken(drone, self._frames, sample.time_us)
         self._frames += 1
+        if depth_mm is not None:
+            self._depths[taken.frame_id] = depth_mm
+            if len(self._depths) > DEPTHS_KEPT:
+                self._depths.popitem(last=False)
         self._announce(self._packer.pack(frame_message(taken, sample, self._origin)))
-        return Frame(taken.frame_id, drone, taken.time_us, image)
+        return Frame(taken.frame_id, drone, taken.time_us, image, depth_mm)
 
     def _picture(
-        self, sample: TruthSample, fleet: Mapping[int, TruthSample], t_s: float, frame_id: int, full: bool
-    ) -> NDArray[np.uint8]:
-        """Return the picture from `sample` with the other drones where they are and the target at `t_s`."""
+        self,
+        sample: TruthSample,
+        fleet: Mapping[int, TruthSample],
+        t_s: float,
+        frame_id: int,
+        full: bool,
+        depth: bool = False,
+    ) -> tuple[NDArray[np.uint8], NDArray[np.uint16] | None]:
+        """Return the picture from `sample`, and its depth where it is wanted.
+
+        The other drones are where they are and the target is where it is at `t_s`.
+        """
         if not self._rendered:
-            return self._grey
+            return self._grey, None
         renderer = self._renderer(full)
         if isinstance(renderer, Renderer):
-            pose = camera_pose(sample.position_ned, sample.attitude, self.camera)
-            return renderer.picture(pose, self.world.moved(t_s, _after(fleet, 0.0)))
-        rates = rates_between(*self._before[sample.drone]) if sample.drone in self._before else (0.0, 0.0, 0.0)
-        motion = VehicleMotion(t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates)
+            pose = camera_pose(sample.position_ned, sample.attitude, self.camera.at_pitch(sample.gimbal_pitch))
+            moved = self.world.moved(t_s, _after(fleet, 0.0))
+            if not depth:
+                return renderer.picture(pose, moved), None
+            view = renderer.render(pose, moved)
+            return view.rgb, in_millimetres(view.depth)
+        rates = rates_between(self._truth.before(sample), sample)
+        motion = VehicleMotion(
+            t_s, sample.position_ned, sample.velocity_ned, sample.attitude, rates, sample.gimbal_pitch
+        )
         picture = renderer.picture(
             motion,
             lambda t: self.world.moved(max(0.0, t), _after(fleet, t - t_s)),
             (*self._seed, sample.drone, frame_id),
         )
-        return picture if full else reduced(picture)
+        return (picture if full else reduced(picture)), None
 
     def _renderer(self, full: bool) -> Renderer | OpticalRenderer:
         full = full or self._optics is not None or self.camera.width <= WIDTH_MAX
@@ -209,6 +236,7 @@ ENCODINGS = {
     "/frame.jpg": (".jpg", "image/jpeg"),
     "/frame.png": (".png", "image/png"),
 }
+DEPTH = "/depth.png"
 HOST = "127.0.0.1"
 NEXT_PORTS = 100  # how many are tried, from the one that is wanted on
 CONNECTIONS = 64  # open at once
@@ -221,10 +249,9 @@ class CameraPart:
 
     def __init__(self, config: CameraConfig) -> None:
         optics = optics_of(config.optics, "optics") if config.optics else None
-        world = load_world(config.episode, config.airframe, config.count)
-        self._camera = WorldCamera(
-            world, CameraModel(), self._announce, optics=optics, seed=config.seed, kept=config.kept
-        )
+        world = load_world(config.episode, config.airframe, config.count, config.conditions)
+        camera = camera_on(airframes.load(config.airframe or AIRFRAME).camera)
+        self._camera = WorldCamera(world, camera, self._announce, optics=optics, seed=config.seed, kept=config.kept)
         self._bus = Listener(config.truth, self._camera.feed)
         self._camera.warm_up()  # compiles, on the first run of an installation
         self._server = serve(self._camera, config.port, or_next_free=config.or_next_free)
@@ -235,7 +262,8 @@ class CameraPart:
 
     def ready(self) -> dict[str, Any]:
         url = f"http://{HOST}:{self._server.server_port}/frame.bmp"
-        return {"url": url, "reduced": f"{url}?width={WIDTH_MAX}"}
+        depth = f"http://{HOST}:{self._server.server_port}{DEPTH}"
+        return {"url": url, "reduced": f"{url}?width={WIDTH_MAX}", "depth": depth}
 
     def do(self, command: str, arguments: dict[str, Any]) -> Any:
         if command == "begin":
@@ -321,8 +349,8 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
             if isinstance(self.server, FrameServer):
                 self.server.keep(self.connection)
             url = urlsplit(self.path)
-            if url.path not in ENCODINGS:
-                self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg and /frame.png\n", {})
+            if url.path not in (*ENCODINGS, DEPTH):
+                self._send(404, "text/plain", b"frames are at /frame.bmp, /frame.jpg, /frame.png and /depth.png\n", {})
                 return
             try:
                 query = parse_qs(url.query)
@@ -330,10 +358,21 @@ def handler(camera: WorldCamera) -> type[BaseHTTPRequestHandler]:
                 full = width == camera.camera.width
                 if not full and width != WIDTH_MAX:
                     raise ValueError(f"frames are {WIDTH_MAX} or {camera.camera.width} px wide, not {width}")
+                if url.path == DEPTH and "frame" in query:
+                    self._send(200, "image/png", encode_depth(camera.depth_of(int(query["frame"][0]))), {})
+                    return
                 at = int(query["at"][0]) if "at" in query else None
-                frame = camera.newest(drone, full=full) if at is None else camera.at(at, drone, full=full)
+                depth = url.path == DEPTH or query.get("depth", ["0"])[0] == "1"
+                frame = (
+                    camera.newest(drone, full=full, depth=depth)
+                    if at is None
+                    else camera.at(at, drone, full=full, depth=depth)
+                )
             except (ValueError, DronecatsError) as error:
                 self._send(503, "text/plain", f"{error}\n".encode(), {})
+                return
+            if url.path == DEPTH and frame.depth_mm is not None:
+                self._send(200, "image/png", encode_depth(frame.depth_mm), stamp(frame))
                 return
             extension, kind = ENCODINGS[url.path]
             data = cv2.imencode(extension, cv2.cvtColor(frame.image_rgb, cv2.COLOR_RGB2BGR))[1].tobytes()

@@ -12,6 +12,7 @@ from vehicles.encounter import DRONE, balls, push_apart
 from vehicles.multirotor import Multirotor
 
 APART_US = 500_000  # µs without any contact after which a contact is over
+LASTING_US = 500_000  # µs from which on a contact counts that began too slowly to be a hit
 UPDATE_US = 50_000  # µs
 AHEAD_S = 0.05  # s, over which the target's velocity is taken
 
@@ -65,12 +66,12 @@ class Encounters:
 
 
 class CollisionReport:
-    """Puts into words what a vehicle ran into, and when it was free again."""
+    """Puts into words what a vehicle ran into or leans on, and when it was free again."""
 
     def __init__(self, vehicle: Multirotor) -> None:
         self._vehicle = vehicle
         self._signs = reader(vehicle.state, "time_us", "crashed", "hits")
-        self._newest = reader(vehicle.near, "newest_us")
+        self._touches = reader(vehicle.near, "newest_us", "leant_us")
         self._hits, self._crashed = 0, False
         self._since_us: int | None = None  # when the present contact began
         self._last_us = 0  # when anything touched last
@@ -79,30 +80,43 @@ class CollisionReport:
     def message(self) -> dialect.MAVLink_message | None:
         """Return a STATUSTEXT (`foundation.truth`) about what is new since the last call, None for nothing.
 
-        Each thing that one contact hits is reported once. The contact ends after half a second without a touch.
+        Each thing that one contact hits, or leans on for LASTING_US, is reported once. The contact ends after half a
+        second without a touch. Standing on something is no contact.
         """
         time_us, crashed, hits = self._signs()
-        (touched_us,) = self._newest()
+        touched_us, leant_us = self._touches()
         same = hits == self._hits and crashed == self._crashed and touched_us <= self._last_us
         if same and self._since_us is None:
             return None  # as at nearly every tick
-        state = self._vehicle.state
         struck, newly = hits > self._hits, crashed and not self._crashed
         self._hits, self._crashed = hits, crashed
+        leans = leant_us > self._last_us
         if struck or touched_us > self._last_us:
             self._last_us = time_us if struck else touched_us
-        if struck or newly:
-            name = self._name(int(state["hit_owner"])) if struck else "the ground"
-            if newly or name not in self._reported:
-                self._since_us = time_us if self._since_us is None and struck else self._since_us
-                self._reported.add(name)
-                severity = dialect.MAV_SEVERITY_CRITICAL if newly else dialect.MAV_SEVERITY_WARNING
-                return _text(severity, hit_text(SaidHit(name, float(state["hit_speed"]) if struck else None, newly)))
-        elif self._since_us is not None and time_us - self._last_us > APART_US:
-            seconds = max(self._last_us - self._since_us, 0) / 1e6
+        if self._since_us is None and (struck or leans):
+            self._since_us = self._last_us
+        hit = self._hit(struck, newly, leans)
+        if hit is not None and (newly or hit.what not in self._reported):
+            if self._since_us is not None:
+                self._reported.add(hit.what)
+            severity = dialect.MAV_SEVERITY_CRITICAL if newly else dialect.MAV_SEVERITY_WARNING
+            return _text(severity, hit_text(hit))
+        if self._since_us is not None and time_us - self._last_us > APART_US:
+            seconds, known = (self._last_us - self._since_us) / 1e6, bool(self._reported)
             self._since_us = None
             self._reported.clear()
-            return _text(dialect.MAV_SEVERITY_INFO, clear_text(seconds))
+            return _text(dialect.MAV_SEVERITY_INFO, clear_text(seconds)) if known else None
+        return None
+
+    def _hit(self, struck: bool, crashed: bool, leans: bool) -> SaidHit | None:
+        """Return what the vehicle has run into, or what it has leant on for so long that it counts as a hit."""
+        state, near = self._vehicle.state, self._vehicle.near
+        if struck:
+            return SaidHit(self._name(int(state["hit_owner"])), float(state["hit_speed"]), crashed)
+        if crashed:
+            return SaidHit("the ground", None, True)
+        if leans and self._since_us is not None and self._last_us - self._since_us >= LASTING_US:
+            return SaidHit(self._name(int(near["leant_on"])), max(float(near["leant_speed"]), 0.0), False)
         return None
 
     def _name(self, owner: int) -> str:

@@ -6,6 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from dronecats.flight.spec.disturbances import VehicleFaults
+from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.truth import KEPT
 
 AIRFRAME = "x500"  # if none is named
@@ -46,6 +47,7 @@ class CameraConfig:
     port: int = 0  # TCP; 0: one that the system chose
     or_next_free: bool = False  # where the port is in use: the next free one instead of an error
     optics: dict[str, Any] | None = None
+    conditions: SceneConditions = AS_BUILT
     seed: int = 0  # tells flights of one episode apart, with optics
     kept: int = KEPT  # samples of the truth of each drone, of which pictures can be had
 

@@ -117,7 +117,7 @@ class PumpedTransport(Transport):
 
     def receive(self, timeout_s: float) -> bytes:
         data = self._socket.receive(0.0)
-        due_s = time.monotonic() + timeout_s  # whoever waits for a PX4 that has gone must get to know it
+        due_s = time.monotonic() + timeout_s  # a wait for a PX4 that has gone must end
         while not data and time.monotonic() < due_s:
             self._clock.pump()
             data = self._socket.receive(MOMENT_S)

@@ -169,7 +169,7 @@ class Px4Vehicle(HilVehicle):
         self.plant.actuators["armed"] = 0
 
 
-MODEL = "none_iris"  # PX4's airframe for a simulator that is somebody else's; rotors in the order of our quadrotors
+MODEL = "none_iris"  # PX4's airframe for a simulator of another project; rotors in the order of our quadrotors
 CLOSE_S = 5.0
 INSTANCE = "{instance}"  # what stands for the instance's number in a command
 

@@ -24,15 +24,17 @@ from episodes.world.obstacles import obstacles
 from episodes.world.world import World
 from foundation.airframe import Airframe
 from foundation.camera import CameraModel
+from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.frames import Vec3
 from foundation.mavlink import Packer
 from foundation.record_reader import reader
 from foundation.sensors import TRUTH
 from foundation.terrain import FLAT, OPEN, HeightField, Obstacles
-from foundation.truth import TRUTH_COMPONENT, Origin, truth_message
+from foundation.truth import TRUTH_COMPONENT, Origin, gimbal_message, truth_message
 from vehicles import airframe as airframes
 from vehicles.airframe import laden
 from vehicles.faults import Fault
+from vehicles.gimbal import Gimbal
 from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite
 from vehicles.wind import Wind
@@ -134,6 +136,8 @@ class Vehicle:
         self._packer = Packer(index + 1, TRUTH_COMPONENT)
         self._truth, self._time = reader(self.plant.truth, *TRUTH.names or ()), reader(self.plant.truth, "time_us")
         self._collisions = CollisionReport(self.plant)
+        mount = airframe.camera
+        self.gimbal = Gimbal(mount.gimbal, mount.pitch_deg) if mount.gimbal else None
 
     def disturb(self, disturbances: VehicleFaults) -> None:
         """Apply wind, gusts and worse sensors from now on. Raises UsageError for sensors that cannot be."""
@@ -158,9 +162,10 @@ class Vehicle:
         return int(self._time()[0])
 
     def truth(self) -> bytes:
-        """Return HIL_STATE_QUATERNION as bytes."""
+        """Return HIL_STATE_QUATERNION as bytes, after GIMBAL_DEVICE_ATTITUDE_STATUS if the camera has a gimbal."""
         time_us, n, e, d, vn, ve, vd, w, x, y, z, p, q, r, ax, ay, az = self._truth()
-        return self._packer.pack(
+        pointed = self._packer.pack(gimbal_message(time_us, self.gimbal.attitude((w, x, y, z)))) if self.gimbal else b""
+        return pointed + self._packer.pack(
             truth_message(
                 time_us, (n, e, d), (vn, ve, vd), (w, x, y, z), (p, q, r), (ax, ay, az), self.origin,
             )
@@ -201,7 +206,7 @@ class VehiclePort:
         self._port.signing = signing  # PX4 keeps the key on its memory card
 
     def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Sign with a key, and believe nobody else, from `timestamp` (10 µs since 2015) on, which is `now_us`."""
+        """Sign with a key and check signatures, from `timestamp` (10 µs since 2015) on, which is `now_us`."""
         self._port.signing.set_up(key, timestamp, now_us)
 
 
@@ -233,6 +238,8 @@ class SimulatedVehicle(Vehicle):
             self._stream_through(self.autopilot.stream_us)
         else:
             self._fused.advance(TICK_US // STEP_US)
+        if self.gimbal:
+            self.gimbal.advance(TICK_US / 1e6)
         self.autopilot.update()
         if self.autopilot.reboot_requested:
             self._reboot()
@@ -259,6 +266,7 @@ class SimulatedVehicle(Vehicle):
             card_dir=folder / "card" if folder else None,
             actuators=self.plant.actuators,
             inject=self._failures.inject,
+            gimbal=self.gimbal,
         )
         self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
 
@@ -279,7 +287,7 @@ class SimulatedVehicle(Vehicle):
         return port
 
     def sign(self, key: bytes, timestamp: int) -> None:
-        """Sign on every open port with a key, and believe nobody else; `timestamp`: now, 10 µs since 2015."""
+        """Sign and check signatures on every open port; `timestamp`: now, 10 µs since 2015."""
         for port in self._ports:
             port.sign(key, timestamp, self.time_us)
 
@@ -423,11 +431,15 @@ def built_of(
     )
 
 
-def load_world(episode: str, airframe: str | None = None, count: int | None = None) -> World:
+def load_world(
+    episode: str, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
+) -> World:
     """Return the world of an episode id or file, `count` vehicles of an airframe in its pictures. Raises UsageError."""
-    return world_of(catalogue.load(episode), airframe, count)
+    return world_of(catalogue.load(episode), airframe, count, conditions)
 
 
-def world_of(record: EpisodeRecord, airframe: str | None = None, count: int | None = None) -> World:
+def world_of(
+    record: EpisodeRecord, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
+) -> World:
     """Return the world of a record, as `load_world` does. Raises UsageError."""
-    return World(record, outline(airframes.load(airframe or AIRFRAME)), count)
+    return World(record, outline(airframes.load(airframe or AIRFRAME)), count, conditions)

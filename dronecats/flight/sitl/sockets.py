@@ -22,7 +22,7 @@ WORK_S = 0.001  # wall s of one exchange in which frames are handed over, unless
 SLICE_BYTES = 512  # of one sender's bytes that are worked on in one turn: about 2 ms for 40 messages to be answered
 INBOX_BYTES = 65_536  # of one sender that wait for their turn: a mission or a burst of a file at once
 PEERS = 32  # senders that are spoken to
-SENDERS = 64  # that are told apart, peers among them
+SENDERS = 64  # that are distinguished, peers among them
 
 
 class Sender:
@@ -108,7 +108,7 @@ class UdpPort:
                 try:
                     data, address = self._socket.recvfrom(DATAGRAM_BYTES + 1)
                 except ConnectionRefusedError:
-                    continue  # nobody listens at the default remote yet
+                    continue  # no program listens at the default remote yet
                 if len(data) <= DATAGRAM_BYTES:
                     self._sender(address).put(data)
 
@@ -121,7 +121,7 @@ class UdpPort:
         return sender
 
     def _work(self, until_s: float) -> None:
-        """Hand over a slice of whoever has waited longest, and more while there is time.
+        """Hand over a slice of the client that has waited longest, and more while there is time.
 
         Peers and senders of whom no frame is known take turns, so that neither many strangers nor a peer that sends
         much keep the others out.
@@ -184,7 +184,7 @@ AGENT_LOCAL, GCS_LOCAL, TRUTH_LOCAL = 14580, 18570, 19450  # + instance, where t
 
 
 def truth_port(simulation: Simulation[V], instance: int | None) -> UdpPort:
-    """Return the truth bus on UDP; `instance` None: on an ephemeral port, and to whoever speaks to it only."""
+    """Return the truth bus on UDP; `instance` None: on an ephemeral port, and only to programs that have sent to it."""
     tap = simulation.bus.tap()
     if instance is None:
         return UdpPort((LOOPBACK, 0), None, tap.take, tap.receive, shared=True)

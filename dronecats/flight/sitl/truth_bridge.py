@@ -135,7 +135,7 @@ class TruthSource:
 
 
 class TruthBridge:
-    """Part of a flight of somebody else's vehicle in our world."""
+    """Part of a flight of an external vehicle in our world."""
 
     def __init__(self, config: TruthBridgeConfig) -> None:
         world = load_world(config.episode)

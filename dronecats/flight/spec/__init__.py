@@ -1,1 +1,1 @@
-"""A flight as a value: all that is asked for, as it stands in run.json, and what it comes to when it is looked up."""
+"""A flight as a value: its settings, as in run.json, and the flight that they describe."""

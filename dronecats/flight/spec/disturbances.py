@@ -1,38 +1,45 @@
-"""Disturbances of a simulated flight: of its pictures, its wire and its vehicle. Seeded, in vehicle time.
+"""Disturbances of a simulated flight: of its pictures, its wire, its vehicle, its light and season.
+
+Random ones are seeded, and all times are vehicle time.
 
 A disturbance is declared once, on the field that holds it. From the declaration come its option on the command line,
 its word in a bench.toml, its factor in a study, its bounds, its words in run.json and its row in docs/disturbances.md.
 The code that applies it reads the field: of pictures `dronecats/agent/pictures.py`, of the wire
-`dronecats/flight/stages/stage.py`, of the vehicle `dronecats/flight/sitl/simulation.py`. The defaults disturb
-nothing. The time that a reply takes is declared in `dronecats/agent/latency.py`.
+`dronecats/flight/stages/stage.py`, of the vehicle `dronecats/flight/sitl/simulation.py`, of light and season
+`episodes/maps/conditions.py`. The defaults disturb nothing. The time that a reply takes is declared in
+`dronecats/agent/latency.py`.
 """
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
-from typing import Any, TypeVar
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import chain
+from typing import Any, Literal, TypeVar
 
+from foundation.conditions import LOWEST_DEG, SceneConditions
 from foundation.declaration import Declaration, DeclaredNumber, check_bounds, declarations, declared, words_of
 from foundation.errors import UsageError
 from foundation.frames import Vec3
+from foundation.run_folder.results import Level
 from foundation.wording import did_you_mean, nearest
 from hil.impairment import Impairment
 
 T = TypeVar("T")
-FieldValues = dict[str, Any]  # of a part of the disturbances, by field
+FieldValues = dict[str, Any]  # values of a part of the disturbances, by field
 PERFECT = Impairment()
-LOSS_MAX = 0.95  # share of lost telemetry above which no decision is made, so that there is nothing to score
-RECALL_S = 15.0  # s; the logger measures a picture that was taken up to 20 s ago
+LOSS_MAX = 0.95  # above this share of lost telemetry there are no decisions to score
+RECALL_S = 15.0  # s; the logger can measure pictures up to 20 s old
 LOCKSTEP = "in lockstep the simulator waits for the host"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceOption:
-    """An option of the command line, which is a word of the same name in a bench.toml."""
+    """An option of the command line, and the key of the same name in a bench.toml."""
 
     name: str  # "frame_delay" of --frame-delay
     metavar: str
     help: str
+    choices: tuple[str, ...] = ()  # its words; (): it takes numbers
     more: str = ""  # what else its row of the docs says
     read: Callable[[str], FieldValues] | None = None  # text → fields; None: it takes the field's number
 
@@ -44,13 +51,28 @@ class DisturbanceOption:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DisturbanceLevel(DeclaredNumber):
-    """A number that a study can vary."""
+    """A number that a study can vary, a factor."""
 
-    put: Callable[[FieldValues, float], None] | None = None  # sets it among the values of its part; None: as the field
-    get: Callable[[Any], float] | None = None  # reads it from its part; None: as the field
-    refines: str = ""  # another number without which, or where that is 0, this one has no effect
-    beside: bool = False  # a study has to set that other number, too
+    put: Callable[[FieldValues, float], None] | None = None  # sets it in the values of its part; None: sets the field
+    get: Callable[[Any], float] | None = None  # reads it from its part; None: reads the field
+    refines: str = ""  # another number; if that is unset or 0, this one has no effect
+    beside: bool = False  # a study must set that other number too
     real_time: bool = False  # has no effect in lockstep
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DisturbanceWord:
+    """Words that a study can vary, of which the first is the default. The field holds that as None."""
+
+    name: str
+    help: str
+    words: tuple[str, ...]
+
+    def value(self, word: object) -> str | None:
+        """Return the field's value. Raises UsageError for another word."""
+        if word not in self.words:
+            raise UsageError(f"{self.name} must be one of {', '.join(self.words)}, got {word!r:.60}")
+        return None if word == self.words[0] else str(word)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,7 +80,7 @@ class Disturbance(Declaration):
     """The declaration of a disturbance."""
 
     option: DisturbanceOption | None = None
-    levels: tuple[DisturbanceLevel, ...] = ()
+    levels: tuple[DisturbanceLevel | DisturbanceWord, ...] = ()
 
 
 def _disturbance(
@@ -73,15 +95,28 @@ def _disturbance(
     first: bool = False,
     **level_fields: Any,
 ) -> T:
-    """Return the field of a disturbance that is one number: an option and a factor of the same name.
+    """Return the field of a disturbance with one number: an option and a factor of the same name.
 
-    `metavar`: of the option; empty where there is none of this name. `more`: for the docs. `level_fields`: the bounds,
-    the unit and what else a `DisturbanceLevel` has.
+    `metavar`: of the option; empty: there is no option of this name. `more`: for the docs. `level_fields`: the bounds,
+    the unit and other fields of a `DisturbanceLevel`.
     """
     level = DisturbanceLevel(name=name, help=help, **level_fields)
     if metavar:
         option = DisturbanceOption(name=name, metavar=metavar, help=help, more=more)
     return declared(default, Disturbance(quantity=level, words=words, first=first, option=option, levels=(level,)))
+
+
+def _word(name: str, help: str, choices: tuple[str, ...], *, words: str, more: str = "") -> Any:
+    """Return the field, of this name, of a disturbance that is a word: an option and a factor of the same name.
+
+    The first of `choices` is the default, which the field holds as None.
+    """
+    level = DisturbanceWord(name=name, help=help, words=choices)
+    option = DisturbanceOption(
+        name=name, metavar="WORD", help=help, choices=choices, more=more,
+        read=lambda text: {name: level.value(text)},
+    )  # fmt: skip
+    return declared(None, Disturbance(words=words, option=option, levels=(level,)))
 
 
 def _pair(name: str, text: str, wanted: str) -> tuple[float, float]:
@@ -100,24 +135,24 @@ class FrameFaults:
 
     delay_s: float = _disturbance(
         0.0, "frame_delay", "time from the shutter until the agent has the image", high=60.0, unit="s",
-        words="pictures come {value:g} s late", metavar="S",
+        words="images arrive {value:g} s late", metavar="S",
     )  # fmt: skip
     dropped: float = _disturbance(
         0.0, "frame_drop", "share of images that never arrive", high=0.95,
-        words="{percent:g} % of pictures never come", metavar="P", more="the agent waits for the next image",
+        words="{percent:g} % of images never arrive", metavar="P", more="the agent waits for the next image",
     )  # fmt: skip
     stale: float = _disturbance(
         0.0, "frame_stale", "share of questions that get the previous question's image", high=1.0,
-        words="{percent:g} % of questions have the picture of the question before", metavar="P",
+        words="{percent:g} % of questions get the previous question's image", metavar="P",
     )  # fmt: skip
     rate_hz: float | None = _disturbance(  # None: a picture is taken when it is asked for
         None, "frame_rate", "rate at which the camera takes images", low=0.1, high=100.0, unit="Hz",
-        words="pictures are taken {value:g} times a second", first=True, metavar="HZ",
+        words="images are taken {value:g} times a second", first=True, metavar="HZ",
         more="the agent takes the newest one at once; without the option, an image is taken on request",
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Raise UsageError for what no camera does."""
+        """Raise UsageError for impossible faults."""
         check_bounds(self)
         if self.reach_s > RECALL_S:
             raise UsageError(
@@ -127,19 +162,21 @@ class FrameFaults:
 
     @property
     def reach_s(self) -> float:
-        """The greatest age (s) of a picture when it is requested; 0 without a rate."""
+        """The largest age (s) of a picture at its request; 0 without a rate."""
         return 0.0 if self.rate_hz is None else self.delay_s + 1.0 / self.rate_hz
 
 
 WAYS = {"to": ("to_vehicle",), "from": ("from_vehicle",), "": ("to_vehicle", "from_vehicle")}
 WIRE = {entry.quantity.name: name for name, entry in declarations(Impairment).items() if entry.quantity}
-WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # that are factors of a study
+WIRE_LEVELS = ("delay", "jitter", "loss", "duplicate", "reorder", "baud")  # values that are factors of a study
 
 
 def _read_wire(text: str) -> FieldValues:
-    """Return both ways of the wire of `delay=0.1,loss=0.05,to.delay=0.2`; a name alone is for both ways."""
+    """Return both directions of a link from `delay=0.1,loss=0.05,to.delay=0.2`. A name without prefix is for both."""
     ways: dict[str, FieldValues] = {"to_vehicle": {}, "from_vehicle": {}}
-    for word in sorted(text.split(","), key=lambda word: "." in word.partition("=")[0]):  # one way overrides both
+    for word in sorted(
+        text.split(","), key=lambda word: "." in word.partition("=")[0]
+    ):  # a value for one direction overrides that for both
         name, equals, value = word.strip().partition("=")
         way, dot, quantity = name.rpartition(".")
         if not equals or quantity not in WIRE or way not in WAYS or (dot and not way):
@@ -160,7 +197,7 @@ def _read_wire(text: str) -> FieldValues:
 
 
 def _wire_level(name: str) -> DisturbanceLevel:
-    """Return a number of the wire, both ways."""
+    """Return the declaration of a number of the link, for both directions."""
     quantity = declarations(Impairment)[WIRE[name]].quantity
 
     def put(values: FieldValues, level: float) -> None:
@@ -180,7 +217,7 @@ def _wire_level(name: str) -> DisturbanceLevel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LinkFaults:
-    """Faults of the MAVLink wire between agent and autopilot, each way."""
+    """Faults of the MAVLink link between agent and autopilot, for each direction."""
 
     to_vehicle: Impairment = declared(  # noqa: RUF009  # a field
         PERFECT,
@@ -196,7 +233,7 @@ class LinkFaults:
     from_vehicle: Impairment = PERFECT
 
     def __post_init__(self) -> None:
-        """Raise UsageError for a wire on which nobody could fly."""
+        """Raise UsageError for a link that loses too much telemetry to fly."""
         if self.from_vehicle.loss > LOSS_MAX:
             raise UsageError(
                 f"an agent cannot fly without telemetry: the loss from the vehicle must be 0 to {LOSS_MAX:g}, got"
@@ -205,7 +242,7 @@ class LinkFaults:
 
     @property
     def words(self) -> Iterator[str]:
-        """The faults in words: once where both ways are the same."""
+        """The faults in words, once if both directions are the same."""
         ways = {"to the vehicle": self.to_vehicle, "from the vehicle": self.from_vehicle}
         for way, wire in {"both ways": self.to_vehicle}.items() if len({*ways.values()}) == 1 else ways.items():
             if words := " and ".join(words_of(wire)):
@@ -221,10 +258,10 @@ def _blow(values: FieldValues, speed: float) -> None:
 
 
 def _turn(values: FieldValues, towards_deg: float) -> None:
-    """Turn a wind that blows north."""
+    """Rotate a wind that blows towards the north."""
     speed, turned = values["wind_ned"][0], math.radians(towards_deg)
     north, east = (round(speed * share(turned), 6) for share in (math.cos, math.sin))
-    if math.hypot(north, east) > speed:  # the strongest wind must not be rounded beyond its bound
+    if math.hypot(north, east) > speed:  # rounding must not put the strongest wind beyond its bound
         north, east = (math.trunc(speed * share(turned) * 1e6) / 1e6 for share in (math.cos, math.sin))
     values["wind_ned"] = (north + 0.0, east + 0.0, 0.0)  # + 0.0: no zero has a sign
 
@@ -240,7 +277,7 @@ STALLS = "a share of seconds and how long each lasts, for example 0.1,0.5"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleFaults:
-    """Disturbances of the vehicle, under our autopilot or a PX4."""
+    """Disturbances of the vehicle, with our autopilot or a PX4."""
 
     wind_ned: Vec3 = declared(  # noqa: RUF009  # m/s, steady, the direction that the air moves to
         (0.0, 0.0, 0.0),
@@ -315,25 +352,68 @@ class VehicleFaults:
     )  # fmt: skip
 
     def __post_init__(self) -> None:
-        """Raise UsageError for what no flight bears."""
+        """Raise UsageError for values with which no flight is possible."""
         check_bounds(self)
+
+
+SUN = "AZ,EL in degrees, for example 270,15"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightConditions:
+    """Light and season of the map in a flight's pictures: the options of `SceneConditions`."""
+
+    sun_azimuth_deg: float | None = _disturbance(  # None: that of the map
+        None, "sun_azimuth", "direction of the sun, clockwise from north", high=360.0, unit="°",
+        words="the sun at azimuth {value:g}°",
+        option=DisturbanceOption(
+            name="sun", metavar="AZ,EL", help="place of the sun: azimuth from north and elevation in degrees",
+            more=f"the elevation is {LOWEST_DEG:g} to 90; a low sun is redder, and the sky is darker",
+            read=lambda text: dict(zip(("sun_azimuth_deg", "sun_elevation_deg"), _pair("sun", text, SUN), strict=True)),
+        ),
+    )  # fmt: skip
+    sun_elevation_deg: float | None = _disturbance(  # None: that of the map
+        None, "sun_elevation", "height of the sun above the horizon", low=LOWEST_DEG, high=90.0, unit="°",
+        words="the sun at elevation {value:g}°",
+    )  # fmt: skip
+    sky: Literal["overcast", "dusk"] | None = _word(
+        "sky", "light of the sky", ("clear", "overcast", "dusk"), words="{value} sky",
+        more="overcast has hardly any shadow; at dusk the sun has set, and lamps and windows shine",
+    )  # fmt: skip
+    season: Literal["autumn"] | None = _word(
+        "season", "season of trees and grass", ("summer", "autumn"), words="{value}",
+        more="clear and summer: as the map has it",
+    )  # fmt: skip
+
+    def __post_init__(self) -> None:
+        """Raise UsageError for a sun out of bounds, and for one that has set."""
+        check_bounds(self)
+        if self.sky == "dusk" and (self.sun_azimuth_deg is not None or self.sun_elevation_deg is not None):
+            raise UsageError("at dusk the sun has set, so it has no place. Leave --sun or --sky dusk out")
+
+    @property
+    def of_map(self) -> SceneConditions:
+        """These conditions as a world has them."""
+        return SceneConditions(**asdict(self))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbances:
-    """All of them together."""
+    """All disturbances of a flight."""
 
     frame: FrameFaults = FrameFaults()
     link: LinkFaults = LinkFaults()
     vehicle: VehicleFaults = VehicleFaults()
+    conditions: FlightConditions = FlightConditions()
 
     @property
     def words(self) -> str | None:
         """The disturbances in words, joined by commas, for run.json and reports; None without any."""
-        return ", ".join([*words_of(self.frame), *self.link.words, *words_of(self.vehicle)]) or None
+        parts = words_of(self.frame), self.link.words, words_of(self.vehicle), words_of(self.conditions)
+        return ", ".join(chain(*parts)) or None
 
     def with_options(self, options: Mapping[str, Any]) -> "Disturbances":
-        """Return these with what options say otherwise, name → number or text; None: not set. Raises UsageError."""
+        """Return these with the values of options, name → number or text; None: not set. Raises UsageError."""
         values = self._values()
         for part, name, disturbance in DECLARED:
             option = disturbance.option
@@ -341,22 +421,29 @@ class Disturbances:
                 values[part] |= option.read(value) if option.read else {name: float(value)}
         return _made(values)
 
-    def with_levels(self, levels: Mapping[str, float]) -> "Disturbances":
-        """Return these with numbers at a study's levels, by name. Raises UsageError."""
+    def with_levels(self, levels: Mapping[str, Level]) -> "Disturbances":
+        """Return these at a study's levels, by name. Raises UsageError."""
         values = self._values()
         for part, name, level in LEVELS:
-            if level.name in levels:
-                if level.put:
-                    level.put(values[part], levels[level.name])
-                else:
-                    values[part][name] = levels[level.name]
+            if level.name not in levels:
+                continue
+            value = levels[level.name]
+            if isinstance(level, DisturbanceWord):
+                values[part][name] = level.value(value)
+            elif level.put:
+                level.put(values[part], level.read(value))
+            else:
+                values[part][name] = value
         return _made(values)
 
-    def level(self, name: str) -> float:
-        """Return the number of a study's level as it is here."""
+    def level(self, name: str) -> float | None:
+        """Return the number of a study's level as it is here; None where it has none."""
         part, of, level = next(entry for entry in LEVELS if entry[2].name == name)
         value = getattr(self, part)
-        return level.get(value) if level.get else float(getattr(value, of))
+        if isinstance(level, DisturbanceLevel) and level.get:
+            return level.get(value)
+        number = getattr(value, of)
+        return float(number) if isinstance(number, int | float) else None
 
     def _values(self) -> dict[str, FieldValues]:
         return {
@@ -365,13 +452,13 @@ class Disturbances:
         }
 
     def check_clock(self, *, lockstep: bool) -> None:
-        """Raise UsageError for what has no effect on a clock that waits."""
+        """Raise UsageError for disturbances without an effect in lockstep."""
         if lockstep and self.vehicle.stalled:
             raise UsageError(f"--host-stalls (stall_share in a study) goes with --speed N: {LOCKSTEP}")
 
 
 UNDISTURBED = Disturbances()
-_SECTIONS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults}
+_SECTIONS = {"frame": FrameFaults, "link": LinkFaults, "vehicle": VehicleFaults, "conditions": FlightConditions}
 DECLARED: tuple[tuple[str, str, Disturbance], ...] = tuple(  # part, field, declaration
     (part, name, disturbance) for part, of in _SECTIONS.items() for name, disturbance in declarations(of).items()
 )

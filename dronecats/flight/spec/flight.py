@@ -1,4 +1,4 @@
-"""Looks up and checks everything that a spec names, before anything is started."""
+"""Looks up and checks all names in a spec, before anything is started."""
 
 import json
 import math
@@ -20,13 +20,14 @@ from episodes.records import catalogue
 from episodes.records import record as records
 from episodes.records.record import VERSION, EpisodeRecord, StartPose, TargetRecord
 from foundation import extras
-from foundation.camera import CameraModel
+from foundation.camera import CameraModel, camera_on
 from foundation.errors import UsageError
 from vehicles import airframe as airframes
 from vehicles.airframe import laden
 
 FREE_HEIGHT_M = 2.5  # m above the map's spawn, where a flight on a map starts: PX4's MIS_TAKEOFF_ALT
 _CAMERA = CameraModel()
+DEPTH = "16-bit PNG, mm along the optical axis, 0 beyond 65.535 m"
 CAMERA = {"width": _CAMERA.width, "height": _CAMERA.height, "hfov_deg": _CAMERA.hfov_deg}
 
 
@@ -56,11 +57,26 @@ class Flight:
         return (self.record.seed if self.record else 0, self.spec.seed)
 
     @property
+    def camera_model(self) -> CameraModel:
+        """The simulated vehicle's camera on its mount; the benchmark's for a connected vehicle."""
+        simulated = self.spec.simulated
+        return camera_on(airframes.load(simulated.airframe).camera) if simulated else _CAMERA
+
+    @property
+    def _mount(self) -> dict[str, Any]:
+        camera = self.camera_model
+        mount: dict[str, Any] = {"pitch_deg": camera.pitch_deg} if camera.pitch_deg else {}
+        return {**mount, "gimbal": True} if camera.gimballed else mount
+
+    @property
     def camera(self) -> dict[str, Any] | None:
-        """The simulated camera for run.json: its geometry, and its optics unless they are the benchmark's."""
+        """The simulated camera for run.json: its geometry, and its optics and depth if it has any."""
         if self.spec.simulated and not self.spec.simulated.rendered:
             return None
-        return {**CAMERA, "optics": self.optics.as_dict()} if self.optics else CAMERA
+        camera = {**CAMERA, **self._mount}
+        camera = {**camera, "optics": self.optics.as_dict()} if self.optics else camera
+        depth = self.spec.simulated is not None and self.spec.simulated.camera == "depth"
+        return {**camera, "depth": DEPTH} if depth else camera
 
 
 def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
@@ -89,6 +105,8 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     if simulated:
         laden(airframes.load(simulated.airframe), spec.disturbances.vehicle.payload_kg)
         looks = spec.model or spec.outside or spec.commander or roster.looks(spec.pilot or "")
+        if not simulated.rendered and simulated.camera:
+            raise UsageError("--depth needs rendered frames. Add --rendered, or leave --depth out")
         if not (simulated.rendered or spec.replay) and looks:
             raise UsageError(
                 "only the pilots oracle, noisy, blind and failing fly without rendering. All others need the frames"
@@ -138,7 +156,7 @@ def _record(spec: FlightSpec) -> EpisodeRecord | None:
         return None
     if spec.drones is None:
         return record
-    from episodes.records.formation import with_drones  # not at the top: it needs the packages of the simulator
+    from episodes.records.formation import with_drones  # here, because it needs the packages of the simulator
 
     return with_drones(record, spec.drones)
 

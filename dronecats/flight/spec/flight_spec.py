@@ -1,11 +1,10 @@
-"""Everything that decides what is flown, by whom and on what, as one value: it pickles, and it is JSON.
+"""All settings of a flight as one value, which can be pickled and written as JSON.
 
-The rules between options are here and nowhere else: the command line, files and studies make a flight, and a flight
-that contradicts itself raises UsageError.
+The rules between options are only here. Command line, files and studies make a FlightSpec, and contradictions raise
+UsageError.
 
-A spec names nothing that only one machine has, except a script that is played, a map of one's own and the files of the
-accounts. It holds what a file says, as the latencies of a `trace:FILE`, and not the file's name: so it is all that a
-worker needs, wherever that is.
+A worker on any machine needs only the spec. It has the contents of files instead of their names, for example the
+latencies of a `trace:FILE`. Exceptions are the script of `recorded:`, a user's own map and the files of the accounts.
 """
 
 import csv
@@ -33,8 +32,8 @@ from hil.cameras.lens import Calibration
 from hil.link.envelope import SIMULATED, Limits
 
 SCRIPTED = "scripted:divide"  # the default commander of built-in pilots
-ON_CLUSTER = "ray:"  # before the name of a ledger that an actor of a cluster keeps
-LATENCY = "fixed:0.5"  # two replies a second, the paper's smallest model served alone; see docs/latency.md
+ON_CLUSTER = "ray:"  # prefix of a ledger's name, if an actor of a cluster keeps the ledger
+LATENCY = "fixed:0.5"  # two replies a second, like the paper's smallest model on its own server: docs/latency.md
 DEFAULT_LATENCY = LatencyPolicy.parse(LATENCY)
 SEED_MAX = 2**31 - 1
 COUNT_MAX = 10**9
@@ -47,50 +46,53 @@ class Simulated:
 
     airframe: str = "x500"
     autopilot: Literal["ours", "px4"] = "ours"
-    px4: str | None = None  # the command that starts a PX4; None: it is waited for
+    px4: str | None = None  # the command that starts a PX4; None: wait for a PX4
     speed: float | None = declared(1.0, Declaration(quantity=SPEED))  # × real time; None: lockstep
     rendered: bool = True  # False: grey frames, for a pilot that does not look at them
+    camera: Literal["depth"] | None = None  # depth: a depth picture beside each RGB one, for agents of one's own
     optics: dict[str, Any] | None = None  # lens, sensor and weather (docs/cameras.md); None: as in the benchmark
 
     def __post_init__(self) -> None:
-        """Raise UsageError for what cannot be simulated."""
+        """Raise UsageError for a vehicle that cannot be simulated."""
         check_bounds(self)
         if self.px4 and self.autopilot != "px4":
             raise UsageError("--px4 goes with --autopilot px4. Add it, or leave --px4 out")
+        if self.camera and self.optics:
+            raise UsageError("--depth does not go with --optics, which changes the image only. Leave one of them out")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Authority:
-    """The permissions on a vehicle besides flying it. On our own simulated vehicles: all."""
+    """The permissions on a vehicle, besides flying it. Our own simulated vehicles give all."""
 
     arm: bool = True  # False: a person arms, takes off and hands over
-    then: Literal["land", "return", "hold"] = "land"  # what follows the hold at the end
+    then: Literal["land", "return", "hold"] = "land"  # action after the hold at the end
     dry: bool = False  # decide, but move nothing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Connected:
-    """A vehicle that we did not start: a real one, or one that simulates itself and sends its true poses."""
+    """A connected vehicle: a real one, or one that simulates itself and sends its true poses."""
 
-    url: str  # of its MAVLink
-    camera: str | None = None  # address of its camera; None: our world, drawn where `truth` says that the vehicle is
+    url: str  # of its MAVLink connection
+    camera: str | None = None  # address of its camera; None: our world, drawn from the poses of `truth`
     calibration: Calibration | None = None
     truth: str | None = None  # URL of its true poses
-    sign: str | None = None  # file of the key with which its messages are signed; None: they are not
+    sign: str | None = None  # file of the key for signed messages; None: unsigned messages
     authority: Authority = Authority(arm=False, then="hold")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Accounts:
-    """The limits of a model's cost, and the files of this machine on which its questions are booked."""
+    """The limits of a model's cost, and the files of this machine for its cost and replies."""
 
-    cost_limit_usd: float | None = None  # $, of all that the ledger holds; None: no limit
-    token_limit: int | None = None  # of questions and replies, likewise
+    cost_limit_usd: float | None = None  # $, limit for the whole ledger; None: no limit
+    token_limit: int | None = None  # tokens of questions and replies, likewise
     ledger: str | None = None  # file, or ON_CLUSTER and a name; None: a file in the run folder
-    cache: str | None = None  # file of replies; None: every question is sent
+    cache: str | None = None  # file of stored replies; None: every question is sent
 
     def __post_init__(self) -> None:
-        """Raise UsageError for limits that are none."""
+        """Raise UsageError for invalid limits."""
         if self.cost_limit_usd is not None:
             cost_limit(self.cost_limit_usd)
         if self.token_limit is not None:
@@ -99,54 +101,56 @@ class Accounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outside:
-    """Replies come from outside: another harness asks its own model (`dronecats.bench.harnesses`)."""
+    """Another harness, which asks its own model and gives its replies (`dronecats.bench.harnesses`)."""
 
     harness: str  # gymnasium, inspect or inspect-robots
-    name: str  # as the harness calls who answers
-    axis_order: Literal["xy", "yx"] = "xy"  # in which the prompt asks for points
-    lifted: str | None = (
-        None  # the reasoning that the harness asks for after a `think`; None: as for any other question
-    )
+    name: str  # the harness's name for its model
+    axis_order: Literal["xy", "yx"] = "xy"  # order of points in the prompt
+    lifted: str | None = None  # the harness's reasoning effort after a `think`; None: as for other questions
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSpec:
-    """One flight; or, without an episode, each flight of a run. Raises UsageError for what contradicts itself."""
+    """The settings of a flight; without an episode, of all flights of a run. Raises UsageError for contradictions."""
 
-    episode: str | None = None  # id of one that ships
-    record: dict[str, Any] | None = None  # or one's own, as its file holds it
-    map: str | None = None  # or a map alone, to do what `instruction` says
-    instruction: str | None = None  # where no episode brings one
-    simulated: Simulated | None = None  # one of these two
+    episode: str | None = None  # id of a shipped episode
+    record: dict[str, Any] | None = None  # or the content of the user's own record file
+    map: str | None = None  # or only a map, with an `instruction`
+    instruction: str | None = None  # if there is no episode with one
+    simulated: Simulated | None = None  # or `connected`
     connected: Connected | None = None
-    drones: int | None = None  # of a simulated episode; None: as many as its record has starts
-    pilot: str | None = None  # a built-in pilot, no model; or
+    drones: int | None = None  # of a simulated episode; None: one for each start of the record
+    pilot: str | None = None  # a built-in pilot; or `model`
     model: ModelSpec | None = None
     outside: Outside | None = None
-    replay: FlightRecording | None = None  # in the place of whichever of the two flew it
+    replay: FlightRecording | None = None  # recorded replies, instead of pilot and model
     accounts: Accounts = Accounts()
-    command: Literal["flat", "hierarchical", "solo"] = "flat"  # one context for all; a commander; or each on its own
-    commander: ModelSpec | None = None  # of a hierarchy; None: the same model, …
-    scripted: str | None = None  # … or a built-in commander, no model; None of a built-in pilot: the one that divides
-    prompt: str | None = None  # a template; None: the one that ships
-    agent: str = PAPER  # who flies: another of `dronecats.flight.run.pilot`, or MODULE:NAME of one of one's own
+    command: Literal["flat", "hierarchical", "solo"] = (
+        "flat"  # one question for all drones; a commander; or a question for each drone
+    )
+    commander: ModelSpec | None = None  # of a hierarchy; None: the same model, or …
+    scripted: str | None = None  # … a built-in commander; None with a built-in pilot: SCRIPTED
+    prompt: str | None = None  # a template; None: the shipped one
+    agent: str = PAPER  # a shipped agent (`dronecats.flight.run.pilot`), or MODULE:NAME of the user's own
     latency: LatencyPolicy = DEFAULT_LATENCY
     parser: ReplyParser = "strict"  # how replies are read: docs/replies.md
-    stop_unreadable: int | None = number(  # replies in a row that are no actions and end the flight; None: none do
-        None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
+    stop_unreadable: int | None = (
+        number(  # number of replies in a row without an action that end the flight; None: no limit
+            None, "--stop-unreadable", "replies in a row that are no actions", low=1, high=COUNT_MAX, whole=True
+        )
     )
-    patience_s: float | None = number(  # s without a frame or a reply after which the flight ends; None: theirs
+    patience_s: float | None = number(  # s without a frame or a reply until the flight ends; None: their defaults
         None, "--patience", "time without a frame or a reply", low=1.0, high=CAP_S, unit="s"
     )
-    disturbances: Disturbances = UNDISTURBED  # of pictures, wire and vehicle, on purpose
+    disturbances: Disturbances = UNDISTURBED  # faults of pictures, link and vehicle
     seed: int = number(0, "--seed", "tells flights of one episode apart", high=SEED_MAX, whole=True)
     seconds: float = number(CAP_S, "--seconds", "vehicle time, the flight's length", low=ABOVE_0, high=CAP_S, unit="s")
-    full: bool = False  # fly to its end although the verdict is decided
+    full: bool = False  # fly to the time limit, even when the verdict is decided
     envelope: Limits | None = SIMULATED  # None: no limits at all
-    keep_ulog: bool = False  # keep the log that a PX4 writes on board in the episode's folder
+    keep_ulog: bool = False  # copy PX4's own log to the episode's folder
 
     def __post_init__(self) -> None:
-        """Raise UsageError for numbers out of bounds, and for what does not go together."""
+        """Raise UsageError for numbers out of bounds, and for contradictions."""
         check_bounds(self)
         _check_one("a vehicle, simulated or connected: --sitl, or --connect URL", self.simulated, self.connected)
         pilots = "a pilot, model or outside: --pilot NAME, or --model PROVIDER/NAME"
@@ -196,6 +200,11 @@ class FlightSpec:
 
     def _check_simulated(self, simulated: Simulated) -> None:
         lockstep = simulated.speed is None
+        if simulated.camera and self.agent in (PAPER, STEADY):
+            raise UsageError(
+                f"the agent {self.agent} gets one RGB image only. Leave --depth out, or name an agent of your own:"
+                " --agent MODULE:NAME"
+            )
         self.disturbances.check_clock(lockstep=lockstep)
         if lockstep and self.latency.real:
             raise UsageError(
@@ -209,14 +218,14 @@ class FlightSpec:
 
     @property
     def scripted_commander(self) -> str | None:
-        """The built-in commander of a hierarchy, None without one or with a model."""
+        """The built-in commander of a hierarchy; None without a commander or with a model."""
         if self.command != "hierarchical" or self.commander or (self.model and not self.scripted):
             return None
         return self.scripted or SCRIPTED
 
     @property
     def pilot_name(self) -> str:
-        """The built-in pilot's name, PROVIDER/NAME of a model or HARNESS:NAME; of a replay, that of who flew it."""
+        """The built-in pilot's name, PROVIDER/NAME of a model or HARNESS:NAME; for a replay, the recorded name."""
         name = self.pilot or (self.model.title if self.model else "")
         name = f"{self.outside.harness}:{self.outside.name}" if self.outside else name
         return f"replay of {name}" if self.replay else name
@@ -227,16 +236,16 @@ def _check_one(wanted: str, *values: object) -> None:
         raise UsageError(f"a flight needs {wanted}. Choose one")
 
 
-COLUMN = "latency_s"  # of a CSV file
+COLUMN = "latency_s"  # column of a CSV file
 BYTES_MAX = 4_000_000
-AT = "@"  # between a file's name and what its latencies are known by
+AT = "@"  # between a file's name and the digest of its latencies
 
 
 def latency_policy(text: str, recorded: Sequence[float] | None = None) -> LatencyPolicy:
     """Return the policy of a text; the file of a `trace:FILE` is read.
 
-    `recorded`: latencies (s) that are there already, for a text that `carried` gave of them: no file is read then.
-    Raises UsageError for a policy that is none, and for a file that holds no latencies.
+    `recorded`: latencies (s) for a text from `carried`; no file is read then. Raises UsageError for an invalid policy,
+    and for a file without latencies.
     """
     file = _file(text)
     if file is None:
@@ -246,10 +255,10 @@ def latency_policy(text: str, recorded: Sequence[float] | None = None) -> Latenc
 
 
 def carried(text: str) -> str:
-    """Return the words of a policy as they hold on every machine: of `trace:FILE`, `trace:NAME@DIGEST`.
+    """Return the text of a policy without local paths: `trace:FILE` becomes `trace:NAME@DIGEST`.
 
-    NAME is the file's without its folder, for people, DIGEST what `trace_name` gives. Raises UsageError as
-    `read_trace` does.
+    NAME is the file's name without its folder, for people. DIGEST is from `trace_name`. Raises UsageError like
+    `read_trace`.
     """
     file = _file(text)
     return (
@@ -258,13 +267,13 @@ def carried(text: str) -> str:
 
 
 def from_folder(text: str, folder: Path) -> str:
-    """Return the words of a policy with the FILE of its `trace:FILE`, unless it is absolute, in a folder."""
+    """Return the text of a policy. A relative FILE of its `trace:FILE` is put into a folder."""
     file = _file(text)
     return text if file is None else _instead(text, str(folder / file))
 
 
 def digest_of(text: str) -> str | None:
-    """Return by which name the recorded latencies of words that `carried` gave are known; None: they have none."""
+    """Return the digest of the recorded latencies in a text from `carried`; None without recorded latencies."""
     file = _file(text)
     return file.rpartition(AT)[2] if file and AT in file else None
 
@@ -281,7 +290,7 @@ def _instead(text: str, name: str) -> str:
 def read_trace(path: Path) -> tuple[float, ...]:
     """Return the latencies (s) of a run or episode folder in the order of its steps, or of a CSV file.
 
-    Of a CSV that is the column `latency_s`, or its only one. Raises UsageError.
+    A CSV file must have the column `latency_s`, or only one column. Raises UsageError.
     """
     if path.exists() and not (path.is_dir() or path.is_file()):
         raise UsageError(f"--latency trace:{path} is not a file. Name a run folder or a CSV file")
@@ -305,7 +314,7 @@ def _of_run(folder: Path) -> list[float]:
 
 
 def _of_steps(log: Path) -> Iterator[float]:
-    """Yield what each question's reply took: of those that were asked for together once, of a commander's word none."""
+    """Yield the latency of each question, once for drones with a common question, and without a commander's."""
     counted: set[int] = set()
     for decision in rows(log, Decision):
         if decision.latency_s is not None and decision.confirmed_by is UNSET and decision.step not in counted:

@@ -1,4 +1,4 @@
-"""The stage of a vehicle that we did not start: its link, its camera, and a logger of its estimate."""
+"""The stage of a connected vehicle: its link, its camera, and a logger of its estimate."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from hil.link.transport import connect
 
 
 class VehicleStage:
-    """Base of the stages of a vehicle that we did not start: it has a clock of its own and child processes."""
+    """Base class for stages of a connected vehicle, which has its own clock. The stage has child processes."""
 
     lockstep = False
     speed = 1.0
@@ -22,7 +22,7 @@ class VehicleStage:
     _logger: ChildProcess
 
     def mend(self) -> None:
-        """Nothing is disturbed on purpose here."""
+        """Do nothing, because a connected vehicle has no disturbances."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -31,14 +31,14 @@ class VehicleStage:
         self._supervisor.check()
 
     def check_vehicles(self) -> None:
-        """Nothing here simulates the vehicle."""
+        """Do nothing, because there is no simulator."""
 
     def cause(self, error: DronecatsError) -> DronecatsError:
         return self._supervisor.cause(error)
 
 
 class ConnectedStage(VehicleStage):
-    """The link's bytes are copied to the logger, which is a process of its own here as well."""
+    """A stage without truth. The link's bytes are copied to the logger, which is a separate process."""
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
         """`folder` is the episode's, for the logs. Raises InfrastructureError."""

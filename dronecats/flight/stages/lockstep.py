@@ -1,4 +1,4 @@
-"""The lockstep stage: everything in one process, on one clock that waits for the slowest part."""
+"""The lockstep stage: all parts are in one process, with one clock that waits for the slowest part."""
 
 from collections.abc import Callable
 from concurrent.futures import Executor
@@ -15,24 +15,23 @@ from dronecats.flight.spec.flight import Flight
 from dronecats.flight.spec.flight_spec import Simulated
 from dronecats.flight.stages.stage import DisturbedLinks, simulator_config, truth_kept
 from episodes.world.world import World
-from foundation.camera import CameraModel
 from foundation.errors import DronecatsError
 from foundation.mavlink import dialect
 from foundation.threads import InlineExecutor
 from hil.link.link import Link
 
-SPARE_S = 1.0  # s after its cap for which an agent that hears nothing is left waiting for it
+SPARE_S = 1.0  # s after the cap; until then an agent without telemetry may wait for it
 
 
 class LockstepStage:
-    """The same parts as in real time, without the sockets between them."""
+    """The same parts as in real time, without sockets between them."""
 
     lockstep = True
     speed = None
 
     def __init__(self, flight: Flight, simulated: Simulated, folder: Path, world: World) -> None:
         """`folder` is the episode's, for the logs. Raises UsageError, InfrastructureError."""
-        spec, camera = flight.spec, CameraModel()
+        spec, camera = flight.spec, flight.camera_model
         self.camera_model = camera
         self._px4: Px4Simulator | None = None
         clock: Lockstep | Px4Lockstep
@@ -59,7 +58,7 @@ class LockstepStage:
             clock.followers.append(partial(self._log, port, vehicle.index))
         self.camera = WorldCamera(
             world, camera, lambda data: announce(data), rendered=simulated.rendered, optics=flight.optics,
-            seed=spec.seed, kept=truth_kept(spec.disturbances.frame),
+            seed=spec.seed, kept=truth_kept(spec.disturbances.frame), depth=simulated.camera == "depth",
         )  # fmt: skip
         announce = clock.follow(self.camera.feed)
         self.camera.warm_up()
@@ -74,6 +73,9 @@ class LockstepStage:
         else:
             self.links = [Link(clock.transport(index), limits=spec.envelope, simulated=True) for index in drones]
             disturbed.take(self.links, ())
+        if camera.gimballed and not self._px4:  # a PX4 does not drive our gimbal
+            for link in self.links:
+                link.watch_gimbal()
         if self._px4:
             for drone, link in enumerate(self.links):
                 link.listeners.append(partial(self._keep, drone))
@@ -103,10 +105,10 @@ class LockstepStage:
         self._recorder.end(reason, error)
 
     def check(self) -> None:
-        """One process: what breaks raises by itself."""
+        """Do nothing: in one process, errors raise by themselves."""
 
     def check_vehicles(self) -> None:
-        """One process: what breaks raises by itself."""
+        """Do nothing: in one process, errors raise by themselves."""
 
     def cause(self, error: DronecatsError) -> DronecatsError:
         return error
@@ -121,10 +123,10 @@ class LockstepStage:
 
 
 class FedTap:
-    """The end of a bus that is read at every tick."""
+    """A subscription to a bus that feeds it at every tick."""
 
     def drain(self) -> None:
-        """It has come."""
+        """Do nothing: the samples have been processed at each tick."""
 
     def close(self) -> None:
         pass

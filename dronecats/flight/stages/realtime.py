@@ -1,4 +1,4 @@
-"""Stages whose parts are processes: our simulation in real time, and a vehicle that simulates itself in our world."""
+"""Stages with child processes: our simulation in real time, and a vehicle that simulates itself in our world."""
 
 import time
 from collections.abc import Callable
@@ -34,7 +34,7 @@ from hil.link.transport import Transport, UdpTransport, connect
 
 
 class RealtimeStage:
-    """Simulator, camera and logger as supervised processes, on ports that the system chose."""
+    """Simulator, camera and logger as supervised processes, on free ports."""
 
     lockstep = False
 
@@ -45,7 +45,7 @@ class RealtimeStage:
         self._copies: list[Copy] = []
         self._wires: list[ImpairedWire] = []
         self.executor = DaemonExecutor()
-        self.camera_model = CameraModel()
+        self.camera_model = flight.camera_model
         try:
             self._start(flight, simulated, folder, notify)
         except BaseException:
@@ -58,7 +58,7 @@ class RealtimeStage:
         simulator = self._simulator = self._supervisor.start(SIMULATOR, config)
         ports = simulator.ready(patience)
         self._truth = f"udpout://127.0.0.1:{ports['truth']}"
-        direction = "udpin" if px4 else "udpout"  # PX4 speaks first, to a place that it knows
+        direction = "udpin" if px4 else "udpout"  # PX4 sends first, to a fixed port
         self._disturbed = DisturbedLinks(flight)
         self.links = [
             Link(
@@ -70,6 +70,9 @@ class RealtimeStage:
             for drone, port in enumerate(ports["agent"])
         ]
         self._disturbed.take(self.links, self._wires)
+        if self.camera_model.gimballed and not px4:  # which does not drive our gimbal
+            for link in self.links:
+                link.watch_gimbal()
         camera = self._camera_process = self._supervisor.start(
             CAMERA,
             CameraConfig(
@@ -77,6 +80,7 @@ class RealtimeStage:
                 airframe=config.airframe,
                 truth=self._truth,
                 optics=simulated.optics,
+                conditions=flight.spec.disturbances.conditions.of_map,
                 seed=config.seed,
                 kept=truth_kept(flight.spec.disturbances.frame),
             ),
@@ -95,18 +99,23 @@ class RealtimeStage:
                 telemetry=tuple(f"udpout://127.0.0.1:{port}" for port in log),
             ),
         )
-        self.camera = HttpCamera(camera.ready(patience)["reduced"], lambda: self.links[0].time_us)
+        served = camera.ready(patience)
+        self.camera = HttpCamera(
+            served["reduced"],
+            lambda: self.links[0].time_us,
+            depth_url=served["depth"] if simulated.camera == "depth" else None,
+        )
         self._logger.ready(patience)
         for copy in self._copies:
             copy.begin()
 
     def _transport(self, url: str, drone: int, *, speaks_first: bool) -> Transport:
-        """Return the agent's end of a vehicle's MAVLink, over a wire in between where that is to be disturbed."""
+        """Return the agent's end of a vehicle's MAVLink connection, with a wire in between if it has disturbances."""
         if not self._disturbed.wired:
             return connect(url)
         ends = UdpTransport("udpin://127.0.0.1:0", "127.0.0.1", 0, listen=True)
         far = connect(f"udpout://127.0.0.1:{ends.port}")
-        # the side that speaks first on the vehicle's own port does so on ours
+        # the same side sends first as without the wire
         agent, near = (ends, far) if speaks_first else (far, ends)
         speed = self.speed or 1.0
         seed = self._disturbed.seed(drone)
@@ -119,9 +128,9 @@ class RealtimeStage:
         return Listener(self._truth, feed)
 
     def _await_px4(self, ports: list[int], notify: Callable[[str], None]) -> None:
-        """Return when every vehicle has a PX4 that answers and has opened its MAVLink ports.
+        """Wait until each vehicle has a PX4 that answers and has opened its MAVLink ports.
 
-        Raises InfrastructureError when one that we have started ends.
+        Raises InfrastructureError if a PX4 that we started ends.
         """
         notify(f"waiting for PX4 on TCP port {', '.join(map(str, ports))} …")
         while not self._simulator.do("in step"):
@@ -144,7 +153,7 @@ class RealtimeStage:
         self._logger.do("end", reason=reason, error=error)
 
     def pace(self) -> dict[str, float]:
-        """Return how well the simulator has held real time (`RateKeeper.figures`). Raises InfrastructureError."""
+        """Return how well the simulator kept real time (`RateKeeper.figures`). Raises InfrastructureError."""
         return dict(self._simulator.do("pace"))
 
     def check(self) -> None:
@@ -167,7 +176,7 @@ class RealtimeStage:
 
 
 class Copy:
-    """Copies what a link hears to the logger, since PX4 has no MAVLink port to spare that sends what is asked of it."""
+    """Copies the link's received bytes to the logger, because PX4 has no free MAVLink port for the logger."""
 
     def __init__(self, link: Link) -> None:
         self._link = link
@@ -175,11 +184,11 @@ class Copy:
 
     @property
     def port(self) -> int:
-        """The port to which the logger has to send first."""
+        """The port to which the logger must send first."""
         return self._socket.port
 
     def begin(self) -> None:
-        """From now on, to the logger, which has said hello."""
+        """Start to copy to the logger, which has sent its first datagram."""
         self._socket.receive(1.0)
         self._link.listeners.append(lambda message: self._socket.send(bytes(message.get_msgbuf())))
 
@@ -188,7 +197,7 @@ class Copy:
 
 
 class Patience:
-    """Says once why nothing happens, when nothing happens for a while."""
+    """Prints once why the flight waits, if the wait is long."""
 
     def __init__(self, notify: Callable[[str], None]) -> None:
         self._notify, self._waits = notify, 0
@@ -198,11 +207,11 @@ class Patience:
         if self._waits == 6:
             from dronecats.flight.sitl import compile_ahead
 
-            self._notify(f"starting the simulator and the camera{compile_ahead.duration()} …")
+            self._notify(f"starting simulator and camera{compile_ahead.duration()} …")
 
 
 class WorldStage(VehicleStage):
-    """The truth comes over a bridge onto a bus of our own, where camera, logger and oracle listen as they always do."""
+    """A stage in our world. A bridge copies the vehicle's true poses to our truth bus for camera, logger and oracle."""
 
     def __init__(
         self,
@@ -215,10 +224,10 @@ class WorldStage(VehicleStage):
         frame_s: float,
         judged: bool,
     ) -> None:
-        """`truth` is the URL of the vehicle's true poses; the first of them is where the record's start stands.
+        """`truth` is the URL of the vehicle's true poses; the first pose is placed at the record's start.
 
-        `folder` is the episode's, for the logs; `frame_s`: the age of a frame on which nothing is decided any more.
-        Not `judged`: the logger keeps what the autopilot says, as of any connected vehicle.
+        `folder` is the episode's, for the logs; `frame_s`: the age from which a frame is not used for a decision.
+        Not `judged`: the logger writes the autopilot's estimate, as for other connected vehicles.
         Raises UsageError, InfrastructureError.
         """
         self._supervisor = Supervisor(folder)

@@ -1,8 +1,8 @@
-"""The interface of a stage, which an episode is flown on, and what simulated stages share.
+"""The interface of a stage, on which an episode is flown, and the common parts of simulated stages.
 
-Wires and setpoint rate are disturbed from the episode's begin to its end. Before and after, a wire is perfect: so the
-start is the same at every level of a study, and the way down is no part of it. Air and sensors are disturbed from the
-same moment by the simulator; a payload is there from boot.
+Links and setpoint rate have their disturbances only during the episode. So the start is the same at every level of a
+study, and the landing is not disturbed. The simulator disturbs air and sensors from the start of the episode. A payload
+is there from boot.
 """
 
 import math
@@ -31,14 +31,14 @@ class TruthTap(Protocol):
     """A subscription to the truth bus. The agent never has one."""
 
     def drain(self) -> None:
-        """Process what has come."""
+        """Process the samples that have arrived."""
         ...
 
     def close(self) -> None: ...
 
 
 class Stage(Protocol):
-    """Vehicles, camera, clock and logger of an episode, in lockstep in one process or in real time over sockets."""
+    """Vehicles, camera, clock and logger of an episode: in one process for lockstep, over sockets in real time."""
 
     @property
     def links(self) -> Sequence[Link]: ...
@@ -48,12 +48,12 @@ class Stage(Protocol):
     def camera_model(self) -> CameraModel: ...
     @property
     def executor(self) -> Executor:
-        """Runs calls that may take long."""
+        """The executor for calls that may take long."""
         ...
 
     @property
     def lockstep(self) -> bool:
-        """Whether the vehicle's clock waits, and everything is in this process."""
+        """Whether the vehicle's clock waits and all parts are in this process."""
         ...
 
     @property
@@ -62,7 +62,7 @@ class Stage(Protocol):
         ...
 
     def begin(self, t0_us: int, cap_s: float) -> None:
-        """The episode's clock is zero at this vehicle time, for the camera, the logger and the targets.
+        """Start the episode: its clock is zero at this vehicle time, for camera, logger and targets.
 
         `cap_s`: the length of the flight in seconds, for the log.
         """
@@ -81,7 +81,7 @@ class Stage(Protocol):
         ...
 
     def check_vehicles(self) -> None:
-        """Raise InfrastructureError if the simulator of the vehicles is gone: then none of them can land."""
+        """Raise InfrastructureError if the simulator of the vehicles is gone, so that none of them can land."""
         ...
 
     def cause(self, error: DronecatsError) -> DronecatsError:
@@ -98,7 +98,7 @@ class TruthfulStage(Stage, Protocol):
     """A stage on which the truth is known."""
 
     def tap(self, feed: Callable[[bytes], None]) -> TruthTap:
-        """Feed the truth bus to a function, for instance the oracle's."""
+        """Subscribe a function to the truth bus, for example the oracle's."""
         ...
 
 
@@ -131,15 +131,15 @@ def truth_kept(faults: FrameFaults) -> int:
 
 
 class ImpairableWire(Protocol):
-    """A wire that is perfect until `impair`."""
+    """A wire without faults until `impair`."""
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
-        """From now on and for so long (s of vehicle time) be impaired: `up` to the vehicle, `down` from it."""
+        """Add faults from now on for this time (s of vehicle time): `up` to the vehicle, `down` from it."""
         ...
 
 
 class DisturbedLinks:
-    """The links of a flight whose wires are disturbed, or none of them."""
+    """The disturbances of a flight's links, or none."""
 
     def __init__(self, flight: Flight) -> None:
         self._disturbances, self._seconds = flight.spec.disturbances, flight.spec.seconds
@@ -154,7 +154,7 @@ class DisturbedLinks:
 
     @property
     def silence_s(self) -> float:
-        """s of vehicle time without a word after which a vehicle is gone; a bad wire may keep silent to the end."""
+        """s of vehicle time without a message after which a vehicle is gone; a bad wire may be silent until the end."""
         return SILENCE_S + (2.0 * self._seconds if self.wired else 0.0)
 
     def seed(self, drone: int) -> int:
@@ -163,11 +163,11 @@ class DisturbedLinks:
         return noise_seed(record, flight, drone)
 
     def take(self, links: Sequence[Link], wires: Sequence[ImpairableWire]) -> None:
-        """Take what will be disturbed."""
+        """Set the wires and links to disturb."""
         self._links, self._wires = links, list(wires)
 
     def begin(self, seconds: float = math.inf) -> None:
-        """Disturb from now on, for so long at most (s of vehicle time)."""
+        """Start the disturbances, for at most this time (s of vehicle time)."""
         faults = self._disturbances.link
         for wire in self._wires:
             wire.impair(faults.to_vehicle, faults.from_vehicle, seconds)
@@ -177,7 +177,7 @@ class DisturbedLinks:
                 link.stream_at(hz)
 
     def mend(self) -> None:
-        """Disturb the wires no more; setpoints go on being sent as often as they were."""
+        """End the disturbances of the wires. The setpoint rate stays as it is."""
         for wire in self._wires:
             wire.impair(Impairment(), Impairment(), math.inf)
         for link in self._links:

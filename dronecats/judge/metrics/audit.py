@@ -208,7 +208,7 @@ class EpisodeAudit:
 class Flips:
     """The outcomes that a rule would change."""
 
-    told: int  # scored episodes that the rule applies to
+    decided: int  # scored episodes whose logs show the outcome by the rule
     successes: int  # of these, by the criterion
     lost: int  # of the successes, those that it would make failures
     gained: int  # of the failures, those that it would make successes
@@ -285,7 +285,7 @@ def flips(pairs: Iterable[tuple[bool | None, bool | None]]) -> Flips:
     """Return the changes of a rule, from (success by the criterion, success by the rule)."""
     decided = [(was, would) for was, would in pairs if was is not None and would is not None]
     return Flips(
-        told=len(decided),
+        decided=len(decided),
         successes=sum(was for was, _ in decided),
         lost=sum(was and not would for was, would in decided),
         gained=sum(would and not was for was, would in decided),

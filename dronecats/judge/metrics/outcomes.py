@@ -165,7 +165,8 @@ METRICS = (
         name="hits", title="Hits", unit="count", level="episode", better="less",
         value_type=int,
         definition="number of times that a drone began to touch something; if it touches several things in one contact,"
-        " each thing counts once",
+        " each thing counts once. A contact that begins below 0.15 m/s counts if it lasts for 0.5 s. Standing does not"
+        " count",
         paper="", of=_contact("hits"),
     ),
     Metric(

@@ -87,7 +87,7 @@ def share_difference(
     """
     count = len(differences)
     if any(not -1 <= difference <= 1 for difference in differences) or flights < 1:
-        raise ValueError("a difference of shares lies between -1 and 1, and is of one flight at least")
+        raise ValueError("a difference of shares must be between -1 and 1, and have at least one flight")
     if count == 0:
         return MeanDifference(0, math.nan, None, None, 1.0)
     added = 2.0 / flights if len(set(differences)) > 1 else 2.0

@@ -187,7 +187,7 @@ def _tried(levels: Sequence[float] | Array, trials: Trials) -> tuple[Array, Tria
     """Return the tried levels in rising order, and their trials."""
     at = np.asarray(levels, float)
     if at.shape != trials.trials.shape[1:] or not np.isfinite(at).all() or len(np.unique(at)) < len(at):
-        raise ValueError("a level wants a number of its own for each column of the trials")
+        raise ValueError("levels must have one number for each column of the trials")
     order = [k for k in np.argsort(at) if trials.trials[:, k].any()]
     return at[order], Trials(trials.successes[:, order], trials.trials[:, order])
 

@@ -33,7 +33,7 @@ class Trials:
     def __post_init__(self) -> None:
         """Raise ValueError for invalid counts."""
         if self.successes.shape != self.trials.shape or self.successes.ndim != 2:
-            raise ValueError("successes and trials want the same shape: a row per group, a column per condition")
+            raise ValueError("successes and trials must have the same shape: a row per group, a column per condition")
         if (self.successes < 0).any() or (self.successes > self.trials).any():
             raise ValueError("there are more successes than trials")
 
@@ -67,7 +67,7 @@ def fit(
     """
     conditions = trials.trials.shape[1]
     if design.ndim != 2 or design.shape[0] != conditions or (offset is not None and offset.shape != (conditions,)):
-        raise ValueError(f"the design wants a line for each of {conditions} conditions")
+        raise ValueError(f"the design must have a row for each of {conditions} conditions")
     scale = _scale(design)
     scaled, moved = design / scale, np.zeros(conditions) if offset is None else offset
     first = np.append(np.zeros(design.shape[1]) if begin is None else begin.coefficients * scale, 1.0)

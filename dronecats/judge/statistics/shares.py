@@ -28,7 +28,7 @@ def wilson(successes: float, trials: float, confidence: float = CONFIDENCE) -> t
     Wilson, "Probable inference", J. Am. Stat. Assoc. 22 (1927). The counts may be fractions: effective ones.
     """
     if not 0 <= successes <= trials:
-        raise ValueError(f"{successes} of {trials} is no share")
+        raise ValueError(f"{successes} of {trials} is not a share")
     if trials == 0:
         return 0.0, 1.0
     z = NormalDist().inv_cdf(0.5 + confidence / 2)
@@ -89,7 +89,7 @@ def spread(flights: Sequence[Sequence[bool]], confidence: float = 0.95) -> Sprea
     Raises ValueError without flights, or if their lengths differ.
     """
     if not flights or not flights[0] or len({len(flight) for flight in flights}) > 1:
-        raise ValueError("a spread wants flights of the same episodes, at least one of each")
+        raise ValueError("a spread needs flights of the same episodes, at least one of each")
     totals, episodes = tuple(map(sum, flights)), len(flights[0])
     mean = statistics.fmean(totals)
     deviation = statistics.stdev(totals) if len(totals) > 1 else None
@@ -164,7 +164,7 @@ def paired(first: Sequence[Sequence[bool]], second: Sequence[Sequence[bool]]) ->
     an episode has no flight.
     """
     if len(first) != len(second) or not all(map(len, (*first, *second))):
-        raise ValueError("a paired comparison wants the same episodes of both, each flown")
+        raise ValueError("a paired comparison needs flights of the same episodes on both sides")
     shares = [(sum(a) / len(a), sum(b) / len(b)) for a, b in zip(first, second, strict=True)]
     b, c = sum(x > y for x, y in shares), sum(x < y for x, y in shares)
     count = len(shares)

@@ -9,7 +9,7 @@ each from rendered pictures of places that no record has. `--check [FOLDER]` fit
 does on scenes that it was not fitted to. `--short` runs in seconds to show that the fit works, and writes only with
 `--out`. Everything comes from seeds; the last digits depend on the processor and its algebra library.
 
-`vision-errors` fits the errors of `oracle/noisy.py` to RUN, the run folder of a benchmark that vision flew.
+`vision-errors` fits the errors of `oracle/noisy.py` to RUN, the run folder of a benchmark with the pilot vision.
 """
 
 import argparse
@@ -29,17 +29,25 @@ def main() -> None:
     shipped = Path(color_detector.__file__).parent
     for name, fit in (("shapes", shapes), ("colors", colors)):
         network = fits.add_parser(name, help=f"the network of the {name}")
-        network.add_argument("--out", type=Path, help="folder to write to (default: over what ships)")
-        network.add_argument("--scenes", type=int, default=fit.SCENES, help=f"to fit to (default {fit.SCENES})")
-        network.add_argument("--pictures", type=int, default=fit.PICTURES, help=f"of each (default {fit.PICTURES})")
-        network.add_argument("--rounds", type=int, default=fit.ROUNDS, help=f"of the fit (default {fit.ROUNDS})")
-        network.add_argument("--check", type=Path, nargs="?", const=shipped, help="only check what is in this folder")
+        network.add_argument("--out", type=Path, help="folder to write to (default: replace the shipped files)")
+        network.add_argument(
+            "--scenes", type=int, default=fit.SCENES, help=f"number of scenes to fit to (default {fit.SCENES})"
+        )
+        network.add_argument(
+            "--pictures", type=int, default=fit.PICTURES, help=f"pictures of each scene (default {fit.PICTURES})"
+        )
+        network.add_argument("--rounds", type=int, default=fit.ROUNDS, help=f"rounds of the fit (default {fit.ROUNDS})")
+        network.add_argument(
+            "--check", type=Path, nargs="?", const=shipped, help="only check the network in this folder"
+        )
         network.add_argument("--short", action="store_true", help="one scene and one round, to see that it runs")
     errors = fits.add_parser("vision-errors", help="the errors of the noisy pilot")
-    errors.add_argument("run", type=Path, help="run folder of a benchmark that vision flew")
+    errors.add_argument("run", type=Path, help="run folder of a benchmark with the pilot vision")
     shipped_errors = noisy.FILE.parent
-    errors.add_argument("--out", type=Path, default=shipped_errors, help="folder (default: over what ships)")
+    errors.add_argument("--out", type=Path, default=shipped_errors, help="folder (default: replace the shipped file)")
     args = parser.parse_args()
+    if args.out is not None:
+        args.out.mkdir(parents=True, exist_ok=True)
     if args.fit == "vision-errors":
         data = msgspec.json.format(msgspec.json.encode(vision_errors.fit_run(args.run)), indent=2) + b"\n"
         (args.out / noisy.FILE.name).write_bytes(data)

@@ -23,7 +23,7 @@ from dronecats.pilots.vision.colors import Picture
 from dronecats.pilots.vision.shape_detector import KINDS, ShapeNetwork
 from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets, campus, campus_ground, campus_plan
-from episodes.maps.assets import buildings, campus_fixtures, people, service_vehicles, street
+from episodes.maps.assets import buildings, campus_fixtures, people, plants, service_vehicles
 from episodes.maps.scene import Instance, Mesh, Scene, sun_at
 from foundation.camera import CameraPose
 from foundation.frames import Vec3, quat_from_euler
@@ -54,13 +54,13 @@ def makers(rng: np.random.Generator) -> dict[str, Mesh]:
     """Return a mesh per kind, with the catalogue's looks."""
     made = {kind: maker() for kind, maker in assets.FIXTURES.items()}
     made["tiered-fountain"] = campus_fixtures.fountain(3)
-    made["person"] = people.person("grey")
+    made["person"] = people.passer_by(0)
     made["delivery-robot"] = service_vehicles.delivery_robot("white")
     made["service-cart"] = service_vehicles.service_cart("white")
-    species = str(rng.choice(("oak", "maple", "birch")))
-    made["tree"] = street.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
-    made["conifer"] = street.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))
-    made["shrub"] = street.bush(float(rng.uniform(0.4, 0.6)), int(rng.integers(3, 9)))
+    species = str(rng.choice(plants.BROADLEAVES))
+    made["tree"] = plants.tree(species, float(rng.uniform(6.0, 8.0)), int(rng.integers(3, 9)))
+    made["conifer"] = plants.conifer(float(rng.uniform(7.0, 11.0)), int(rng.integers(3, 9)))
+    made["shrub"] = plants.bush(float(rng.uniform(0.4, 0.6)), int(rng.integers(3, 9)))
     return made
 
 
@@ -105,8 +105,8 @@ def build(seed: int) -> Scene:
                     break
     for side in (-1, 1):
         for along in (-90.0, -30.0, 30.0, 90.0):
-            add("wood", street.wood(64.0, 10.0, 3), side * 104.0, along, math.pi / 2)
-            add("wood", street.wood(64.0, 10.0, 4), along, side * 104.0, 0.0)
+            add("wood", plants.wood(64.0, 10.0, 3), side * 104.0, along, math.pi / 2)
+            add("wood", plants.wood(64.0, 10.0, 4), along, side * 104.0, 0.0)
     sun = sun_at(campus.ORIGIN[0], int(rng.integers(110, 170)), float(rng.uniform(9.4, 11.4)))
     return replace(campus.build(1), name=f"campus-of-{seed}", instances=tuple(instances), sun=sun)
 
@@ -115,7 +115,9 @@ def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
     """Return a person with a random garment and gait; another kind unchanged."""
     if kind != "person":
         return mesh
-    paint = str(rng.choice(assets.PAINTS)) if rng.random() < 0.6 else "grey"
+    paint = str(rng.choice(assets.PAINTS))
+    if rng.random() < 0.4:
+        return people.passer_by(int(rng.integers(16)))
     return people.pedestrian(paint) if rng.random() < 0.5 else people.person(paint)
 
 
@@ -162,7 +164,7 @@ def _visible(ids: NDArray[np.int32], instances: list[Instance], eye: Vec3, yaw: 
 
 FILE = "shape_network.npz"
 FIT_SEED, CHECK_SEED = 200, 900  # first seed of the campuses to fit to, and of those to check with
-SCENES, PICTURES, ROUNDS = 32, 28, 60
+SCENES, PICTURES, ROUNDS = 96, 28, 60
 FIRST_SCENES, FIRST_ROUNDS = 8, 14  # of the first network
 SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24

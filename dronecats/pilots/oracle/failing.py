@@ -131,16 +131,16 @@ NO_ACTIONS = (
 FAILURES = {
     "declares-at-once": Failing("declares in its first step, and hovers", declares_at_once),
     "declares-early": Failing("flies away, and declares at 1.3 times the start distance", declares_early),
-    "never-declares": Failing("flies to the target and stays there without a word", never_declares),
-    "oscillates": Failing("strides to and fro, and turns round between", oscillates),
+    "never-declares": Failing("flies to the target and never declares", never_declares),
+    "oscillates": Failing("flies to and fro, with turns between", oscillates),
     "never-grounds": Failing("points to the other side whenever the target is in view", never_grounds),
     "never-closes": Failing("points at the target, and never leaves its place", never_closes),
     "one-point": Failing(
-        "gives every drone of a fleet the first one's action",
+        "gives all drones of a fleet the action of drone 1",
         one_point,
         lambda replies: actions.join([replies[0]] * len(replies)),
     ),
-    "leaves-the-protocol": Failing("replies what is no action", leaves_the_protocol, lambda replies: replies[0]),
+    "leaves-the-protocol": Failing("replies without a valid action", leaves_the_protocol, lambda replies: replies[0]),
 }
 
 

@@ -28,6 +28,7 @@ from dronecats.pilots.oracle import oracle
 from dronecats.pilots.oracle.oracle import TrueState
 from dronecats.pilots.vision import search
 from dronecats.pilots.vision.command import read_inscription, read_place_expression, read_referent
+from foundation.camera import camera_pose
 from foundation.frames import Vec3, rotate
 from foundation.protocol import FINISHED, POINT_SPAN
 
@@ -241,8 +242,9 @@ def _in_camera(state: TrueState, point_ned: Vec3) -> Vec3:
 
 def _place(state: TrueState, x: float, y: float, depth_m: float) -> Vec3:
     """Return the place (m, NED) at a pixel and a depth."""
-    camera, ahead = state.camera, state.camera.offset_frd
+    camera = state.camera
     right = depth_m * (x - camera.width / 2.0) / camera.focal_px
     below = depth_m * (y - camera.height / 2.0) / camera.focal_px
-    north, east, down = rotate(state.attitude, (ahead[0] + depth_m, ahead[1] + right, ahead[2] + below))
-    return (state.position_ned[0] + north, state.position_ned[1] + east, state.position_ned[2] + down)
+    pose = camera_pose(state.position_ned, state.attitude, camera)
+    north, east, down = rotate(pose.attitude, (depth_m, right, below))
+    return (pose.position_ned[0] + north, pose.position_ned[1] + east, pose.position_ned[2] + down)

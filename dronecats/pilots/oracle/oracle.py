@@ -10,8 +10,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from dronecats.pilots import actions
-from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3, quat_from_euler, rotate, rotate_inverse, wrap_pi
+from foundation.camera import CameraModel, camera_pose
+from foundation.frames import Quat, Vec3, quat_from_euler, rotate_inverse, wrap_pi
 from foundation.protocol import NEAR_M, NEAR_SCALE, POINT_SPAN, STEP_S, STRIDE_MAX_M, STRIDE_MIN_M
 
 ARRIVED_M = 4.0  # 3-D distance at which it declares; the verifier's radius is 5 m
@@ -132,15 +132,9 @@ def depth_for(travel_m: float, depth_m: float) -> float:
 
 def in_camera(position_ned: Vec3, q: Quat, camera: CameraModel, point_ned: Vec3) -> Vec3:
     """Return a point in camera axes (forward, right, down), m from the optical centre."""
-    offset = rotate(q, camera.offset_frd)
-    return rotate_inverse(
-        q,
-        (
-            point_ned[0] - position_ned[0] - offset[0],
-            point_ned[1] - position_ned[1] - offset[1],
-            point_ned[2] - position_ned[2] - offset[2],
-        ),
-    )
+    pose = camera_pose(position_ned, q, camera)
+    (north, east, down), (n, e, d) = point_ned, pose.position_ned
+    return rotate_inverse(pose.attitude, (north - n, east - e, down - d))
 
 
 def pixel(point: Vec3, camera: CameraModel) -> tuple[float, float]:

@@ -90,8 +90,9 @@ class OracleModel:
         t_s = 0.0 if self._t0_us is None else max(0.0, (sample.time_us - self._t0_us) / 1e6)
         here, soon = self._world.target_centre(t_s), self._world.target_centre(t_s + AHEAD_S)
         north, east, down = ((b - a) / AHEAD_S for a, b in zip(here, soon, strict=True))
+        camera = self._camera.at_pitch(sample.gimbal_pitch)
         return TrueState(
-            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), self._camera,
+            sample.position_ned, quat_yaw(sample.attitude), sample.attitude, here, (north, east, down), camera,
             drone, step, self._visible(sample, t_s) if self._looks else True,
         )  # fmt: skip
 
@@ -99,7 +100,8 @@ class OracleModel:
         """Return whether the target is visible from a sample, by the logger's measure, with the other drones around."""
         fleet = self._truth.at(sample.drone, sample.time_us)
         neighbours = [DronePose(d.position_ned, d.attitude) for d in fleet[1].values()] if fleet else []
-        return bool(self._world.measure(t_s, sample.position_ned, sample.attitude, self._camera, neighbours).visible)
+        camera = self._camera.at_pitch(sample.gimbal_pitch)
+        return bool(self._world.measure(t_s, sample.position_ned, sample.attitude, camera, neighbours).visible)
 
 
 def candidates_in_row(world: World, start: StartPose) -> list[Instance]:

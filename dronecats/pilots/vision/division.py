@@ -8,7 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 _APART_M = 4.2  # the largest distance between two drones, with the error of the estimates
-_WRONG_M, _WRONG_SHARE = 0.8, 0.09  # allowed between two drones' points of one thing: fixed, and per metre of distance
+_WRONG_M, _WRONG_SHARE = (
+    0.8,
+    0.09,
+)  # tolerance of two drones' points of a thing: m, and m per metre of distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +36,7 @@ class GroundPoint:
 class Candidate:
     """A thing in one drone's picture that may carry the inscription."""
 
-    left: int  # px, as right, top and bottom
+    left: int  # px; the same for top, right and bottom
     top: int
     right: int
     bottom: int
@@ -82,7 +85,7 @@ def _back(shift: GroundPoint) -> GroundPoint:
 
 
 def _gap(point: GroundPoint, reference: GroundPoint) -> float:
-    """Return the distance of two points over the allowed difference: below 1 they are the same thing."""
+    """Return the distance of two points divided by the tolerance. Below 1 they are points of the same thing."""
     allowed = _WRONG_M + _WRONG_SHARE * min(point.distance_m, reference.distance_m)
     return math.hypot(point.right_m - reference.right_m, point.ahead_m - reference.ahead_m) / allowed
 

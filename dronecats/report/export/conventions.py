@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.report.recorded.tracks import DroneTracks
+from foundation.camera import CameraModel
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, ned_to_geodetic, quat_multiply
 from foundation.run_folder.rows import Decision
@@ -24,7 +25,13 @@ Array = NDArray[np.float64]
 _ENU_OF_NED = (0.0, math.sqrt(0.5), math.sqrt(0.5), 0.0)  # half a turn about the axis between north and east
 _FRD_OF_FLU = (0.0, 1.0, 0.0, 0.0)  # half a turn about forward
 JUDGE = "judge"  # prefix of data unknown to agent and autopilot: true places, targets, verdicts
-OPTICAL_IN_FLU = (-0.5, 0.5, -0.5, 0.5)  # x, y, z, w: right-down-forward axes of a camera that looks forward
+
+
+def optical_in_flu(camera: CameraModel) -> Quat:
+    """Return the rotation, x, y, z, w, of a mounted camera's axes, right-down-forward, into its body's."""
+    half = math.radians(camera.pitch_deg) / 2.0  # up is a negative turn about left
+    w, x, y, z = quat_multiply((math.cos(half), 0.0, -math.sin(half), 0.0), (0.5, -0.5, 0.5, -0.5))
+    return (x, y, z, w)
 
 
 def enu(ned: Any) -> Array:

@@ -148,8 +148,8 @@ def _flight(folder: Path, done: Exported) -> RecordedFlight | None:
 def _check_free(wanted: Sequence[Path], overwrite: bool) -> None:
     existing = [path for path in wanted if path.exists()]
     if existing and not overwrite:
-        more = f" and {len(existing) - 1} more" if len(existing) > 1 else ""
-        raise UsageError(f"{existing[0]}{more} exists already. Choose another --out, or replace it with --overwrite")
+        exist = f"and {len(existing) - 1} more exist" if len(existing) > 1 else "exists"
+        raise UsageError(f"{existing[0]} {exist} already. Choose another --out, or replace with --overwrite")
 
 
 def _check_not_empty(done: Exported) -> Exported:

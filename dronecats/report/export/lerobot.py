@@ -59,7 +59,7 @@ def write(flights: Iterator[RecordedFlight], out: Path, overwrite: bool, left_ou
     if there and not overwrite:
         raise UsageError(f"{out} exists already. Choose another --out, or replace it with --overwrite")
     if there and not (out / "meta" / "info.json").exists():
-        raise UsageError(f"{out} is not a dataset. Choose another --out")
+        raise UsageError(f"{out} is not a LeRobot dataset. Choose another --out")
     part = out.with_name(out.name + ".part")
     shutil.rmtree(part, ignore_errors=True)
     dataset = _Dataset(part)

@@ -30,7 +30,6 @@ from mcap_protobuf.writer import Writer
 
 from dronecats.report.export.conventions import (
     JUDGE,
-    OPTICAL_IN_FLU,
     Array,
     about,
     camera_body,
@@ -40,6 +39,7 @@ from dronecats.report.export.conventions import (
     judged,
     lon_lat_alt,
     nanoseconds,
+    optical_in_flu,
     read_picture,
     reply_text,
     xyzw_flu_to_enu,
@@ -93,7 +93,7 @@ def messages(flight: RecordedFlight) -> Iterator[TimedMessage]:
             parent_frame_id=camera_body(drone),
             child_frame_id=f"{name}/camera",
             translation=_vector(flu(flight.camera.offset_frd)),
-            rotation=_quaternion(OPTICAL_IN_FLU),
+            rotation=_quaternion(optical_in_flu(flight.camera)),
         )
         yield TimedMessage(0.0, "/tf", FrameTransforms(transforms=[mounted]))
         yield from _pictures(flight, drone)

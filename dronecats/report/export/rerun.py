@@ -13,7 +13,6 @@ import rerun.blueprint as rrb
 
 from dronecats.report.export.conventions import (
     JUDGE,
-    OPTICAL_IN_FLU,
     about,
     camera_body,
     drone_name,
@@ -22,6 +21,7 @@ from dronecats.report.export.conventions import (
     judged,
     lon_lat_alt,
     microseconds,
+    optical_in_flu,
     read_picture,
     reply_text,
     xyzw_flu_to_enu,
@@ -108,7 +108,7 @@ def _pictures(recording: rr.RecordingStream, flight: RecordedFlight, drone: Dron
     """Log a drone's pictures as the pilot received them, with the chosen points."""
     camera = f"world/{camera_body(drone)}/camera"
     frames = [frame for frame in flight.frames if frame.drone == drone.number]
-    mounted = rr.Transform3D(translation=flu(flight.camera.offset_frd), quaternion=OPTICAL_IN_FLU)
+    mounted = rr.Transform3D(translation=flu(flight.camera.offset_frd), quaternion=optical_in_flu(flight.camera))
     recording.log(camera, mounted, static=True)
     width, height = flight.camera.width, flight.camera.height
     for frame in frames:

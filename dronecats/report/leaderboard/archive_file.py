@@ -197,9 +197,9 @@ def read(file: BinaryIO) -> Iterator[Packed]:
         packed.skip()
     while rest := source.at_most(CHUNK):
         if rest.strip(b"\0"):
-            raise UsageError("the archive is damaged: something stands behind its end")
+            raise UsageError("the archive is damaged: there is data after its end")
     if not source.ends():
-        raise UsageError("the archive is damaged: something stands behind its end")
+        raise UsageError("the archive is damaged: there is data after its end")
 
 
 def write(path: Path, files: Iterable[tuple[str, Callable[[], bytes]]]) -> None:
@@ -273,7 +273,7 @@ def unpack(file: BinaryIO, place: Path) -> tuple[Manifest, list[str], int]:
         if sha256 != digest.sha256:
             differing.append(f"{packed.name} has another digest than in {MANIFEST}")
     if left:
-        raise UsageError(f"{next(iter(left))!r} is in its {MANIFEST} and not in the archive")
+        raise UsageError(f"{next(iter(left))!r} is in its {MANIFEST} but not in the archive")
     return manifest, differing, frames
 
 
@@ -309,7 +309,7 @@ def _check_names(manifest: Manifest) -> None:
     homes = {f"{run.folder}/{episode}" for run in manifest.runs for episode in run.episodes}
     wanted |= {f"{home}/{log}" for home in homes for log in (layout.EPISODE, layout.DECISIONS, layout.TRUTH)}
     if len({run.folder for run in manifest.runs}) != len(manifest.runs) or not homes:
-        raise UsageError(f"its {MANIFEST} names no run, or a run twice")
+        raise UsageError(f"its {MANIFEST} names no run, or one run twice")
     if absent := next(iter(sorted(wanted - manifest.files.keys())), None):
         raise UsageError(f"{absent} is missing")
     for name in (*manifest.files, *manifest.left_out):

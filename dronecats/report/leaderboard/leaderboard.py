@@ -8,10 +8,11 @@ from typing import Any
 import msgspec
 
 from dronecats.agent.names import PAPER, agent_name
-from dronecats.report.leaderboard.verification import CellScore, Verification
+from dronecats.report.leaderboard.verification import VERSION_KEY, CellScore, Verification
 from dronecats.report.report_data import pilot_description
 from dronecats.report.table import CellValue, TableCell, numbers, table_of, words
 from dronecats.report.writers import as_markdown, escaped
+from episodes.records.catalogue import VERSION
 from episodes.records.record import CELLS
 from foundation.errors import UsageError
 
@@ -52,7 +53,7 @@ def page(entries: Iterable[Verification]) -> str:
             raise UsageError(f"{entry.name} was not verified: {difference}")
     archives = [entry.archive_sha256 for entry in ordered]
     if twice := next((entry.name for entry in ordered if archives.count(entry.archive_sha256) > 1), None):
-        raise UsageError(f"entry entry {twice} is there twice. Remove one. Remove one")
+        raise UsageError(f"the entry {twice} is there twice: remove one")
     models = [entry for entry in ordered if entry.is_model]
     ours = [entry for entry in ordered if not entry.is_model]
     sections = [HEADER, "## Models\n", _tables(models) or "No entry yet.\n"]
@@ -84,7 +85,7 @@ After this page you can read the ranking, verify an entry and submit your own.
 The figures are percentages of successful flights. *SR* is the success rate over all episodes of the entry, with its
 [95 % interval](report.md#how-sure-it-is). *Flights* is the number of flights of each episode. *Scored* is the
 number of all flights with a score. Compare only entries of the same suite with the same settings, for example with the
-same `latency`.
+same `latency`. Entries of an earlier [version of the benchmark](episodes-reference.md#versions) have their own tables.
 """
 HOW_TO = """## Submit an entry
 
@@ -156,16 +157,22 @@ def _agent(entry: Verification) -> str:
 
 
 def _by_one_agent(entries: Sequence[Verification], by: str) -> list[str]:
-    """Return a table for each suite, and last one of partial entries."""
+    """Return a table for each suite, then those of earlier versions of the benchmark, and last the partial entries."""
     complete = [entry for entry in entries if entry.suite in SUITE_TITLES and not entry.partial]
     tables = []
-    for suite, title in SUITE_TITLES.items():
-        if members := [entry for entry in complete if entry.suite == suite]:
-            tables.append(_table(title + by, members))
+    for is_present, when in ((True, ""), (False, f", version {VERSION - 1} or earlier")):
+        for suite, title in SUITE_TITLES.items():
+            members = [entry for entry in complete if entry.suite == suite and _is_present(entry) == is_present]
+            if members:
+                tables.append(_table(title + by + when, members))
     partial = [entry for entry in entries if entry not in complete]
     if partial:
         tables.append(_table(f"Partial{by}: no whole suite, or not all scored; not to be compared", partial))
     return tables
+
+
+def _is_present(entry: Verification) -> bool:
+    return entry.settings.get(VERSION_KEY) == VERSION
 
 
 def _table(title: str, entries: Sequence[Verification]) -> str:

@@ -84,7 +84,7 @@ def verify(path: Path, reread: Rereading) -> Verification:
     except UsageError as wrong:
         raise UsageError(f"{path}: {_on_one_line(str(wrong))}") from None
     except (OverflowError, RecursionError):  # numbers of any length, lists of any depth: JSON has them
-        raise UsageError(f"{path}: it has numbers or lists that no flight can have") from None
+        raise UsageError(f"{path}: it has a number or a list that is impossible in a flight") from None
 
 
 def _digest_of(path: Path) -> FileDigest:
@@ -248,6 +248,7 @@ def _cells(verdicts: Sequence[tuple[str, Verdict]]) -> dict[str, CellScore]:
     return cells
 
 
+VERSION_KEY = "suite version"
 SETTING_KEYS = ("command", "commander", "scripted", "latency", "parser", "drones", "seconds")
 
 
@@ -258,6 +259,8 @@ def _settings(configuration: Mapping[str, Any]) -> dict[str, Any]:
     model = flight.get("model") if isinstance(flight, dict) else None
     settings |= {"model": model} if isinstance(model, dict) else {}
     settings |= {"agent": configuration.get("agent")}
+    suite = configuration.get("suite")
+    settings |= {VERSION_KEY: suite.get("version")} if isinstance(suite, dict) else {}
     settings |= {"disturbed": on_purpose} if (on_purpose := configuration.get("disturbed")) else {}
     return {key: _shown(value) for key, value in settings.items()}
 

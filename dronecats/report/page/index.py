@@ -246,7 +246,7 @@ PAGE = "index.html"
 DATA = "data"  # folder of the flights, a script each: a page opened from a disk can load scripts only
 TITLE = "DroneCATS report"
 KEYS_BUTTON = '<button type="button" id="keys" class="tool" aria-haspopup="dialog" title="Keyboard (?)">Keys</button>'
-MORE = """<noscript><p>This page is a program: allow scripts for it. It loads nothing from any network.</p></noscript>
+MORE = """<noscript><p>This page needs JavaScript. It loads nothing from the network.</p></noscript>
 <dialog id="help" aria-labelledby="help-title"></dialog>
 <p id="said" class="unseen" role="status" aria-live="polite"></p>
 <template id="tables">{tables}</template>
@@ -306,7 +306,7 @@ def _write(collection: Collection, tables: Sequence[ReportTable], out: Path, emb
         outcomes=OUTCOMES,
         grounds=grounds(seen_grounds),
         embedded=embed,
-        pictures="" if every == 1 else f"Of each {every} steps one picture is kept, and all of declarations.",
+        pictures="" if every == 1 else f"The page keeps the picture of one step in {every}, and of every declaration.",
     )
     content = shell.PageContent(
         title=TITLE,

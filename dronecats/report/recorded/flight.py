@@ -5,10 +5,12 @@ Film, replay, export, report and study all read a flight here. Slow parts are re
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
+
+from msgspec import UNSET
 
 from dronecats.agent.action import Action, ActionError, action_from
 from dronecats.judge.judged_flight import JudgedFlight
@@ -69,6 +71,16 @@ class RecordedFlight(JudgedFlight):
     def camera(self) -> CameraModel:
         """The camera that its frames were taken with."""
         return self.run.camera
+
+    def camera_at(self, drone: int, t_s: float) -> CameraModel:
+        """Return the camera at a time: on a gimbal with the pitch of the drone's newest frame."""
+        pitches = {
+            frame.t: frame.camera_pitch_deg
+            for frame in self.logs.frames.values()
+            if frame.drone == drone and frame.camera_pitch_deg is not UNSET
+        }
+        before = [t for t in pitches if t <= t_s] or [*pitches][:1]
+        return replace(self.camera, pitch_deg=pitches[max(before)]) if before else self.camera
 
     @property
     def t0_us(self) -> int:
@@ -131,7 +143,7 @@ class RecordedFlight(JudgedFlight):
         from episodes.records import record
         from episodes.world.world import World
 
-        return World(record.load(self.folder / layout.EPISODE), self.outline)
+        return World(record.load(self.folder / layout.EPISODE), self.outline, conditions=self.run.conditions)
 
     @cached_property
     def outline(self) -> "Outline":
@@ -231,8 +243,8 @@ class RecordedFlight(JudgedFlight):
         }
         if true or self.estimated_tracks:
             return true or self.estimated_tracks
-        smoothed = {pose.drone: [pose for pose in self.estimated_poses if pose.drone == pose.drone]
-                    for pose in self.estimated_poses}  # fmt: skip
+        smoothed = {drone: [pose for pose in self.estimated_poses if pose.drone == drone]
+                    for drone in {pose.drone for pose in self.estimated_poses}}  # fmt: skip
         tracks = {drone: track_of_rows(rows) for drone, rows in sorted(smoothed.items())}
         return {drone: track.drawn() for drone, track in tracks.items() if track is not None}
 

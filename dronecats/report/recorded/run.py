@@ -7,6 +7,7 @@ from typing import Any
 
 from dronecats.agent.names import PAPER, agent_name
 from foundation.camera import CameraModel
+from foundation.conditions import SceneConditions, recorded
 from foundation.errors import UsageError
 from foundation.run_folder import layout
 from foundation.run_folder.reading import episodes, run_configuration
@@ -51,7 +52,7 @@ class RecordedRun:
 
     @property
     def camera(self) -> CameraModel:
-        """The camera in run.json, else the benchmark's; run.json does not have its mounting."""
+        """The camera in run.json, else the benchmark's, at its place on the airframe."""
         announced, default = self.configuration.get("camera"), CameraModel()
         try:
             camera = announced if isinstance(announced, dict) else {}
@@ -59,6 +60,8 @@ class RecordedRun:
                 int(camera.get("width", default.width)),
                 int(camera.get("height", default.height)),
                 float(camera.get("hfov_deg", default.hfov_deg)),
+                pitch_deg=float(camera.get("pitch_deg", 0.0)),
+                gimballed=camera.get("gimbal") is True,
             )
         except (TypeError, ValueError):
             return default
@@ -72,6 +75,11 @@ class RecordedRun:
     def is_rendered(self) -> bool:
         """Whether its frames were rendered; those of other runs are grey."""
         return self._simulated.get("rendered") is not False
+
+    @property
+    def conditions(self) -> SceneConditions:
+        """Light and season of its frames."""
+        return recorded(self.flight)
 
     @property
     def pilot_title(self) -> str:

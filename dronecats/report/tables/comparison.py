@@ -30,7 +30,7 @@ COLUMNS = (
     TableColumn(name="difference_points", title="Difference", unit="points", decimals=1),
     TableColumn(name="p", title="p", decimals=3),
     TableColumn(name="p_holm", title="p, Holm", decimals=3),
-    TableColumn(name="smallest_points", title="Could have shown", unit="points", decimals=1),
+    TableColumn(name="smallest_points", title="Detectable", unit="points", decimals=1),
 )
 
 Flights = dict[str, tuple[str, tuple[bool, ...]]]  # episode → (its cell, the successes of its flights)
@@ -53,7 +53,7 @@ def comparison(data: ReportData) -> ReportTable | None:
             "Only first, only second: number of episodes that only this pilot solved. An episode with several"
             " flights counts for the pilot that solved the larger share of them. p: McNemar's exact test, two-sided."
             " p, Holm: the same with Holm's correction for all pairs of the block and suite. Difference: success rate"
-            " of the first less that of the second, in points of 100. Could have shown: the smallest true difference"
+            " of the first minus that of the second, in percentage points. Detectable: the smallest true difference"
             f" that the test finds in this number of episodes with power {POWER:g} at α = {ALPHA:g}, before Holm's"
             " correction. The assumed share of episodes with different outcomes is the observed share, or the"
             " difference itself if that is larger."

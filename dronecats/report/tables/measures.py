@@ -1,4 +1,4 @@
-"""Tables of declarations, thinking, pointing and depth, replies, the served rate; and the user's own metrics."""
+"""Tables of declarations, thinking, pointing and depth, replies, served rate, incidents; and the user's own metrics."""
 
 import statistics
 from collections.abc import Sequence
@@ -14,6 +14,7 @@ from dronecats.report.report_data import (
     Entrant,
     ReportData,
     fraction,
+    known_values,
     mean,
     percent,
     quantile,
@@ -153,6 +154,53 @@ def replies(data: ReportData) -> ReportTable | None:
     )
 
 
+INCIDENTS = (
+    NAME,
+    FLIGHTS,
+    TableColumn(name="hit_flights_percent", title="Flights with any", group="Hits", unit="%", better="less"),
+    TableColumn(name="hits", title="Hits", group="Hits"),
+    TableColumn(name="crashes", title="Crashes", group="Hits"),
+    TableColumn(name="hardest_hit_mps", title="Hardest", group="Hits", unit="m/s", decimals=1),
+    TableColumn(name="contact_s", title="In contact", group="Hits", unit="s", decimals=1),
+    TableColumn(name="reset_flights_percent", title="Flights with any", group="Estimator resets", unit="%",
+                better="less"),
+    TableColumn(name="estimator_resets", title="Resets", group="Estimator resets"),
+)  # fmt: skip
+
+
+def incidents(data: ReportData) -> ReportTable | None:
+    """Return collisions and estimator resets, which never change a verdict; None where the logs have neither."""
+
+    def row_of(entrant: Entrant) -> Cells | None:
+        flights = entrant.scored
+        hits, resets = known_values(flights, "hits"), known_values(flights, "estimator_resets")
+        if not (hits or resets):
+            return None
+        contact_s = known_values(flights, "contact_s")
+        return [
+            len(flights),
+            fraction(sum(map(bool, hits)), len(hits)),
+            total(flights, "hits") if hits else None,
+            total(flights, "crashes") if hits else None,
+            max(known_values(flights, "hardest_hit_mps"), default=None),
+            sum(contact_s) if hits else None,
+            fraction(sum(map(bool, resets)), len(resets)),
+            total(flights, "estimator_resets") if resets else None,
+        ]
+
+    return data.table(
+        name="incidents",
+        title="Collisions and estimator resets",
+        caption=(
+            "Scored flights. They never change a verdict. Hits: contacts with obstacles, the ground or other drones."
+            " Hardest: highest closing speed. In contact: sum over all drones. --exclude-above hits=0 and"
+            " --exclude-above estimator_resets=0 leave such flights out."
+        ),
+        columns=INCIDENTS,
+        row_of=row_of,
+    )
+
+
 QUANTILES = (5, 25, 50, 75, 95)  # %
 SERVED = (
     NAME,
@@ -285,4 +333,4 @@ def _decimals(metric: Metric, data: ReportData) -> int:
     return 0 if size >= 100 else 1 if size >= 10 else 2
 
 
-TABLES = (declarations, thinking, grounding, replies, served)
+TABLES = (declarations, thinking, grounding, replies, served, incidents)

@@ -89,7 +89,7 @@ def _floor(data: ReportData, cells: Sequence[str]) -> tuple[TableBlock, str] | N
         _, solved, count = result or ("", 0, 0)
         rates += [fraction(solved, count), NONE]
     pilots = ", ".join(f"{titled(c)} {b[0]}" for c, b in zip([*cells, "all"], best, strict=True) if b)
-    note = f"{FLOOR}: one flight of the same episodes by the best blind pilot ({pilots})."
+    note = f"{FLOOR}: one flight of the same episodes by a pilot that never looks at an image ({pilots})."
     return TableBlock(title="", rows=(row(FLOOR, None, *rates, None),)), note
 
 

@@ -52,8 +52,10 @@ def setup(data: ReportData) -> ReportTable | None:
         name="setup",
         title="Settings of the flights",
         caption=(
-            "Flights: the most of one episode. Reasoning: fields of a request that set it; after the bar, those"
-            " of the request after a think. As served: the model's name in the replies, if it differs from the"
+            "Flights: largest number of flights of one episode. Reasoning: fields of a request"
+            " that set it; after the bar,"
+            " the fields of the request after a think. As served: the model's name in the"
+            " replies, if it differs from the"
             " requested one. Digests: first eight letters; run.json has them in full."
         ),
         columns=(*SETUP, words("Disturbed", "disturbed")) if any_disturbed else SETUP,
@@ -101,13 +103,13 @@ COSTS = (
     TableColumn(name="tokens_reasoning", title="reasoning", group="A flight"),
     TableColumn(name="usd_per_flight", title="$", group="A flight", unit="$", decimals=4),
     TableColumn(name="usd", title="$", group="All", unit="$", decimals=2),
-    TableColumn(name="usd_per_success", title="$ a success", group="All", unit="$", decimals=4, better="less"),
+    TableColumn(name="usd_per_success", title="$ per success", group="All", unit="$", decimals=4, better="less"),
     words("Answered by", "endpoints"),
 )
 
 
 def costs(data: ReportData) -> ReportTable | None:
-    """Return the tokens and the price of each entrant's flights; None where no tokens were logged."""
+    """Return the tokens and the price of each entrant's flights; None if no tokens were logged."""
 
     def row_of(entrant: Entrant) -> Cells | None:
         flights = entrant.episodes
@@ -155,7 +157,7 @@ def _per(amount: float | None, count: int) -> TableCell:
 
 
 def _dollars(flights: Iterable[ScoredEpisode]) -> float | None:
-    """Return the cost of these flights ($) by the declared prices; None where a price or a count is not known."""
+    """Return the cost of these flights ($) by the declared prices; None if a price or a count is unknown."""
     usd = 0.0
     for flight in flights:
         model, usage = flight.run.flight.get("model"), flight.usage

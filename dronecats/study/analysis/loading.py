@@ -162,8 +162,8 @@ def _check_identities(
                 " and more" if len(differing) > 4 else ""
             )
             raise UsageError(
-                f"{before.folder.name} and {run.folder.name} differ in more than the study's factors: in {text};"
-                " the effect of the factors cannot be separated from these differences"
+                f"{before.folder.name} and {run.folder.name} differ in more than the study's factors: in {text}."
+                " The effect of the factors cannot be separated from these differences"
             )
 
 
@@ -190,7 +190,7 @@ def _check_duplicates(
         )
         if before != name:
             raise UsageError(
-                f"{before} and {name} are the same flight by {labels[run.folder]} under two names; remove one of them"
+                f"{before} and {name} are the same flight by {labels[run.folder]} under two names. Remove one of them"
                 f" from {layout.STUDY}"
             )
 

@@ -66,17 +66,17 @@ OURS = ""  # no section of the paper
 METRICS = (
     Metric(
         name="target_moved_m", title="Target moved", unit="m", level="step", better="less",
-        definition="distance between the target's places at this picture and at the drone's next",
+        definition="distance that the target moves from this picture to the drone's next picture",
         paper=OURS, of=target_moved,
     ),
     Metric(
         name="view_width_m", title="Width of the view", unit="m", level="step", better=None,
-        definition="width of the picture at the target's depth, where it is ahead",
+        definition="width of the view at the target's depth, if the target is ahead",
         paper=OURS, of=view_width,
     ),
     Metric(
         name="decision_period_s", title="Decision period", unit="s", level="step", better="less",
-        definition="time from this picture to the drone's next",
+        definition="time from this picture to the drone's next picture",
         paper=OURS, of=decision_period,
     ),
 )  # fmt: skip

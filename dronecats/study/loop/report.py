@@ -117,15 +117,16 @@ def _finite(value: float, digits: int = 3) -> float | None:
 NAME = "loop-margins"
 MARGINS = """A small step of the setpoint in a hover, with the outer loops open, the inner loops closed, and perfect
 sensors. A delay line is in the feedback of this loop alone. At the delay margin the damping ratio of the oscillation
-after the step (by the matrix pencil) is 0. Beside it the margins by python-control: of the same cascade linearised
-about the same hover (predicted), and of the loops in `dronecats tune`, with the airframe's constants alone (as
-designed)."""
+after the step (by the matrix pencil) is 0. The other margins are by python-control. Predicted: from
+the same cascade, linearised about the same hover. As designed: from the loops of `dronecats tune`, with the airframe's
+constants only."""
 STREAM = """A circle of 1.2 m/s in ten seconds, commanded twenty times a second over a wire that delays each setpoint by
 up to the jitter, or loses a share of them. The limit is twice the rms velocity error on a perfect wire, or the end of
 offboard (COM_OF_LOSS_T, 1 s) in any of three flights (dotted)."""
 TRACE = (
-    "Velocity setpoints from a stand, twenty a second, with the usual sensor errors; figures of the truth."
-    " Rise: from 10 to 90 %. Delay: until a half. Settled: from when it stays within a tenth of the step."
+    "Velocity setpoints from a standstill, twenty a second, with the usual sensor errors; the values are of the"
+    " truth. Rise: time from 10 to 90 % of the step. Delay: time to 50 %. Settled: time until it stays within 10 %"
+    " of the step."
 )
 
 
@@ -141,7 +142,7 @@ def tables(results: LoopResults) -> list[ReportTable]:
     if results.studies:
         report_tables.append(_table(("airframe", "loop"), {**STEP, **DELAYS}, margin_rows(results.studies)))
     if results.tolerances:
-        heads = ("error on a perfect wire", "twice that at", "offboard left from")
+        heads = ("error on a perfect wire", "error doubled at", "offboard ends at")
         report_tables.append(
             table_of(
                 [words("airframe"), words("stream"), *map(numbers, heads)], map(_tolerance_cells, results.tolerances)

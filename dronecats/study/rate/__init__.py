@@ -1,1 +1,1 @@
-"""How long each link of somebody's own chain takes, from the camera to the setpoint: measured, to be simulated."""
+"""Measures the delay of each link of a user's chain, from the camera to the setpoint, so that it can be simulated."""

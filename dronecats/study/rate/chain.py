@@ -225,7 +225,7 @@ def summary_table(summary: ChainSummary, requested: int | None = None) -> Report
          for label, quantiles, unit, digits in rows),
         f"{summary.questions}{of_requested} questions to {summary.pilot}, by {CLOCK}.",
         f"The picture's age: by {AGE_CLOCK}, {AGE_NOTES[summary.camera_stamps]}.",
-        "The chain's rate is 1 over the whole step; the served rate has each action flown before the next.",
+        "The chain's rate is 1 / time of a whole step. The served rate includes the flight of each action.",
     )  # fmt: skip
 
 

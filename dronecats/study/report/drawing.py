@@ -13,14 +13,14 @@ FigureFunction = Callable[[Findings, FactorFindings], Any]
 ALONG: tuple[tuple[str, str, FigureFunction], ...] = (  # name, caption, function
     (
         "success",
-        "Success rate at each level with 95 % intervals; the logistic fit with its band; on the line of a half, where"
-        " half of the flights succeed, with its interval.",
+        "Success rate at each level with 95 % intervals; the logistic fit with its band. The mark on the 50 % line"
+        " is the level at which half of the flights succeed, with its interval.",
         curves.success_figure,
     ),
     (
         "success_beside",
-        "Success rate at each level, over all cells, for each choice of the other factors, with the fits;"
-        " on the line of a half, where half of the flights succeed.",
+        "Success rate at each level, over all cells, for each choice of the other factors, with the fits."
+        " The marks on the 50 % line are the levels at which half of the flights succeed.",
         curves.success_by_choice_figure,
     ),
     (
@@ -43,11 +43,11 @@ ALONG: tuple[tuple[str, str, FigureFunction], ...] = (  # name, caption, functio
     ),
     (
         "target_motion",
-        "Metres that a moving target moves during one decision, beside the width of the picture at its depth: medians,"
-        " and what 90 % of the steps lie between.",
+        "Metres that a moving target moves during one decision, and the width of the view at its depth: medians,"
+        " with the range of 90 % of the steps.",
         curves.target_motion_figure,
     ),
-    ("served", "Control rate that was served at each level, over all steps.", curves.served_figure),
+    ("served", "Served control rate at each level, over all steps.", curves.served_figure),
 )
 POINTS = (
     "at_points",
@@ -56,8 +56,8 @@ POINTS = (
 )
 EFFECTS = (
     "main_effects",
-    "Change of the log odds of success from each factor's lowest to its highest level, the others at their middle, with"
-    " 95 % intervals. Filled: significant after Holm's correction.",
+    "Change of the log odds of success from each factor's lowest to its highest level, with the other factors at"
+    " their middle, and 95 % intervals. Filled: significant after Holm's correction.",
 )
 HEAT_MAP = "Success rate over two factors, pooled over the others."
 

@@ -96,7 +96,7 @@ PERCENT = 100.0
 NOWHERE = {
     "above all": "more than half at every level",
     "below all": "less than half at every level",
-    "no slope": "unknown: success hardly changes along it",
+    "no slope": "unknown, because its interval has no bounds",
 }
 
 
@@ -159,12 +159,12 @@ def half_sentence(results: StudyResults, fit: HalfSuccessFit) -> str:
         return f"{subject}: half of the flights succeed at a {factor.words} of {place}."
     if half.where == "between":
         return (
-            f"{subject}: success turns so sharply that no number is the best; half of the flights succeed somewhere at"
-            f" a {factor.words} of {half_interval(factor, half)}."
+            f"{subject}: success changes so sharply that no single level is the best estimate; half of the flights"
+            f" succeed at a {factor.words} of {half_interval(factor, half)}."
         )
     if half.where == "no slope":
-        return f"{subject}: no half-success level can be estimated, since success hardly changes with {factor.words}."
-    return f"{subject}: no half-success within the range; {NOWHERE[half.where]}."
+        return f"{subject}: no half-success level can be estimated, because its interval has no bounds."
+    return f"{subject}: no half-success level within the range; {NOWHERE[half.where]}."
 
 
 def equals_p(p: float) -> str:

@@ -19,20 +19,20 @@ def between_levels(findings: Findings, along: FactorFindings) -> Any | None:
     """Return the success at each level minus that at the reference, a panel per cell; None without a pair."""
     reference = along.factor.label(along.factor.reference)
     rows = [(row, row.first) for row in along.between_levels if row.metric == SUCCESS]
-    label = f"success less that at {reference} (points)"
+    label = f"success minus that at {reference} (points)"
     return _differences(findings, along.factor, rows, findings.results.entrants, label)
 
 
 def between_entrants(findings: Findings, along: FactorFindings) -> Any | None:
     """Return the difference in success of each two entrants at each level, a panel per cell; None with one entrant."""
-    rows = [(row, f"{row.first} less {row.second}") for row in along.between_entrants if row.metric == SUCCESS]
+    rows = [(row, f"{row.first} minus {row.second}") for row in along.between_entrants if row.metric == SUCCESS]
     labels = list(dict.fromkeys(label for _, label in rows))
     return _differences(findings, along.factor, rows, labels, "difference (points)")
 
 
 def point_differences(findings: Findings) -> Any | None:
     """Return the difference in success of each two entrants at every point, a panel per cell; None without points."""
-    rows = [(point.success, f"{point.first} less {point.second}") for point in findings.points]
+    rows = [(point.success, f"{point.first} minus {point.second}") for point in findings.points]
     labels = list(dict.fromkeys(label for _, label in rows))
     height_in = 0.6 + (0.11 + 0.06 * len(labels)) * len({point.title for point in findings.points})
     axis_label = "difference (points)" if len(labels) > 1 else f"{labels[0]} (points)" if labels else ""

@@ -219,7 +219,7 @@ def _table(table: ReportTable) -> Iterator[str]:
     if len(table.rows) <= LONG:
         yield f"<h3>{title}</h3>{as_html(table)}"
     else:
-        yield f"<details><summary>{title}: {len(table.rows)} lines</summary>{as_html(table)}</details>"
+        yield f"<details><summary>{title}: {len(table.rows)} rows</summary>{as_html(table)}</details>"
 
 
 def _paragraphs(sentences: Iterable[str]) -> Iterator[str]:

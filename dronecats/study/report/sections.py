@@ -122,7 +122,7 @@ def summary(findings: Findings) -> list[str]:
             factor = findings.results.factors[effect.factor]
             sentences.append(
                 f"{effect.entrant}: {factor.words} from {factor.label(effect.begin)} to {factor.label(effect.end)}"
-                f" moves success from {PERCENT * effect.share_begin:.0f} to {PERCENT * effect.share_end:.0f} %"
+                f" changes success from {PERCENT * effect.share_begin:.0f} to {PERCENT * effect.share_end:.0f} %"
                 f" (fitted; p {equals_p(effect.p_holm)} after Holm's correction)."
             )
     return sentences
@@ -133,7 +133,7 @@ def _pooled_sentences(findings: Findings, cells: Sequence[str]) -> Iterator[str]
     count = len({point.title for point in findings.points})
     for difference in findings.pooled:
         if difference.cell in cells:
-            entrants = in_cell(f"{difference.first} less {difference.second}", difference.cell)
+            entrants = in_cell(f"{difference.first} minus {difference.second}", difference.cell)
             p = equals_p(difference.difference.p)
             yield f"{entrants}, over all {count} points: {_success_text(difference)}; p {p}."
 
@@ -185,8 +185,9 @@ def _uncorrected(rows: Sequence[PairedDifference]) -> str:
     if best.difference.p > ALPHA:
         return ""
     return (
-        f"{best.at.title} by itself is significant: {_success_text(best)}, p {equals_p(best.difference.p)}; with"
-        f" {len(rows)} levels compared, Holm's correction makes it {probability(best.p_holm)}"
+        f"{best.at.title} is significant if it is the only test: {_success_text(best)}, p"
+        f" {equals_p(best.difference.p)}; with {len(rows)} levels compared, Holm's correction makes it"
+        f" {probability(best.p_holm)}"
     )
 
 
@@ -248,7 +249,7 @@ def setup(findings: Findings) -> ReportTable:
     return ReportTable(
         name="setup",
         title="How it was flown",
-        caption="The design and the flights, from the folder of the study.",
+        caption="Design and flights, from study.json.",
         columns=(words("What", "what"), TableColumn(name="told", title="", align="left")),
         blocks=in_blocks(("", row(*line)) for line in lines),
         command=findings.command,

@@ -30,7 +30,7 @@ from dronecats.study.report.findings import (
     scatter_value,
 )
 
-UNIT = "the episode is the unit, so several flights of one count as one (95 % intervals)"
+UNIT = "the episode is the unit, so several flights of an episode count as one (95 % intervals)"
 
 
 def success(findings: Findings, along: FactorFindings) -> ReportTable:
@@ -52,7 +52,7 @@ def success(findings: Findings, along: FactorFindings) -> ReportTable:
         place = (half_place(along.factor, half), half_interval(along.factor, half)) if half else (None, None)
         shares = (percent(level.success) for level in levels)
         rows.append((entrant, row(cell_title(cell), *shares, *place, entrant=entrant)))
-    caption = f"Success rate, % of the scored flights; {UNIT}. Half succeed at: the fit's."
+    caption = f"Success rate, % of the scored flights; {UNIT}. Half succeed at: from the logistic fit."
     return _table(
         findings, along.artifact_name("success"), f"Success along {along.factor.words}", caption, columns, rows
     )
@@ -109,12 +109,12 @@ def half_success(findings: Findings, along: FactorFindings) -> ReportTable | Non
         fitted = half.slope, scatter_value(half), half.p_slope, half.p_straight, half.groups, half.trials
         rows.append((fit.entrant, row(cell_title(fit.cell), *choice, *place, *fitted, entrant=fit.entrant)))
     caption = (
-        "A logistic regression of success on the factor with a random intercept an episode, by marginal likelihood."
-        " Half succeed at: where the fitted share over all episodes is 50 %, with its 95 % profile-likelihood"
-        " interval (limit: F with 1 and episodes less one degrees of freedom); a place outside of the flown levels"
-        " is not given. Where episodes decide almost all by themselves, scatter and slope grow together"
-        " and only the place is given. p of a straight line: against a separate share for each level; where it is"
-        " small, the logistic line does not fit the flights, and the place is a rough one."
+        "A logistic regression of success on the factor with a random intercept for each episode, by marginal"
+        " likelihood. Half succeed at: the level at which the fitted share over all episodes is 50 %, with its 95 %"
+        " profile-likelihood interval (limit: F with 1 and episodes − 1 degrees of freedom); a level outside of the"
+        " flown levels is not given. If the episodes alone decide almost all flights, scatter and slope grow"
+        " together and only the level is given. p of a straight line: against a separate share for each level; if"
+        " it is small, the logistic line does not fit the flights, and the level is only rough."
     )
     title = f"Half-success {along.factor.words}"
     return _table(findings, along.artifact_name("half_success"), title, caption, columns, rows)
@@ -170,10 +170,10 @@ def served_rates(findings: Findings, along: FactorFindings) -> ReportTable | Non
         for at in along.served
     ]  # fmt: skip
     caption = (
-        "Decisions per second of vehicle time, and the vehicle time that replies took: quantiles over the steps of"
+        "Decisions per second of vehicle time, and the vehicle time of replies: quantiles over the steps of"
         " all scored flights."
     )
-    return _table(findings, along.artifact_name("served"), "Control rate that was served", caption, columns, rows)
+    return _table(findings, along.artifact_name("served"), "Served control rate", caption, columns, rows)
 
 
 def target_motion(findings: Findings, along: FactorFindings) -> ReportTable | None:
@@ -196,11 +196,11 @@ def target_motion(findings: Findings, along: FactorFindings) -> ReportTable | No
         for at in along.motions
     ]  # fmt: skip
     caption = (
-        "Of flights whose target moves: the time from one picture to the drone's next, the metres between the"
-        " target's places at both, and the width of the picture at the target's depth (90° across). Medians, with"
-        " what 90 % of the steps lie between."
+        "For flights with a moving target: the time from one picture to the drone's next picture, the metres that the"
+        " target moves in this time, and the width of the view at the target's depth (90° across). Medians, with the"
+        " range of 90 % of the steps."
     )
-    title = "What the target moves during one decision"
+    title = "Motion of the target during one decision"
     return _table(findings, along.artifact_name("target_motion"), title, caption, columns, rows)
 
 
@@ -219,11 +219,11 @@ def _spread(quantiles: StepQuantiles, scale: float = 1.0) -> TableCell:
 
 TITLES = {SUCCESS: ("Success", "points"), **{m.metric: (m.title, m.unit) for m in MEASURES}}
 TESTS = (
-    "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: points of 100,"
-    " Agresti and Min's interval. p: randomisation test of the mean of the episodes' differences, which of one flight"
-    " an episode is McNemar's exact test; the interval holds 0 where this p is above 0.05. Of fewer than six episodes,"
-    " means have no interval. p, Holm: corrected for all rows of the block and measure, so a difference whose"
-    " interval excludes 0 may still not be significant."
+    "Pairs are flights of the same episode, seed and other factors; episodes are the unit. Success: percentage"
+    " points, Agresti and Min's interval. p: randomisation test of the mean of the episodes' differences, which for"
+    " one flight per episode is McNemar's exact test; the interval contains 0 if this p is above 0.05. With fewer"
+    " than six episodes, means have no interval. p, Holm: corrected for all rows of the block and measure, so a"
+    " difference whose interval excludes 0 may still not be significant."
 )
 
 
@@ -231,15 +231,15 @@ def between_levels(findings: Findings, along: FactorFindings) -> ReportTable | N
     """Return each level minus the reference, a row per level, a group of columns per measure; None without a pair."""
     reference = along.factor.label(along.factor.reference)
     differences = ((in_cell(d.first, d.cell), d) for d in along.between_levels)
-    title, caption = f"Each level against {reference}", f"The level less {reference}, of the same entrant. {TESTS}"
+    title, caption = f"Each level against {reference}", f"The level minus {reference}, for the same entrant. {TESTS}"
     return _difference_table(findings, along, differences, "against_reference", title, caption)
 
 
 def between_entrants(findings: Findings, along: FactorFindings) -> ReportTable | None:
     """Return the difference of each two entrants at each level; None with a single entrant."""
-    differences = ((in_cell(f"{d.first} less {d.second}", d.cell), d) for d in along.between_entrants)
-    title = f"Who flies, at each level of {along.factor.words}"
-    caption = f"The first less the second, at the same level. {TESTS}"
+    differences = ((in_cell(f"{d.first} minus {d.second}", d.cell), d) for d in along.between_entrants)
+    title = f"Entrants against each other, at each level of {along.factor.words}"
+    caption = f"The first minus the second, at the same level. {TESTS}"
     return _difference_table(findings, along, differences, "between_entrants", title, caption)
 
 
@@ -259,10 +259,10 @@ def point_differences(findings: Findings) -> ReportTable | None:
     ]
     columns += [column for metric in (SUCCESS, NE) for column in _difference_columns(metric)]
     caption = (
-        "Success of the first and of the second, and the first less the second, at every point of the design; a row"
+        "Success of the first and of the second, and the first minus the second, at every point of the design; a row"
         f" names the factors that are not at their usual level. {TESTS}"
     )
-    return _table(findings, "at_points", "Who flies, at every point", caption, columns, rows)
+    return _table(findings, "at_points", "Entrants against each other, at every point", caption, columns, rows)
 
 
 def _difference_table(
@@ -328,9 +328,9 @@ def effects(findings: Findings) -> ReportTable | None:
         cells = row(factor.words, *ends, *fitted, change, effect.p, effect.p_holm, effect.episodes)
         rows.append((in_cell(effect.entrant, effect.cell), cells))
     caption = (
-        "One logistic regression on all factors with a random intercept an episode. Each line is a factor from its"
-        " lowest to its highest level while the others stay at their middle: the fitted success rates, the change"
-        " of the log odds with its 95 % profile-likelihood interval, and the p of the likelihood ratio."
+        "One logistic regression on all factors with a random intercept for each episode. Each line is a factor"
+        " from its lowest to its highest level while the others stay at their middle: the fitted success rates, the"
+        " change of the log odds with its 95 % profile-likelihood interval, and the p of the likelihood ratio."
     )
     note = "In a fraction, effects are confounded with interactions according to its resolution."
     notes = (note,) if "fraction" in findings.results.design else ()

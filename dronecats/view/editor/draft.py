@@ -231,7 +231,7 @@ class Drafting:
         """Return the draft with one more look-alike of the target, which has another inscription."""
         record = draft.record
         if record.cell != "commanding":
-            raise UsageError("only a commanding episode has look-alikes: choose that cell first.")
+            raise UsageError("only a commanding episode has look-alikes. Choose the cell commanding first.")
         if len(record.candidates) >= MAX_CANDIDATES:
             raise UsageError(f"an episode has at most {MAX_CANDIDATES} look-alikes.")
         yaw = record.target.yaw_deg
@@ -343,7 +343,10 @@ class Drafting:
             raise ValueError("the target does not move")
         waypoints = suggest.draped(knots, self.on_ground)
         if len(waypoints) > MAX_WAYPOINTS:
-            raise UsageError(f"the path needs {len(waypoints)} waypoints to follow the ground; {MAX_WAYPOINTS} fit.")
+            raise UsageError(
+                f"the path needs {len(waypoints)} waypoints to follow the ground,"
+                f" but at most {MAX_WAYPOINTS} are possible."
+            )
         target = replace(draft.record.target, path=replace(path, waypoints_ned=waypoints))
         return self.settled(replace(draft, record=replace(draft.record, target=target), knots=knots))
 

@@ -73,7 +73,7 @@ class Session:
         return self._step(self._past, self._future)
 
     def redo(self) -> bool:
-        """Take back an undo; return whether there was one."""
+        """Repeat the step that was undone last; return whether there was one."""
         return self._step(self._future, self._past)
 
     def _step(self, source: list[Draft], opposite: list[Draft]) -> bool:
@@ -92,8 +92,8 @@ class Session:
     def save(self, replace: bool = False) -> Path:
         """Write the record into the session's folder, and return the file, which is named after the id.
 
-        Raises UsageError for a record that cannot be read back, for the id of an episode that ships, unless it is that
-        file, and for an existing file unless `replace`.
+        Raises UsageError for a record that cannot be read back, for the id of a shipped episode, unless the file is
+        that episode's own, and for an existing file unless `replace`.
         """
         record = self.record
         text = record.to_json()
@@ -139,7 +139,7 @@ class Editor:
         self._changed(session.draft, "")
 
     def idle(self, timeout_s: float) -> bool:
-        """Wait until picture and checks are those of the current draft; return whether they are."""
+        """Wait until picture and checks belong to the current draft; return whether they do."""
         return self._pictures.idle(timeout_s) and self._checks.idle(timeout_s)
 
     def close(self) -> None:
@@ -202,7 +202,7 @@ class Editor:
         self.session.settle()
 
     def _clicked(self, event: Any) -> None:
-        """Apply a click on the map as the panel's choice says."""
+        """Apply a click on the map, with the meaning that is chosen in the panel."""
         meaning = self._panels.click
         if not meaning:
             return
@@ -222,7 +222,7 @@ class Editor:
     # ---- updates after a change
 
     def _changed(self, draft: Draft, gesture: str) -> None:
-        """Show the current draft, which may be later than `draft`: changes come from several threads."""
+        """Show the current draft. It may be newer than `draft`, because changes come from several threads."""
         with self._showing:
             now = self.session.draft
             self._view.show(now)

@@ -33,10 +33,10 @@ def checks_html(findings: Sequence[RuleFinding], fresh: bool) -> str:
 def _row(finding: RuleFinding) -> str:
     rule = finding.rule.removeprefix("the ")
     color, mark = (GREEN, "✓") if finding.passed else (RED, "✗")
-    wanted = f'<div style="opacity:0.65">wanted {escape(finding.wanted)}</div>' if not finding.passed else ""
+    wanted = f'<div style="opacity:0.65">required: {escape(finding.wanted)}</div>' if not finding.passed else ""
     measured = f"<b>{escape(finding.measured)}</b>{wanted}"
     return (
-        f'<div title="wanted: {escape(finding.wanted)}" '
+        f'<div title="required: {escape(finding.wanted)}" '
         'style="display:flex;gap:7px;padding:2px 0;border-top:1px solid rgba(128,128,128,0.18)">'
         f'<span style="color:{color};font-weight:700">{mark}</span>'
         f'<span style="flex:1">{escape(rule[:1].upper() + rule[1:])}</span>'
@@ -57,7 +57,7 @@ def facts_html(rows: Sequence[tuple[str, str]]) -> str:
 CLICKS = {
     "Look around": "",
     "Place the target": "target",
-    "Lead the path on": "waypoint",
+    "Add a point to the path": "waypoint",
     "Place the drone": "drone",
     "Add a look-alike": "candidate",
     "Use an object of the map": "native",
@@ -195,7 +195,7 @@ class Panels:
         self._path_group = gui.add_folder("Path", visible=False)
         with self._path_group:
             self._speed: Any = gui.add_number("Speed, m/s", 0.3, min=0.01, max=10.0, step=0.01)
-            self._shorter = gui.add_button("Take back the last leg")
+            self._shorter = gui.add_button("Remove the last leg")
 
         @self._asset.on_update
         @self._paint.on_update

@@ -167,7 +167,7 @@ def caption_bar(
     title = f"{flight.id}   flown by {flight.run.pilot_title}"
     write(picture, title, (left, low), small, GREY)
     if any(track.level for track in flight.tracks.values()):
-        write(picture, "drawn level: no attitudes were recorded", (round(0.55 * width), low), small, GREY)
+        write(picture, "drawn level, because no attitude was recorded", (round(0.55 * width), low), small, GREY)
     if over or is_decided(flight, t):
         words, color = verdict_words(flight)
         beside = left + width_px(title, small) < right - width_px(words, middle, True) - middle
@@ -182,7 +182,7 @@ def action_words(flight: RecordedFlight, drone: int, t: float) -> tuple[str, Ink
     if decision is None:
         return "", PALE
     if decision is not flying and t < decision.t_decided:
-        return f"step {decision.step}   the pilot is asked, {t - decision.t_frame:.1f} s", PALE
+        return f"step {decision.step}   waiting for the pilot, {t - decision.t_frame:.1f} s", PALE
     good = qualifies(decision, flight.logs, flight.delta_m, flight.cap_s)
     color = {True: GREEN, False: RED, None: YELLOW}[good]
     rejected = f" · not within {flight.delta_m:g} m and in view" if good is False else ""
@@ -264,7 +264,7 @@ LEAST_M = 13.0  # half of the ground's smaller side
 SAMPLES_S = 0.2  # of the trail
 VIEW_M = 9.0  # how far the field of view is drawn
 SHIFT = 4  # binary places of the pixels that lines are drawn with
-JUDGE_NOTE = "target, 5 m: the judge's"
+JUDGE_NOTE = "target with 5 m radius (judge)"
 
 Array = NDArray[np.float64]
 

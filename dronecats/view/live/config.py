@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from foundation.conditions import AS_BUILT, SceneConditions
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WatchedWires:
@@ -10,6 +12,7 @@ class WatchedWires:
     episode: str  # id, or a record's file, whose world it is
     drones: int
     truth: str  # URL of the truth bus
+    conditions: SceneConditions = AS_BUILT
     telemetry: tuple[str, ...]  # URLs, one per autopilot; none without a free port
 
 

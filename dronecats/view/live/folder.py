@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from dronecats.report.recorded.run import RecordedRun
 from episodes.records import record as records
 from episodes.world.world import World
 from foundation import wire
@@ -75,7 +76,8 @@ def load_world(folder: Path) -> World | None:
     """Return the world of an episode folder; None for a real place, and for a map that is not installed."""
     drawn = folder / layout.WORLD  # of a flight on a map that is not judged
     try:
-        return World(records.load(drawn if drawn.is_file() else folder / layout.EPISODE))
+        record = records.load(drawn if drawn.is_file() else folder / layout.EPISODE)
+        return World(record, conditions=_run(folder).conditions)
     except UsageError:
         return None
 
@@ -86,14 +88,14 @@ def load_instruction(folder: Path) -> str:
 
 
 def load_camera(folder: Path) -> CameraModel:
-    """Return the camera in a flight's run.json, else the benchmark's. Its mount is always the benchmark's."""
-    camera = (json_object(folder.parent / layout.RUN) or {}).get("camera")
-    if not isinstance(camera, dict):
-        return CameraModel()
-    try:
-        return CameraModel(int(camera["width"]), int(camera["height"]), float(camera["hfov_deg"]))
-    except (KeyError, TypeError, ValueError):
-        return CameraModel()
+    """Return the camera in a flight's run.json, else the benchmark's."""
+    return _run(folder).camera
+
+
+def _run(folder: Path) -> RecordedRun:
+    """Return the run of an episode folder, whose settings are known although it is not over."""
+    configuration = json_object(folder.parent / layout.RUN) or {}
+    return RecordedRun(folder=folder.parent, configuration=configuration, episodes=())
 
 
 class GrowingFile:

@@ -56,7 +56,7 @@ def opened(
         try:
             yield
             if view.stays and url:
-                report(f"the page stays open at {url} · Ctrl-C ends it")
+                report(f"the page stays open at {url}; Ctrl-C ends it")
                 with contextlib.suppress(KeyboardInterrupt):
                     threading.Event().wait()
         finally:

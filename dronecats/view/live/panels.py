@@ -166,7 +166,7 @@ def frame_html(drone: DroneMoment, label: str) -> str:
 def frames_html(drones: Sequence[DroneMoment]) -> str:
     """Return the pictures of all drones; those of a fleet in two columns."""
     if len(drones) == 1:
-        return frame_html(drones[0], "the picture that was asked about")
+        return frame_html(drones[0], "the picture of the question")
     cells = "".join(f"<div>{frame_html(drone, drone_label(drone.drone))}</div>" for drone in drones)
     return f'<div style="display:grid;grid-template-columns:1fr 1fr">{cells}</div>'
 
@@ -294,7 +294,7 @@ def judge_html(judge: JudgeMoment) -> str:
     lines = "".join(f"<div>{escape(line)}</div>" for line in judge.messages[-MESSAGES:][::-1])
     return (
         f'<div class="judge" style="border-left:3px solid {JUDGE};margin:2px 10px">'
-        + _box(_small("only the judge knows this") + _pairs(rows) + lines)
+        + _box(_small("known to the judge only") + _pairs(rows) + lines)
         + "</div>"
     )
 

@@ -171,7 +171,7 @@ class LivePage:
         over = sum(episode.over for episode in episodes)
         self._list.content = (
             '<div class="flights" style="font-size:11px;opacity:0.65;padding:0 10px">'
-            f"{len(episodes) - over} in the air, {over} over</div>"
+            f"{len(episodes) - over} in the air, {over} finished</div>"
         )
         self._choice.visible = self._list.visible = True
 
@@ -235,7 +235,7 @@ class FlightViewer:
         wires = self._config.wires
         if wires is None:
             return FolderPage(self._server, Path(self._config.root))
-        world = World(catalogue.load(wires.episode))
+        world = World(catalogue.load(wires.episode), conditions=wires.conditions)
         self._server.gui.main_panel.dock_right()
         return LiveFlight(self._server, WireFollower(wires, world), world, wires.drones, piloted=False)
 

@@ -1,4 +1,4 @@
-"""A recorded flight at any moment: what a page shows, and the occurrences that one can jump to."""
+"""The state of a recorded flight at any time, for a page, and the events that the page can jump to."""
 
 import math
 from bisect import bisect_left, bisect_right
@@ -26,9 +26,9 @@ from foundation.run_folder.reading import Logs, episode_folder, rows
 from foundation.run_folder.rows import Decision, DroneNumber, Order, drone_label
 
 SAME_S = 1e-6  # s, the tolerance between times
-CALM = ("cap", "decided")  # reasons of ends that are no fault
+CALM = ("cap", "decided")  # reasons for the end of a flight that are not a problem
 OFFBOARD = "OFFBOARD"
-ENDING_S = 1.0  # s before the end of a flight in which the run itself leaves that mode
+ENDING_S = 1.0  # s before the end of a flight, in which the run itself may leave OFFBOARD
 
 
 class OccurrenceKind(Enum):
@@ -36,7 +36,7 @@ class OccurrenceKind(Enum):
 
     DECISION = "decision"
     DECLARATION = "declaration"
-    FAULT = "what went wrong"
+    FAULT = "problem"
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +121,7 @@ def _end(logs: Logs, end_s: float) -> Iterator[Occurrence]:
 
 
 MESSAGES = 8  # newest messages in a moment
-NO_END = "the log has no end: the flight was killed, or is still in the air"
+NO_END = "the log has no end, because the flight was killed or is still in the air"
 NO_TLOG = f"no {layout.TLOG}: no attitude, modes, battery and setpoints are shown"
 NO_PICTURES = "no pictures were recorded"
 NOT_DRAWN = "flown without rendering, so there are no pictures"
@@ -131,12 +131,12 @@ NO_RECORD = f"no {layout.EPISODE}: a grid is shown instead of the world"
 
 @dataclass(frozen=True)
 class FlightMoments:
-    """A recorded flight at any time, as far as its folder was kept."""
+    """A recorded flight at any time, from the files that its folder still has."""
 
     recorded: RecordedFlight
     world: World | None  # None: not known on this machine
     happened: tuple[Occurrence, ...]  # in the order of time
-    missing: tuple[str, ...]  # notes on what the folder, or this machine, does not have
+    missing: tuple[str, ...]  # notes on files or maps that are missing
     _pictures: dict[tuple[int, int], ShownPicture] = field(default_factory=dict)
 
     @property
@@ -159,7 +159,7 @@ class FlightMoments:
         return tuple(o for o in self.happened if o.kind is kind)
 
     def pose(self, drone: int, t_s: float) -> DronePose:
-        """Return the pose of a drone at a time; before the first sample and after the last, theirs."""
+        """Return the pose of a drone at a time: the first pose before the first sample, the last one after the last."""
         return self.recorded.tracks[drone].at(t_s)
 
     def way(self, drone: int, t_s: float, every_s: float) -> list[Vec3]:
@@ -168,7 +168,7 @@ class FlightMoments:
         return [(float(north), float(east), float(down)) for north, east, down in places]
 
     def moment(self, t_s: float) -> Moment:
-        """Return the moment of a time, which is limited to the flight."""
+        """Return the moment at a time. A time outside of the flight counts as its start or end."""
         t_s = min(max(t_s, 0.0), self.end_s)
         drones = tuple(self._drone(drone, t_s) for drone in self.drones)
         newest = max((d.decision for d in drones if d.decision), key=attrgetter("t_decided"), default=None)
@@ -244,7 +244,7 @@ class FlightMoments:
         return self._pictures.setdefault((decision.drone, decision.frame_id), fresh)
 
     def _sight(self, decision: Decision | None) -> ChosenSight | None:
-        """Return the sight of a go; None of any other decision."""
+        """Return the sight of a go; None for other decisions."""
         go = chosen_go(decision) if decision else None
         if decision is None or go is None:
             return None
@@ -254,7 +254,7 @@ class FlightMoments:
     def _height(self, place: Vec3) -> float:
         return (self.world.ground_down(place[0], place[1]) if self.world else 0.0) - place[2]
 
-    # ---- what only the judge knows
+    # ---- data of the judge
 
     def _judge(self, t_s: float) -> JudgeMoment:
         if not self.true:
@@ -289,17 +289,17 @@ class FlightMoments:
 
 
 def flight_moments(path: Path) -> FlightMoments:
-    """Return the flight of an episode's folder, or of the only one of a run.
+    """Return the flight of an episode's folder, or of the only episode of a run.
 
-    A flight that was killed, or is in the air, ends where its logs end. Raises UsageError for another folder, a damaged
-    flight, one that never began, and one without a pose.
+    A flight that was killed, or is still in the air, ends at the end of its logs. Raises UsageError for another
+    folder, a damaged flight, a flight that never began, and a flight without a pose.
     """
     if not path.is_dir():
         raise UsageError(f"folder {path} does not exist")
     flight = RecordedFlight.read(episode_folder(path))
     folder, logs = flight.folder, flight.logs
     if logs.begin is None:
-        raise UsageError(f"{folder} did not begin: its {layout.TRUTH} has no beginning")
+        raise UsageError(f"{folder} cannot be shown: its {layout.TRUTH} has no row of the beginning")
     missing = [] if logs.end is not None else [NO_END]
     missing += [] if flight.telemetry or flight.estimated_tracks else [NO_TLOG]
     world, unknown = _world(flight)
@@ -315,7 +315,7 @@ def flight_moments(path: Path) -> FlightMoments:
 
 
 def of_one_episode(flights: Sequence[FlightMoments]) -> None:
-    """Raise UsageError naming two of these flights that are not of one episode."""
+    """Raise UsageError if two of these flights have different episodes. The error names them."""
     first = flights[0].recorded
     for flight in flights[1:]:
         recorded, folders = flight.recorded, f"{first.folder} and {flight.recorded.folder}"

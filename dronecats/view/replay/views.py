@@ -1,4 +1,4 @@
-"""Redrawn views of a flight: from behind a drone, from above it, or through its camera."""
+"""Redrawn views of a flight: from behind a drone, from above it, or through the camera."""
 
 import math
 from collections.abc import Callable
@@ -9,14 +9,14 @@ from dronecats.report.recorded.flight import RecordedFlight
 from dronecats.view.film.chase import ChasePath, FilmStage, chase, chase_lens, obstacles_of
 from dronecats.view.film.lettering import Picture
 from episodes.world.fleet import DronePose
-from foundation.camera import CameraModel, CameraPose
+from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.errors import UsageError
-from foundation.frames import quat_from_euler, rotate
+from foundation.frames import quat_from_euler
 from foundation.threads import Latest
 
 WIDTH_PX, HEIGHT_PX = 640, 360
 ABOVE_M = 9.0  # of the drone, from where it is seen from above
-NO_WORLD = "the world of this flight is not known here: no view can be drawn"
+NO_WORLD = "no view can be drawn, because the world of this flight is unknown"
 
 
 class RedrawnView(Enum):
@@ -24,7 +24,7 @@ class RedrawnView(Enum):
 
     CHASE = "from behind"
     TOP = "from above"
-    ONBOARD = "through its camera"
+    ONBOARD = "through the camera"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class FlightViews:
         pose = self._flight.tracks[drone].at(t_s)
         if view is RedrawnView.CHASE:
             return self._path(drone).at(t_s)
-        return above(pose) if view is RedrawnView.TOP else aboard(pose, self._flight.camera)
+        return above(pose) if view is RedrawnView.TOP else aboard(pose, self._flight.camera_at(drone, t_s))
 
     def close(self) -> None:
         """Release the renderers."""
@@ -124,5 +124,4 @@ def above(pose: DronePose) -> CameraPose:
 
 def aboard(pose: DronePose, camera: CameraModel) -> CameraPose:
     """Return the pose of a drone's own camera."""
-    place, lever = pose.position_ned, rotate(pose.attitude, camera.offset_frd)
-    return CameraPose((place[0] + lever[0], place[1] + lever[1], place[2] + lever[2]), pose.attitude)
+    return camera_pose(pose.position_ned, pose.attitude, camera)

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import viser
-from embreex.mesh_construction import TriangleMesh
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from dronecats.report.kit import palette
@@ -19,8 +17,9 @@ from episodes.maps.gltf.document import from_gltf, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.gltf.writer import to_bytes
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun, turn
+from episodes.world.rays import NOTHING, RayScene
 from foundation.camera import CameraModel
-from foundation.frames import Quat, Vec3
+from foundation.frames import Quat, Vec3, quat_multiply
 from foundation.terrain import FLAT, HeightField
 
 SKY_TOP, SKY_BOTTOM = (150, 188, 226), (233, 240, 245)
@@ -132,6 +131,7 @@ def add_lines(server: viser.ViserServer, node: str, points: Any, color: tuple[in
 
 def add_drone(server: viser.ViserServer, node: str, color: Vec3, camera: CameraModel, label: str) -> tuple[Any, Any]:
     """Add a drone with its camera and a label ("": none) under a node; return its body and the camera's frustum."""
+    half = math.radians(camera.pitch_deg) / 2.0
     body = add_glb(server, f"{node}/body", mesh_glb(drone_mesh(color)), scale=DRONE_SCALE)
     frustum = server.scene.add_camera_frustum(
         f"{node}/camera",
@@ -139,7 +139,8 @@ def add_drone(server: viser.ViserServer, node: str, color: Vec3, camera: CameraM
         aspect=camera.width / camera.height,
         scale=1.1,
         color=palette.shade(color),
-        wxyz=(0.0, 1.0, 0.0, 0.0),  # its axes are right, down, ahead
+        # its axes are right, down, ahead
+        wxyz=quat_multiply((math.cos(half), math.sin(half), 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)),
         position=(camera.offset_frd[1], -camera.offset_frd[2], -camera.offset_frd[0]),
         format="jpeg",
         cast_shadow=False,
@@ -163,22 +164,17 @@ class Picker:
     def __init__(self, scene: Scene) -> None:
         """`scene`: the map, without any target in it."""
         self._instances = [i for i in scene.instances if len(i.mesh.triangles)]
-        corners = [
-            (i.mesh.vertices @ turn(i.turned).T + np.array(i.position_ned))[i.mesh.triangles] for i in self._instances
-        ]
-        self._owner = np.repeat(np.arange(len(corners)), [len(c) for c in corners])
-        points = np.ascontiguousarray(np.concatenate(corners).reshape(-1, 3), dtype=np.float32)
-        self._scene = EmbreeScene()
-        TriangleMesh(self._scene, points, np.arange(len(points), dtype=np.int32).reshape(-1, 3))
+        self._owner = np.repeat(np.arange(len(self._instances)), [len(i.mesh.triangles) for i in self._instances])
+        self._scene = RayScene.of_instances(self._instances)
 
     def pick(self, origin: Vec3, direction: Vec3) -> tuple[Vec3, Instance] | None:
         """Return the first point (m, NED) that a ray hits and its instance; None when it hits nothing."""
         way = np.array(direction) / np.linalg.norm(direction)
-        hit = self._scene.run(np.array([origin], np.float32), way[None].astype(np.float32), output=1)
-        if hit["primID"][0] < 0:
+        hits = self._scene.first_hits(np.array([origin], np.float32), way[None].astype(np.float32))
+        if hits.triangle[0] == NOTHING:
             return None
-        n, e, d = np.array(origin) + way * float(hit["tfar"][0])
-        return (float(n), float(e), float(d)), self._instances[self._owner[int(hit["primID"][0])]]
+        n, e, d = np.array(origin) + way * float(hits.distance[0])
+        return (float(n), float(e), float(d)), self._instances[self._owner[hits.triangle[0]]]
 
 
 def _placed(instance: Instance, row: int) -> Mesh:

@@ -1,6 +1,6 @@
 """Rules about the look-alikes of a commanding episode.
 
-They look the same, stand spread out and in sight, and no inscription can be read from the start.
+They look the same, are spread out and in sight, and no inscription is readable from the start.
 """
 
 import itertools
@@ -49,7 +49,7 @@ def rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
     yield RuleFinding("the candidates' look", len(looks) == 1, ", ".join(sorted(looks)), "one asset in one paint")
     texts = [target.inscription or "none" for target in targets]
     distinct = len(set(texts)) == len(texts) and "none" not in texts
-    yield RuleFinding("the inscriptions", distinct, ", ".join(texts), "one for each, no two the same")
+    yield RuleFinding("the inscriptions", distinct, ", ".join(texts), "one for each candidate, all different")
     candidates = world.target_and_lookalikes
     yield from spread(world, [candidate.centre_ned for candidate in candidates])
     for instance, lookalike in zip(candidates[1:], record.candidates, strict=True):
@@ -76,7 +76,7 @@ def spread(world: World, centres: list[Vec3]) -> Iterator[RuleFinding]:
 
 
 def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
-    """Yield whether every drone sees every candidate at its start, and reads no inscription; `texts` are theirs."""
+    """Yield whether each drone sees all candidates from its start and reads none of their inscriptions (`texts`)."""
     candidates = world.target_and_lookalikes
     blank = [i.name for i, text in zip(candidates, texts, strict=True) if len(_inscription(i, text)) == 0]
     if blank:
@@ -91,16 +91,16 @@ def legibility(world: World, texts: list[str]) -> Iterator[RuleFinding]:
             attitude = level(start.yaw_deg)
             place, turned = candidate.position_ned, candidate.turned
             fewest = min(fewest, patch(candidate, place, turned, past, start.position_ned, attitude, CAMERA).pixels)
-            # letters that only a drone hides may be read as soon as it has gone
+            # other drones do not count as cover for letters, because they move away
             highest = max(highest, letters_px(candidate, text, around, start.position_ned, start.yaw_deg))
-    yield at_least("the least that a drone sees of a candidate", fewest, SPOTTED_PX, "pixels", 0)
+    yield at_least("the smallest visible part of a candidate", fewest, SPOTTED_PX, "pixels", 0)
     measured = f"{highest:.2f} px high" if highest else "turned away"
     wanted = f"< {READABLE_PX:g} px high at 640 px"
     yield RuleFinding("the best view of an inscription from a start", highest < READABLE_PX, measured, wanted)
 
 
 def letters_px(instance: Instance, text: str, past: Hides, origin: Vec3, yaw_deg: float) -> float:
-    """Return how high (px, in the picture of 640 px) an inscription's letters are; 0 when they do not face it."""
+    """Return the height of an inscription's letters (px in the picture of 640 px); 0: they face away."""
     tri = _inscription(instance, text)
     attitude = level(yaw_deg)
     eye = np.array(origin) + np.array(rotate(attitude, CAMERA.offset_frd))

@@ -1,4 +1,4 @@
-"""What a rule has to say about a record, and the numbers of the benchmark that it is held to.
+"""The result of a rule for a record, and the benchmark's limits for records.
 
 Source of the numbers: paper, appendix "Maps and Episodes".
 """
@@ -8,13 +8,13 @@ from dataclasses import dataclass
 Bounds = tuple[float, float]  # least and most, both allowed
 
 OCCUPANCY_PERCENT: Bounds = (0.40, 12.0)  # of the picture, when the target is faced from the start
-# The paper has 0.40 % in its words on the residential map. At the 48 m that it has on the campus no fixture takes so
-# much; a kiosk takes 0.27 %, which is 25 pixels either way of the picture that a model gets.
+# The paper's text has 0.40 % for the residential map. On the campus, at its largest distance of 48 m, every fixture is
+# smaller: a kiosk has 0.27 %, which is 25 × 25 pixels of the picture for a model.
 CAMPUS_OCCUPANCY_PERCENT: Bounds = (0.25, 12.0)
-ALTITUDE_M: Bounds = (1.2, 2.2)  # above the ground under the start, on the maps that ship
-DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # between what a record says and what is measured
+ALTITUDE_M: Bounds = (1.2, 2.2)  # above the ground under the start, on the shipped maps
+DISTANCE_OFF_M, BEARING_OFF_DEG = 0.01, 0.1  # largest differences between the record and the measurement
 REACH_M = 0.7  # from a vehicle's origin to the farthest part of it, the camera ahead
-LEVEL_M = 0.10  # of ground under a start, across REACH_M: from a kerb a vehicle tips over before it lifts
+LEVEL_M = 0.10  # of the ground under a start, across REACH_M: on a kerb a vehicle tips over before take-off
 BODY_M = 0.45  # half the diagonal of a vehicle with its propellers
 OFF_GROUND_M = 0.02
 WHEEL_OFF_M = 0.03  # a wheel of a target or look-alike, over or under the ground
@@ -27,19 +27,19 @@ WIDEST_PAIR_M: Bounds = (18.0, 32.0)
 GRID_SIDE_M, GRID_OFF_M = 2.0, 0.02
 GRID_TO_TARGET_M: Bounds = (12.0, 32.0)
 GRID_TO_CANDIDATES_M: Bounds = (7.0, 37.0)
-SPOTTED_PX = 90  # of 1280×720: 22 of the picture that the model sees, a dot that can be told from none
+SPOTTED_PX = 90  # of 1280×720: 22 pixels of the picture for a model, a visible dot
 
-# How high letters stand in the 640 px picture (focal length 320 px). By the paper's reading probe no model reads a
-# plate (0.10 m) at 10 m, where its digits are 3.2 px high, and none a sign (0.136 m) beyond 13 m, where its letters are
-# 3.35 px high and two models still do. Under 3.3 px nothing has ever been read.
+# Height of letters in the 640 px picture (focal length 320 px). In the paper's reading probe, no model reads a plate
+# (0.10 m) at 10 m, where its digits are 3.2 px high. Two models read a sign (0.136 m) at 13 m, where its letters are
+# 3.35 px high, and none beyond. Nothing below 3.3 px was ever read.
 READABLE_PX = 3.3
 READING_FOCAL_PX = 320.0
-FACING = 0.17  # cosine of the angle at which an inscription is seen: flatter than 80° it is a line
+FACING = 0.17  # cosine of the angle of view of an inscription: beyond 80° it is a line
 
 
 @dataclass(frozen=True, slots=True)
 class MapRules:
-    """What differs from map to map."""
+    """The limits that differ between maps."""
 
     start_distance_m: Bounds  # one drone, first frame, in three dimensions
     speed_mps: float | None = None  # of moving targets; None: any
@@ -60,11 +60,11 @@ OF_OTHER_MAPS = MapRules((6.0, 100.0), altitude_m=(1.0, 30.0))
 class RuleFinding:
     """One rule, applied."""
 
-    rule: str  # what is demanded, a few words
+    rule: str  # the checked quantity, in a few words
     passed: bool
     measured: str  # with its unit
     wanted: str
-    field: str = ""  # of the record, that would have to change
+    field: str = ""  # field of the record to change
 
     @property
     def sentence(self) -> str:

@@ -7,7 +7,7 @@ recorded distance, at a fair height, and with room to take off. Obstacles are th
 import itertools
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,8 @@ Array = NDArray[np.float64]
 
 GROUND_STEP_M = 0.1
 SWEEP_STEP_M = 0.25
-MOST_SWEEPS = 1500  # of a target that covers half a kilometre, the steps are longer
-MARGIN_M = 0.05  # between the target on its path and every obstacle
+MOST_SWEEPS = 1500  # most steps; for a path of half a kilometre they are longer
+MARGIN_M = 0.05  # least distance between the target on its path and every obstacle
 LIFT_M = 0.12  # wheels pass over kerbs and roots lower than this
 
 CLIMB_STEP_M = 0.2
@@ -59,7 +59,7 @@ class Box:
 
 
 def box_of(instance: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, lift_m: float = 0.0) -> Box:
-    """Return the box around an instance at a pose, wider by a margin all round and beginning `lift_m` over its foot."""
+    """Return the box around an instance at a pose, with a margin on all sides, from `lift_m` above its foot on."""
     low = instance.mesh.vertices.min(axis=0).astype(np.float64) - margin_m
     high = instance.mesh.vertices.max(axis=0).astype(np.float64) + margin_m
     high[2] = min(high[2], -lift_m)
@@ -67,10 +67,11 @@ def box_of(instance: Instance, place: Vec3, yaw: float, margin_m: float = 0.0, l
 
 
 class StaticObstacles:
-    """All solids of a scene that do not move, without its ground."""
+    """All solids of a scene that do not move, without its ground and its leaves."""
 
     def __init__(self, instances: Iterable[Instance]) -> None:
-        self._instances = [i for i in instances if i.solid and not i.movable and i.kind != "ground"]
+        solids = (i for i in instances if i.solid and not i.movable and i.kind != "ground")
+        self._instances = [replace(i, mesh=i.mesh.without_foliage()) for i in solids]
         self._bounds = np.zeros((len(self._instances), 2, 3))
         for k, instance in enumerate(self._instances):
             # the box of a turned box: half extents are turned with the absolute values of the matrix
@@ -93,7 +94,7 @@ class StaticObstacles:
         return best, name
 
     def overlapping(self, box: Box, but: str = "") -> str:
-        """Return the name of an obstacle whose surface reaches into the box; '' when it is free. `but` is left out."""
+        """Return the name of an obstacle whose surface reaches into the box; '': none. `but` is left out."""
         reach = np.abs(turn(box.yaw)) @ box.half
         low, high = box.centre_ned - reach, box.centre_ned + reach
         near = (self._bounds[:, 0] <= high).all(axis=1) & (self._bounds[:, 1] >= low).all(axis=1)
@@ -137,9 +138,9 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
     if record.target.path is None:
         (north, east, down), yaw = motion(record.target).pose(0.0)  # level; `wheels` checks how it leans
         off = abs(down - world.ground_down(north, east))
-        yield at_most("the target's foot off the ground", off, OFF_GROUND_M, "m", 3)
+        yield at_most("the distance of the target's foot from the ground", off, OFF_GROUND_M, "m", 3)
         met = obstacles.overlapping(box_of(world.target, (north, east, down), yaw, 0.0, LIFT_M), "target")
-        yield RuleFinding("what the target stands in", not met, met or "nothing", "nothing")
+        yield RuleFinding("the obstacle at the target's place", not met, met or "nothing", "nothing")
         return
     yield path_off_ground(world)
     yield path_clear(world, obstacles)
@@ -152,7 +153,7 @@ def target_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindi
 
 
 def path_off_ground(world: World) -> RuleFinding:
-    """Return whether the path lies on the ground, also between waypoints, as far as the target comes."""
+    """Return whether the path is on the ground, also between waypoints, up to the target's last place."""
     path = world.record.target.path
     if path is None:
         raise ValueError("the target stands still")
@@ -161,14 +162,16 @@ def path_off_ground(world: World) -> RuleFinding:
         leg = math.dist(a, b)
         for u in np.linspace(0.0, 1.0, max(2, math.ceil(leg / GROUND_STEP_M) + 1)):
             if gone + u * leg > path.speed_mps * CAP_S + MARGIN_M:
-                break  # farther than it comes
+                break  # beyond the target's last place
             n, e, d = (float(p + u * (q - p)) for p, q in zip(a, b, strict=True))
             off = abs(d - world.ground_down(n, e))
             if off > worst:
                 worst, where = off, (n, e, d)
         gone += leg
     measured = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-    return RuleFinding("the path off the ground", worst <= OFF_GROUND_M, measured, f"≤ {OFF_GROUND_M:g} m")
+    return RuleFinding(
+        "the distance of the path from the ground", worst <= OFF_GROUND_M, measured, f"≤ {OFF_GROUND_M:g} m"
+    )
 
 
 def wheels(world: World) -> Iterator[RuleFinding]:
@@ -189,7 +192,9 @@ def wheels(world: World) -> Iterator[RuleFinding]:
                     worst, where = off, (float(n), float(e), float(d))
     if worst >= 0.0:
         measured = f"{worst:.3f} m at north {where[0]:.1f}, east {where[1]:.1f}"
-        yield RuleFinding("how far a wheel is from the ground", worst <= WHEEL_OFF_M, measured, f"≤ {WHEEL_OFF_M:g} m")
+        yield RuleFinding(
+            "the distance of a wheel from the ground", worst <= WHEEL_OFF_M, measured, f"≤ {WHEEL_OFF_M:g} m"
+        )
 
 
 def path_clear(world: World, obstacles: StaticObstacles) -> RuleFinding:
@@ -200,8 +205,8 @@ def path_clear(world: World, obstacles: StaticObstacles) -> RuleFinding:
         met = obstacles.overlapping(box_of(world.target, place, yaw, MARGIN_M, LIFT_M))
         if met:
             measured = f"{met}, after {t:.0f} s, at north {place[0]:.1f}, east {place[1]:.1f}"
-            return RuleFinding("what the target meets on its path", False, measured, "nothing")
-    return RuleFinding("what the target meets on its path", True, "nothing", "nothing")
+            return RuleFinding("the obstacle on the target's path", False, measured, "nothing")
+    return RuleFinding("the obstacle on the target's path", True, "nothing", "nothing")
 
 
 def _sweep(way: TargetMotion) -> NDArray[np.float64]:
@@ -214,7 +219,7 @@ def path_length(world: World) -> RuleFinding:
     """Return whether the target is still on its way when the episode ends."""
     way = motion(world.record.target)
     least = way.speed_mps * CAP_S
-    measured, wanted = f"{way.length_m:.1f} m", f"> {least:g} m, what it covers in {CAP_S:g} s"
+    measured, wanted = f"{way.length_m:.1f} m", f"> {least:g} m, the distance covered in {CAP_S:g} s"
     return RuleFinding("the path's length", way.length_m > least, measured, wanted)
 
 
@@ -235,7 +240,7 @@ def start_rules(world: World, obstacles: StaticObstacles) -> Iterator[RuleFindin
 
 
 def distance_and_bearing(world: World) -> Iterator[RuleFinding]:
-    """Yield whether the recorded distance and bearing are the measured ones, and within the limits of the map."""
+    """Yield whether recorded distance and bearing equal the measured ones and are within the limits of the map."""
     record, here, goal = world.record, world.record.starts[0].position_ned, world.target_centre(0.0)
     distance = math.dist(here, goal)
     bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
@@ -265,7 +270,7 @@ def altitude(world: World) -> Iterator[RuleFinding]:
 
 
 def unevenness_m(world: World, north: float, east: float) -> float:
-    """Return the difference in height (m) of the ground under a vehicle that stands there."""
+    """Return the difference in height (m) of the ground below a vehicle at this place."""
     around = [2.0 * math.pi * k / RIM for k in range(RIM)]
     half = REACH_M / 2.0
     downs = [world.ground_down(north + half * math.cos(a), east + half * math.sin(a)) for a in around]
@@ -281,7 +286,7 @@ def free(world: World, obstacles: StaticObstacles) -> Iterator[RuleFinding]:
             if met:
                 worst, name = gap, met
     measured = f"{worst:.2f} m, to {name}" if name else f"more than {REACH_M:g} m"
-    yield RuleFinding("the room of a drone at its start and on its climb to it", not name, measured, f"≥ {REACH_M:g} m")
+    yield RuleFinding("the free space around a drone's start and climb", not name, measured, f"≥ {REACH_M:g} m")
 
 
 def climb(world: World, start: StartPose) -> Iterator[tuple[float, float, float]]:

@@ -1,6 +1,6 @@
 """Referring expressions and the rule about the instruction: it names the target as a person would, and nothing else.
 
-A referring expression is a phrase such as "the bench left of the fountain"; what it denotes is computed from the
+A referring expression is a phrase such as "the bench left of the fountain". Its target is computed from the
 geometry of the scene. A relation has a clear and a loose reading. An expression refers to its target if exactly the
 target fulfils the clear reading and no other thing of the kind fulfils even the loose one.
 
@@ -23,16 +23,17 @@ from episodes.authoring.check.finding import RuleFinding
 from episodes.maps import assets
 from episodes.maps.scene import Instance, Places, turn
 from episodes.records.record import EpisodeRecord
-from episodes.world.visibility import ray_scene
+from episodes.world.rays import NOTHING, RayScene
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Vec3, quat_from_euler, rotate
 from foundation.polygon import Point
 
-# What people call the assets; any other is called by its name.
+# Common names of the assets. Others have the name of the asset.
 NOUNS: dict[str, tuple[str, ...]] = {
     "suv": ("SUV",),
     "sedan": ("sedan", "saloon"),
+    "estate": ("estate car", "station wagon"),
     "hatchback": ("hatchback",),
     "pickup": ("pickup truck", "pickup"),
     "van": ("van",),
@@ -44,10 +45,10 @@ NOUNS: dict[str, tuple[str, ...]] = {
     "quadrotor": ("quadrotor", "drone on the stand"),
 }
 
-COMPACT_M = 4.0  # half the width of the largest landmark that has sides: left, right, front and back
-BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # from a landmark, the farthest that is called beside, before or behind it
-NEAREST_M = 25.0  # … and that is called the nearest to it
-APART_M = 40.0  # the farthest that two landmarks stand apart with something between them
+COMPACT_M = 4.0  # half the width of the largest landmark with a left, right, front and back side
+BESIDE_M, BESIDE_LOOSE_M = 12.0, 16.0  # m, largest distance for beside, before or behind a landmark
+NEAREST_M = 25.0  # … and for the nearest to it
+APART_M = 40.0  # largest distance of two landmarks for `between`
 RELATIONS = ("nearest", "left of", "right of", "in front of", "behind", "between")
 SEEN_FROM = ("left of", "right of", "in front of", "behind")  # relations that depend on the viewer's place
 _READ = re.compile(
@@ -58,13 +59,13 @@ _READ = re.compile(
 
 CAMERA = CameraModel(320, 180)
 SEEN_SHARE = 0.0015  # of the picture: the least size of a landmark
-# kinds that no instruction refers to: too large, too many of the same look, or too slight
+# kinds that no instruction names: too large, too many equal ones, or too small
 UNNAMED = ("ground", "hall", "house", "wood", "tree", "conifer", "shrub", "bush", "hedge", "fence", "lamp", "bollard")
 SLIGHT = ("bench", "bin", "person")  # kinds that may be targets, but never landmarks
 
 
 def nouns(asset: str) -> tuple[str, ...]:
-    """Return what people call an asset or a kind of fixture, the commonest word first."""
+    """Return the common names of an asset or a kind of fixture, the commonest first."""
     return NOUNS.get(asset, (asset.replace("-", " ").replace("_", " "),))
 
 
@@ -84,11 +85,11 @@ class Footprint:
 
     @property
     def compact(self) -> bool:
-        """Return whether it is small enough that things stand left or right of it rather than along it."""
+        """Return whether it is small enough for `left of` and `right of`."""
         return max(self.half) <= COMPACT_M
 
     def distance_m(self, spot: Point) -> float:
-        """Return how far a spot is from its edge; 0 inside."""
+        """Return the distance of a spot from its edge; 0 inside."""
         north, east = spot[0] - self.north, spot[1] - self.east
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         ahead, right = abs(c * north + s * east), abs(-s * north + c * east)
@@ -105,12 +106,12 @@ class Expression:
 
     @property
     def words(self) -> str:
-        """Return the expression as a person says it."""
+        """Return the expression in words."""
         return f"the {self.noun} {self.relation} {' and '.join(self.landmarks)}"
 
 
 def read(text: str, phrases: Iterable[str]) -> Expression | None:
-    """Return the expression in an instruction, None when there is none; `phrases` are those of the map's landmarks."""
+    """Return the expression in an instruction; None: there is none. `phrases`: of the map's landmarks."""
     match = _READ.search(text)
     if match is None:
         return None
@@ -153,7 +154,7 @@ def denotes(
 def refers(
     expression: Expression, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> bool:
-    """Return whether an expression denotes the target alone, in both readings."""
+    """Return whether an expression denotes only the target, in both readings."""
     clear, loose = denotes(expression, places, landmarks, viewer)
     return clear == [target] and loose == [target]
 
@@ -161,7 +162,7 @@ def refers(
 def expressions(
     noun: str, target: str, places: Mapping[str, Vec3], landmarks: Mapping[str, Footprint], viewer: Vec3
 ) -> list[Expression]:
-    """Return all expressions that denote a target alone, in a fixed order."""
+    """Return all expressions that denote only a target, in a fixed order."""
     phrases = sorted(landmarks)
     candidates = [Expression(noun, rel, (phrase,)) for phrase in phrases for rel in RELATIONS if rel != "between"]
     candidates += [Expression(noun, "between", pair) for pair in itertools.combinations(phrases, 2)]
@@ -196,7 +197,7 @@ def _between(spot: Point, ends: list[Point], loose: bool) -> bool:
 
 
 def _beside(spot: Point, landmark: Point, viewer: Point) -> tuple[float, float, float]:
-    """Return how far (m) a spot is beyond the landmark, to the right of it, and from it, as the viewer sees it."""
+    """Return a spot's distances (m) from a landmark in the viewer's axes: behind it, right of it, and in total."""
     way = math.dist(viewer, landmark) or 1.0
     forward = ((landmark[0] - viewer[0]) / way, (landmark[1] - viewer[1]) / way)
     off = (spot[0] - landmark[0], spot[1] - landmark[1])
@@ -232,10 +233,10 @@ def footprint(instance: Instance) -> Footprint:
 
 
 def landmarks(map_name: str, map_seed: int, kind: str, viewer: Vec3, yaw_deg: float | None) -> dict[str, Footprint]:
-    """Return phrase → footprint of everything that an instruction may use to tell things of a kind apart.
+    """Return phrase → footprint of all landmarks that an instruction may use to distinguish things of a kind.
 
-    These are the map's own landmarks and, for a drone that sees its target at the start (`yaw_deg` given), the things
-    of whose kind the first picture shows just one, as 'the kiosk'. Empty for a map without landmarks of its own.
+    These are the map's own landmarks. For a drone that sees its target at the start (`yaw_deg` given), they include
+    kinds with only one thing in the first picture, such as 'the kiosk'. Empty for a map without its own landmarks.
     """
     named = {mark.phrase: mark.name for mark in places(map_name, map_seed).landmarks}
     if not named:
@@ -271,10 +272,9 @@ class Scenery:
 
     def __init__(self, instances: tuple[Instance, ...]) -> None:
         solids = [i for i in instances if i.solid]
-        placed = [i.triangles_ned() for i in solids]
         self._names = [i.name for i in solids]
-        self._owner = np.repeat(np.arange(len(solids)), [len(t) for t in placed])
-        self._scene = ray_scene(np.concatenate(placed))
+        self._owner = np.repeat(np.arange(len(solids)), [len(i.mesh.triangles) for i in solids])
+        self._scene = RayScene.of_instances(solids)
 
     def seen(self, origin: Vec3, yaw_deg: float) -> dict[str, float]:
         """Return name → share of the picture (0 … 1) of everything in view of a level drone's camera."""
@@ -285,8 +285,8 @@ class Scenery:
         y = (np.arange(CAMERA.height) + 0.5 - CAMERA.height / 2) / CAMERA.focal_px
         way = (axes[0] + x[None, :, None] * axes[1] + y[:, None, None] * axes[2]).reshape(-1, 3).astype(np.float32)
         start = np.ascontiguousarray(np.broadcast_to(eye.astype(np.float32), way.shape))
-        hit = self._scene.run(start, np.ascontiguousarray(way), output=1)["primID"]
-        count = Counter(self._owner[hit[hit >= 0]].tolist())
+        hit = self._scene.first_hits(start, np.ascontiguousarray(way)).triangle
+        count = Counter(self._owner[hit[hit != NOTHING]].tolist())
         return {self._names[k]: n / len(way) for k, n in sorted(count.items())}
 
 
@@ -331,11 +331,11 @@ def paint_rules(world: World) -> Iterator[RuleFinding]:
         and i.kind in assets.names()
         and any(m.name == f"paint-{paint}" for m in i.mesh.materials)
     ]
-    yield RuleFinding("others in the target's colour", not wearers, ", ".join(wearers[:3]) or "none", "none")
+    yield RuleFinding("other vehicles in the target's colour", not wearers, ", ".join(wearers[:3]) or "none", "none")
 
 
 def place_rule(world: World) -> RuleFinding:
-    """Return whether the instruction tells the target from its near-duplicates by its place."""
+    """Return whether the instruction distinguishes the target from its near-duplicates by its place."""
     record = world.record
     kind = kind_of(record.target.asset)
     of_kind = {i.name: i.position_ned for i in world.scene.instances if kind_of(i.kind) == kind}
@@ -343,7 +343,7 @@ def place_rule(world: World) -> RuleFinding:
     yaw = record.starts[0].yaw_deg if record.visible_at_start else None
     marks = landmarks(record.map, record.map_seed, kind, viewer, yaw)
     expression = read(record.instruction, marks)
-    rule, wanted = "what the instruction's place tells", f"{world.target.name} alone"
+    rule, wanted = "the target of the instruction's place", f"{world.target.name} alone"
     if expression is None:
         alone = list(of_kind) == [world.target.name]
         hint = "nearest, left of, right of, in front of, behind or between landmarks"

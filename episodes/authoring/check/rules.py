@@ -1,8 +1,8 @@
 """All rules on one record, on many records in a pool of processes, and on a suite.
 
-The rules about a suite demand targets so evenly spread that a pilot without a camera cannot guess where they are. They
-hold for the episodes that ship as `all`, and for each cell of a map that has enough records. A `Layout` has what these
-rules use of a record: where the target stands relative to the nose, and on which headings a straight flight finds it.
+The rules about a suite require targets so evenly spread that a pilot without a camera cannot guess their places. They
+hold for the shipped suite `all`, and for each cell of a map with enough records. A `Layout` has the values of a record
+for these rules: the target's place relative to the nose, and the headings on which a straight flight finds it.
 """
 
 import math
@@ -29,15 +29,15 @@ from foundation.frames import Vec3
 from foundation.protocol import RADIUS_M, SPEED_MAX
 
 ENOUGH = 5  # records of a cell on a map, for a rule about their spread
-OFF_CENTRE_DEG = 15.0  # at least half of the targets in sight stand farther from the nose than this
+OFF_CENTRE_DEG = 15.0  # at least half of the targets in sight are farther from the nose
 UNEVEN = 0.25  # largest difference (Kolmogorov's) of a cell's ten draws from an even spread
 CAMPUS_M = ((12.0, 14.0), (44.0, 48.0))  # where the nearest and the farthest start on campus lie
 HEIGHTS_M = ((1.2, 1.35), (2.05, 2.2))  # where the lowest and the highest start lie
 ROWS = 0.05  # of the picture's height, from the uppermost to the lowest target in a suite
-# Of ten in sight 16 m off, a flight straight on passes within 5 m of whatever stands up to 14° beside its way: of the
-# picture's usable 74° that is more than a third, so no spread leaves fewer than three to every heading.
-AHEAD = {True: 2, False: 1}  # of ten in sight or hidden, passed by flying straight on as the record faces …
-ANY_HEADING = {True: 4, False: 2}  # … and on the one heading from the nose that passes most
+# A straight flight passes within 5 m of all targets at 16 m that are up to 14° beside its way: more than a third of the
+# picture's usable 74°. So for any spread of ten targets in sight, some heading passes at least three.
+AHEAD = {True: 2, False: 1}  # most of ten targets (in sight or hidden) that a flight straight ahead may pass …
+ANY_HEADING = {True: 4, False: 2}  # … and that a flight on the best heading may pass
 
 HEADING_STEP_DEG = 2
 ALONG_STEP_M = 0.5
@@ -59,8 +59,8 @@ class Layout:
     row: float | None  # 0 … 1, top to bottom
     distance_m: float
     height_m: float  # of the first start above the ground under it
-    straight_deg: frozenset[int]  # headings from the nose on which a level straight flight comes to a true declaration
-    fewest_px: int | None  # of a fleet: the least that a drone sees of a candidate past the other drones
+    straight_deg: frozenset[int]  # headings from the nose on which a level straight flight reaches a true declaration
+    fewest_px: int | None  # of a fleet: the smallest visible part of a candidate behind the other drones
 
 
 def check(world: World) -> list[RuleFinding]:
@@ -77,7 +77,7 @@ def check(world: World) -> list[RuleFinding]:
 
 
 def _about(field: str, findings: Iterable[RuleFinding]) -> list[RuleFinding]:
-    """Return findings with the field that they are about, unless they name one themselves."""
+    """Return findings with the field of their subject, unless they have one."""
     return [finding if finding.field else replace(finding, field=field) for finding in findings]
 
 
@@ -181,7 +181,7 @@ def _passes(world: World, heading_deg: float, span_m: float, drift_m: float) -> 
 
 
 def past_each_other(world: World) -> int:
-    """Return the fewest pixels that a drone of a fleet sees of a candidate, past the other drones."""
+    """Return the smallest number of a candidate's pixels that a drone of a fleet sees behind the other drones."""
     record, of_map = world.record, solids(world.record.map, world.record.map_seed)
     targets = world.target_and_lookalikes
     drones = [_drone(k, start) for k, start in enumerate(record.starts)]
@@ -228,7 +228,7 @@ def check_one_drone(layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
     yield between("the highest start", max(heights), HEIGHTS_M[1], "m")
     rows = [layout.row for layout in layouts if layout.row is not None]
     if rows:
-        rule = "the rows of the picture from the uppermost to the lowest target"
+        rule = "the rows between the uppermost and the lowest target"
         yield at_least(rule, max(rows) - min(rows), ROWS, "")
 
 
@@ -236,7 +236,7 @@ def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
     """Yield the findings about the records of one cell on one map."""
     if layouts[0].fewest_px is not None:
         least = min(layout.fewest_px or 0 for layout in layouts)
-        rule = f"{name}: the least that a drone sees of a candidate past the others"
+        rule = f"{name}: the smallest visible part of a candidate behind the others"
         yield at_least(rule, least, SPOTTED_PX, "px", 0)
         return
     in_sight = layouts[0].column is not None
@@ -244,26 +244,26 @@ def check_cell(name: str, layouts: Sequence[Layout]) -> Iterator[RuleFinding]:
         off = sum(abs(layout.off_deg) > OFF_CENTRE_DEG for layout in layouts)
         yield at_least(f"{name}: targets more than {OFF_CENTRE_DEG:g}° off the nose", off, len(layouts) / 2, "", 0)
         shares = [layout.column for layout in layouts if layout.column is not None]
-        rule = f"{name}: how uneven the columns of the targets are"
+        rule = f"{name}: the unevenness of the targets' columns"
     else:
         hiding = 360.0 - 2.0 * HALF_VIEW_DEG
         shares = [(layout.off_deg % 360.0 - HALF_VIEW_DEG) / hiding for layout in layouts]
-        rule = f"{name}: how uneven the yaws are over those that hide the target"
+        rule = f"{name}: the unevenness of the yaws that hide the target"
     yield at_most(rule, unevenness(shares), UNEVEN, "")
     ahead, most = passed(layouts)
     limits = passable(in_sight, len(layouts))
-    yield at_most(f"{name}: records that a flight straight on passes", ahead, limits[0], "", 0)
+    yield at_most(f"{name}: records that a flight straight ahead passes", ahead, limits[0], "", 0)
     yield at_most(f"{name}: records that a straight flight passes on any one heading", most, limits[1], "", 0)
 
 
 def passed(layouts: Sequence[Layout]) -> tuple[int, int]:
-    """Return how many records a straight flight passes: straight on, and on the heading that passes most."""
+    """Return how many records a straight flight passes: straight ahead, and on the best heading."""
     count = Counter(heading for layout in layouts for heading in layout.straight_deg)
     return count[0], max(count.values(), default=0)
 
 
 def passable(in_sight: bool, count: int) -> tuple[float, float]:
-    """Return how many of `count` records of a cell a straight flight may pass: straight on, and on any heading."""
+    """Return how many of `count` records of a cell a straight flight may pass: straight ahead, and on any heading."""
     return AHEAD[in_sight] * count / 10.0, ANY_HEADING[in_sight] * count / 10.0
 
 

@@ -1,7 +1,7 @@
-"""Rules about the camera's view from the start: of the target that is faced, and at the recorded yaw.
+"""Rules about the camera's view from the start: when it faces the target, and at the recorded yaw.
 
-Pixels of the target are counted by rays through their middles, as in the renderer's ids. A `Framing` has the yaws at
-which a thing is wholly inside a drone's picture, or wholly outside it.
+Pixels of the target are counted by rays through their centres, as in the renderer's ids. A `Framing` has the yaws at
+which a thing is completely inside a drone's picture, or completely outside it.
 """
 
 import math
@@ -9,12 +9,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from episodes.authoring.check.finding import BODY_M, OF_OTHER_MAPS, RULES, RuleFinding, at_least, between
 from episodes.maps.scene import Instance, Mesh, turn
-from episodes.world.visibility import NEAR_M, Hides, ray_scene
+from episodes.world.rays import NOTHING as NO_TRIANGLE
+from episodes.world.rays import RayScene
+from episodes.world.visibility import NEAR_M, Hides
 from episodes.world.world import World
 from foundation.camera import CameraModel
 from foundation.frames import Quat, Vec3, quat_from_euler, rotate
@@ -24,20 +25,20 @@ from foundation.threads import once
 Array = NDArray[np.float64]
 
 STEP_DEG = 0.1
-EDGE_DEG = 1.0  # between a thing that is wholly inside the picture and the edge
+EDGE_DEG = 1.0  # between a thing that is completely inside the picture and the edge
 CAMERA = CameraModel()
 HALF_VIEW_DEG = math.degrees(math.atan(CAMERA.width / 2.0 / CAMERA.focal_px))
 
 STEP_M = 0.5
-MOST_STEPS = 201  # a start that far off fails the rule about its distance
-FACED_FRACTION = 0.5  # of the target's silhouette that must be open to view when it is faced
+MOST_STEPS = 201  # a start farther away fails the rule about its distance
+FACED_FRACTION = 0.5  # share of the target's silhouette that must be visible when it is faced
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """Where the target is in a picture."""
+    """The target's place in a picture."""
 
-    pixels: int  # that show it
+    pixels: int  # that show the target
     share: float  # 0 … 1 of the picture's pixels
     box_share: float  # 0 … 1 of the picture covered by the box around those pixels
     cut: bool = False  # they reach an edge of the picture
@@ -71,10 +72,10 @@ def patch(
     own = _traced(target.mesh)
     local_eye = ((eye - np.array(place)) @ to_world).astype(np.float32)
     start = np.ascontiguousarray(np.broadcast_to(local_eye, way.shape))
-    hit = own.run(start, np.ascontiguousarray((way @ to_world).astype(np.float32)), output=1)
-    shown = np.flatnonzero((hit["primID"] >= 0) & (hit["tfar"] > NEAR_M))
+    hits = own.first_hits(start, np.ascontiguousarray((way @ to_world).astype(np.float32)))
+    shown = np.flatnonzero((hits.triangle != NO_TRIANGLE) & (hits.distance > NEAR_M))
     if len(shown):
-        points = eye + way[shown] * hit["tfar"][shown, None].astype(np.float64)
+        points = eye + way[shown] * hits.distance[shown, None].astype(np.float64)
         shown = shown[~solids.hidden((float(eye[0]), float(eye[1]), float(eye[2])), points)]
     if len(shown) == 0:
         return NOTHING
@@ -87,9 +88,9 @@ def patch(
 
 
 @once(16)  # a record's checks and a search for places need the same few meshes over and over
-def _traced(mesh: Mesh) -> EmbreeScene:
+def _traced(mesh: Mesh) -> RayScene:
     """Return a mesh for rays, in the asset's axes."""
-    return ray_scene(mesh.vertices[mesh.triangles])
+    return RayScene.of_mesh(mesh)
 
 
 def _reach(
@@ -120,12 +121,12 @@ class Framing:
     right_deg: Array  # (N,) … and of its right end; left <= middle <= right, which may lie beyond ±180
 
     def inside(self) -> NDArray[np.bool_]:
-        """Return (N,) where the thing is wholly within the picture's sides."""
+        """Return (N,) whether the thing is completely within the picture's sides."""
         limit = HALF_VIEW_DEG - EDGE_DEG
         return np.asarray((self.left_deg >= -limit) & (self.right_deg <= limit))
 
     def hidden(self) -> NDArray[np.bool_]:
-        """Return (N,) where no part of the thing is in the picture, whichever way it stands in its box."""
+        """Return (N,) whether no part of the thing's box is in the picture."""
         outside = HALF_VIEW_DEG + STEP_DEG
         beyond = (self.left_deg > outside) & (self.right_deg < 360.0 - outside)
         return np.asarray(beyond | ((self.right_deg < -outside) & (self.left_deg > outside - 360.0)))
@@ -204,17 +205,17 @@ def level(yaw_deg: float) -> Quat:
 
 
 def rules(world: World) -> Iterator[RuleFinding]:
-    """Yield the findings about sight. Occupancy is that of the box around the target's pixels, as of a detector."""
+    """Yield the findings about sight. Occupancy is the box around the target's pixels, as for a detector."""
     record, start = world.record, world.record.starts[0]
     ahead = bearing_deg(start.position_ned, world.target_centre(0.0))
     faced = seen(world, start.position_ned, ahead)
     if record.cell != "commanding":
         allowed = RULES.get(record.map, OF_OTHER_MAPS).occupancy_percent
-        finding = between("the occupancy of the faced target", 100.0 * faced.box_share, allowed, "%")
+        finding = between("the occupancy of the target when faced", 100.0 * faced.box_share, allowed, "%")
         yield replace(finding, measured=f"{finding.measured} ({100 * faced.share:.2f} % of the pixels)")
     around = world.fleet.other_starts(0).values()
     fraction = world.measure(0.0, start.position_ned, level(ahead), CAMERA, around).visible_fraction or 0.0
-    yield at_least("the share of the faced target that nothing hides", fraction, FACED_FRACTION, "of it")
+    yield at_least("the visible share of the target when faced", fraction, FACED_FRACTION, "of it")
     yield way_to_target(world)
     m = world.measure(0.0, start.position_ned, level(start.yaw_deg), CAMERA, around)
     if record.visible_at_start:
@@ -230,14 +231,14 @@ def rules(world: World) -> Iterator[RuleFinding]:
 
 
 def seen(world: World, origin: Vec3, yaw_deg: float) -> Patch:
-    """Return where the target is in the first picture of the first drone, level, past the other drones of its fleet."""
+    """Return the target's place in the first picture of the first drone, which is level; other drones may hide it."""
     place, turned = world.target_pose(0.0)
     past = world.past(world.fleet.other_starts(0).values())
     return patch(world.target, place, turned, past, origin, level(yaw_deg), CAMERA)
 
 
 def way_to_target(world: World) -> RuleFinding:
-    """Return whether a drone has room to fly straight at the target, as far as the radius of success."""
+    """Return whether a drone has room to fly straight to the success radius of the target."""
     start, goal = world.record.starts[0].position_ned, world.target_centre(0.0)
     span = math.dist(start, goal)
     clear = max(span - RADIUS_M, 0.0)
@@ -250,7 +251,7 @@ def way_to_target(world: World) -> RuleFinding:
             start[2] + u * (goal[2] - start[2]),
         )
         worst = min(worst, world.clearance_m(point))
-    return at_least("the room around the straight way to the target", worst, BODY_M, "m")
+    return at_least("the free space around the straight way to the target", worst, BODY_M, "m")
 
 
 def bearing_deg(origin: Vec3, goal: Vec3) -> float:

@@ -1,24 +1,17 @@
-"""Records that pass every check, proposed from a map, a cell and a seed, and the requests behind the shipped catalogue.
-
-`dronecats episodes new --official` makes the bytes of the catalogue again. One target of it is placed by hand: the cyan
-SUV of the first flight, with its start. The yaw of that start is drawn like all others. The seeds are the first with
-which a request also passes the rules about a suite (`episodes.authoring.check.rules`).
-"""
+"""Records that pass every check, proposed from a map, a cell and a seed."""
 
 import math
 import random
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 
 from episodes import maps
 from episodes.authoring.check import rules
 from episodes.authoring.check.finding import SPOTTED_PX
 from episodes.authoring.check.rules import Layout, check, layout
-from episodes.authoring.check.sight import bearing_deg
-from episodes.authoring.processes import share_out
 from episodes.authoring.propose import commanding, one_drone
-from episodes.authoring.propose.draft import Draw, Proposal, flight_seed, shares, yaw_deg
-from episodes.authoring.propose.site import Site, no_room, start
+from episodes.authoring.propose.draft import Draw, Proposal, shares
+from episodes.authoring.propose.site import Site, no_room
 from episodes.records import catalogue
 from episodes.records.record import CELLS, HIDDEN, MAX_SEED, VERSION, EpisodeRecord
 from episodes.world.world import World
@@ -41,7 +34,6 @@ class RecordRequest:
     count: int
     seed: int
     map_seed: int = 1
-    kept: str | None = None  # id of a shipped record whose target, place and words the first record has
 
 
 def propose(request: RecordRequest) -> list[EpisodeRecord]:
@@ -59,10 +51,7 @@ def propose(request: RecordRequest) -> list[EpisodeRecord]:
     layouts: list[Layout] = []
     for number, share in enumerate(shares(request.count, rng), request.first):
         for tried in range(TRIES):
-            if request.kept and number == request.first:
-                draft = _kept(site, catalogue.load(request.kept), share, rng)
-            else:
-                draft = _next(drafts, share)
+            draft = _next(drafts, share)
             if draft is None:
                 raise no_room(f"{request.cell} episode on {request.map}")
             if tried < EAGER and any(math.dist(draft.placed.position_ned, place) < APART_M for place in places):
@@ -91,9 +80,9 @@ def first_free(name: str, cell: str) -> int:
 def validate(request: RecordRequest) -> None:
     """Raise UsageError for a request that no map and no search could fulfil."""
     if request.cell not in CELLS:
-        raise UsageError(f"cell '{request.cell}' does not exist. Use one of {', '.join(CELLS)}.")
+        raise UsageError(f"cell '{request.cell}' does not exist. Choose one of {', '.join(CELLS)}.")
     if request.map not in maps.names():
-        raise UsageError(f"map '{request.map}' does not exist: use one of {', '.join(maps.names())}.")
+        raise UsageError(f"map '{request.map}' does not exist. Choose one of {', '.join(maps.names())}.")
     if not 1 <= request.count <= MOST or not 1 <= request.first <= MOST or request.first + request.count - 1 > MOST:
         raise UsageError(f"--count and --first must keep the numbers of the ids within 01 … {MOST}.")
     if not 0 <= request.seed <= MAX_SEED or not 0 <= request.map_seed <= MAX_SEED:
@@ -109,16 +98,6 @@ def _evens(request: RecordRequest, layouts: list[Layout]) -> bool:
     return request.count < rules.ENOUGH or within
 
 
-def _kept(site: Site, record: EpisodeRecord, share: Draw, rng: random.Random) -> Proposal | None:
-    """Return the draft of a shipped record with a yaw of its own; None when its target fits no picture."""
-    placed, place = site.placed(record.target), record.starts[0].position_ned
-    yaw = yaw_deg(record.cell, bearing_deg(place, placed.centre_ned), site.framed(placed, place), share.turn)
-    if yaw is None:
-        return None
-    starts, visible = (start(place, yaw),), record.visible_at_start
-    return Proposal(record.target, placed, starts, visible, record.instruction, flight_seed(rng))
-
-
 def _next(drafts: Generator[Proposal | None, Draw, None], share: Draw) -> Proposal | None:
     """Return the next draft for a share; None when there are no more."""
     try:
@@ -131,7 +110,7 @@ def _source(site: Site, cell: str, rng: random.Random) -> Generator[Proposal | N
     """Return the drafts of a cell, without end while the map has places; it waits for the first share."""
     if cell == "commanding":
         return commanding.drafts(site, rng)
-    if site.places.landmarks:  # a map whose own fixtures are the targets, told apart by their places
+    if site.places.landmarks:  # a map whose own fixtures are the targets, distinguished by their places
         return one_drone.referred_drafts(site, cell, rng)
     return one_drone.painted_drafts(site, cell, rng)
 
@@ -153,22 +132,3 @@ def _record(request: RecordRequest, number: int, draft: Proposal) -> EpisodeReco
         seed=draft.seed,
         candidates=draft.candidates,
     )
-
-
-REQUESTS = (
-    RecordRequest("residential", "approaching", 1, 10, 12, kept="v1-residential-approaching-01"),
-    RecordRequest("residential", "searching", 1, 10, 1),
-    RecordRequest("residential", "tracking", 1, 10, 3),
-    RecordRequest("residential", "search-and-track", 1, 10, 1),
-    RecordRequest("residential", "commanding", 1, 10, 1),
-    RecordRequest("campus", "approaching", 1, 10, 1),
-    RecordRequest("campus", "searching", 1, 10, 1),
-    RecordRequest("campus", "tracking", 1, 10, 1),
-    RecordRequest("campus", "search-and-track", 1, 10, 1),
-    RecordRequest("blocks", "commanding", 1, 10, 1),
-)
-
-
-def make(jobs: int | None = None) -> Iterator[list[EpisodeRecord]]:
-    """Yield the records of the catalogue, a request as it is done, on `jobs` processes."""
-    yield from share_out(propose, REQUESTS, jobs)

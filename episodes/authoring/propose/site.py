@@ -128,7 +128,7 @@ class Site:
     def placed(self, target: TargetRecord) -> PlacedTarget:
         """Return a target that a record adds."""
         if target.paint is None:
-            raise ValueError("only what is placed has a paint")
+            raise ValueError("only placed targets have a paint")
         mesh = assets.build(target.asset, target.paint, target.inscription)
         place, yaw = motion(target).pose(0.0)
         return PlacedTarget(mesh, place, yaw, TargetView(mesh, self.solids))
@@ -224,4 +224,4 @@ def rounded(place: Vec3) -> Vec3:
 
 def no_room(kind: str) -> UsageError:
     """Return the error of a search without a result."""
-    return UsageError(f"no {kind} passes the checks. Propose fewer, or try another --seed or --map-seed.")
+    return UsageError(f"no {kind} passes the checks. Lower --count, or try another --seed or --map-seed.")

@@ -14,7 +14,8 @@ from episodes.camera.optics.options import LensModel, Optics, Rain, Sensor
 from episodes.camera.optics.weather import Light
 from episodes.camera.renderer.renderer import Renderer
 from episodes.camera.renderer.sky import STEPS, WHITE, daylight, display_table
-from episodes.maps.scene import Moved, Scene, Sun
+from episodes.maps.conditions import overcast
+from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose, camera_pose
 from foundation.frames import Quat, Vec3, quat_integrate
 
@@ -33,6 +34,7 @@ class VehicleMotion:
     velocity_ned: Vec3  # m/s
     attitude: Quat  # FRD → NED
     rates_frd: Vec3  # rad/s, body
+    gimbal_pitch: float | None = None  # rad, up from the horizon; None: the camera has no gimbal
 
     def after(self, seconds: float) -> "VehicleMotion":
         """Return the motion `seconds` later, at constant velocity and rates."""
@@ -53,8 +55,8 @@ class OpticalRenderer:
     """
 
     def __init__(self, scene: Scene, camera: CameraModel, optics: Optics, threads: int = 2) -> None:
-        """Raises UsageError as `Renderer` does, ValueError for an impossible lens or sun."""
-        sun = lit(scene.sun, optics)
+        """Raises UsageError as `Renderer` does, ValueError for an impossible lens."""
+        sun = overcast(scene.sun) if optics.rain is not None else scene.sun
         self._optics, self._camera = optics, camera
         self._lens = BentLens(optics.lens or LensModel(), camera)
         self._renderer = Renderer(dataclasses.replace(scene, sun=sun), self._lens.wide, threads)
@@ -88,7 +90,7 @@ class OpticalRenderer:
         self._renderer.close()
 
     def _pose(self, motion: VehicleMotion) -> CameraPose:
-        return camera_pose(motion.position_ned, motion.attitude, self._camera)
+        return camera_pose(motion.position_ned, motion.attitude, self._camera.at_pitch(motion.gimbal_pitch))
 
     def _seen(self, motion: VehicleMotion, moved: Callable[[float], Moved]) -> tuple[Light, NDArray[np.float32]]:
         """Return the light of the scene at one instant, through the air, and its planar depth (m)."""
@@ -125,13 +127,6 @@ class OpticalRenderer:
             rng,
         )
         return weather.add_streaks(light, mask, self._air)
-
-
-def lit(sun: Sun, optics: Optics) -> Sun:
-    """Return the sun under these options. Raises ValueError for a sun below the horizon."""
-    if optics.sun is not None:
-        sun = weather.moved_sun(sun, optics.sun)
-    return weather.overcast(sun) if optics.rain is not None else sun
 
 
 def noisy(light: Light, sensor: Sensor, rng: np.random.Generator) -> Light:
@@ -200,7 +195,7 @@ def pinhole_rays(lens: LensModel, camera: CameraModel) -> tuple[NDArray[np.float
     radial, dx, dy = _terms(lens, x, y)
     miss = np.hypot(x * radial + dx - shown_x, y * radial + dy - shown_y).max()
     if not miss * 640.0 < MISS_PX or _folds(lens, float(np.hypot(x, y).max())):
-        raise ValueError("[lens] these coefficients fold the picture over itself. Give smaller ones")
+        raise ValueError("[lens] with these coefficients the picture overlaps itself. Give smaller ones")
     return x, y
 
 

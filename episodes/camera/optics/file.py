@@ -24,16 +24,12 @@ def optics_of(table: Mapping[str, Any], where: str) -> Optics:
 
 
 def _check(optics: Optics, where: str) -> None:
-    """Raise UsageError for numbers that are fine alone but make no picture together."""
-    if optics.sun is None and optics.lens is None:
+    """Raise UsageError for a lens whose numbers are fine alone but make no picture together."""
+    if optics.lens is None:
         return
-    from episodes.camera.optics.camera import wide_camera  # these two load the renderer, which most commands do without
-    from episodes.camera.optics.weather import toward_sun
+    from episodes.camera.optics.camera import wide_camera  # loads the renderer, which most commands do without
 
     try:
-        if optics.sun is not None:
-            toward_sun(optics.sun)
-        if optics.lens is not None:
-            wide_camera(optics.lens, CameraModel())
+        wide_camera(optics.lens, CameraModel())
     except ValueError as error:
         raise UsageError(f"{where}: {error}") from None

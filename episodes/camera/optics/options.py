@@ -50,17 +50,6 @@ class Exposure:
 
 
 @dataclass(frozen=True, slots=True)
-class SunPlace:
-    """The place of the sun: by its angles, or by the true solar hour of a day at a latitude."""
-
-    azimuth_deg: Annotated[float, _within(-360.0, 360.0)] | None = None  # clockwise from north
-    elevation_deg: Annotated[float, _within(3.0, 90.0)] | None = None  # above the horizon
-    hour: Annotated[float, _within(0.0, 24.0)] | None = None  # true solar time, 12 = highest
-    day: Annotated[int, _within(1, 366)] = 172  # of the year; 172 is midsummer in the north
-    latitude_deg: Annotated[float, _within(-89.0, 89.0)] = 47.0
-
-
-@dataclass(frozen=True, slots=True)
 class Haze:
     """A level layer of haze that begins at the ground, beyond what every frame has in 2.2 km of clear air."""
 
@@ -85,7 +74,6 @@ class Optics:
     lens: LensModel | None = None
     sensor: Sensor | None = None
     exposure: Exposure | None = None
-    sun: SunPlace | None = None
     haze: Haze | None = None
     rain: Rain | None = None
     # of noise and drops, with that of the flight, the drone and the frame's id

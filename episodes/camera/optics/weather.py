@@ -1,21 +1,17 @@
-"""Haze, the place of the sun, the light below rain clouds, and drops near the camera."""
+"""Haze, and drops near the camera."""
 
-import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from episodes.camera.optics.options import Haze, SunPlace
+from episodes.camera.optics.options import Haze
 from episodes.camera.renderer.layout import eye_of
-from episodes.maps.scene import Sun, sun_at
 from foundation.camera import CameraModel, CameraPose
 from foundation.frames import Vec3
 
 Light = NDArray[np.float32]  # (H, W, 3) linear RGB, 0 … `sky.WHITE`
 
-LOWEST_DEG = 3.0  # of the sun: below it shadows reach across the whole map
-REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB (Rayleigh, as 1/λ⁴ goes)
 CLOUDS_M = 1500.0  # m, the base of rain clouds above the camera
 RAIN_EXTINCTION = (0.000248, 0.67)  # 1/m and exponent of mm/h: 1.076 R^0.67 dB/km (Carbonneau and Wisely, 1998)
 
@@ -23,50 +19,6 @@ NEAR_M, FAR_M = 0.4, 7.0  # along the optical axis; farther drops are the veil o
 SMALLEST_MM = 0.8  # smaller drops are invisible
 SHUTTER_S = 0.008  # without an exposure option
 BRIGHTNESS = 1.25  # of a drop over the haze's colour: it shows the whole sky at once
-
-
-def toward_sun(place: SunPlace) -> Vec3:
-    """Return the unit vector towards the sun, NED. Raises ValueError for a sun that is too low or badly given."""
-    angles = (place.azimuth_deg, place.elevation_deg)
-    if (place.hour is None) == (angles == (None, None)):
-        raise ValueError("[sun] needs either hour, or azimuth_deg and elevation_deg")
-    if place.hour is not None:
-        toward = sun_at(place.latitude_deg, place.day, place.hour).toward_ned
-        if -toward[2] < math.sin(math.radians(LOWEST_DEG)):
-            raise ValueError(
-                f"[sun] at hour {place.hour:g} the sun is lower than {LOWEST_DEG:g}°, too low for pictures."
-                " Choose another hour"
-            )
-        return toward
-    if place.azimuth_deg is None or place.elevation_deg is None:
-        raise ValueError("[sun] needs azimuth_deg and elevation_deg together")
-    azimuth, elevation = math.radians(place.azimuth_deg), math.radians(place.elevation_deg)
-    level = math.cos(elevation)
-    return (level * math.cos(azimuth), level * math.sin(azimuth), -math.sin(elevation))
-
-
-def moved_sun(sun: Sun, place: SunPlace) -> Sun:
-    """Return `sun` at another place, redder and weaker the lower it stands, and the sky darker with it.
-
-    The colour is what clear air lets through on the way to either height, against the way overhead.
-    """
-    toward = toward_sun(place)
-
-    def through(height: float) -> list[float]:
-        thickness = 1.0 / (height + 0.05)  # air masses; the term keeps the horizon finite
-        return [math.exp(-depth * thickness) for depth in REDDENING]
-
-    new, old = through(-toward[2]), through(max(-sun.toward_ned[2], 0.05))
-    color = [c * n / o for c, n, o in zip(sun.color, new, old, strict=True)]
-    dim = min(1.0, 0.35 + 0.65 * math.sqrt(max(-toward[2], 0.0) / max(-sun.toward_ned[2], 0.05)))
-    sky = [c * dim for c in sun.sky]
-    return dataclasses.replace(sun, toward_ned=toward, color=_vec3(color), sky=_vec3(sky))
-
-
-def overcast(sun: Sun) -> Sun:
-    """Return the light below rain clouds: hardly any shadow, a grey sky."""
-    grey = 0.9 * sum(sun.sky) / 3.0
-    return dataclasses.replace(sun, strength=0.10 * sun.strength, sky=(0.94 * grey, 0.99 * grey, 1.06 * grey))
 
 
 def veil(rate_mm_h: float) -> float:
@@ -111,10 +63,6 @@ def add_haze(light: Light, path: NDArray[np.float32], density: float, color: Vec
 def haze_color(haze: Haze | None, horizon: Vec3) -> Vec3:
     """Return the colour of the haze: that of the options, or the sky's at the horizon."""
     return haze.color if haze is not None and haze.color is not None else horizon
-
-
-def _vec3(v: list[float]) -> Vec3:
-    return (v[0], v[1], v[2])
 
 
 def drops_per_m3(rate_mm_h: float) -> tuple[float, float]:

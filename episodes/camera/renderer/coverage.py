@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.layout import NEAR_M, Eye, Triangles
+from episodes.maps.cutouts import Cutouts, is_there
 from foundation.compiled import njit
 
 BAND = 16  # rows of samples that one thread fills at a time
@@ -30,6 +31,7 @@ class Drawn(NamedTuple):
     volume: NDArray[np.float64]  # (T,) m³: planar depth = volume / (sum of the three edge functions)
     nearest: NDArray[np.float64]  # (T,) 1/m, greatest inverse depth of a corner; < 0: cut by the near plane
     rows: NDArray[np.int32]  # (T, 2) first and last row of samples; first > last: not in the picture
+    columns: NDArray[np.int32]  # (T, 2) first and last column of samples; of those cut by the near plane nothing
     chunk_seen: NDArray[np.bool_]  # (C,)
 
 
@@ -40,6 +42,7 @@ def new_drawn(triangles: int, chunks: int) -> Drawn:
         volume=np.zeros(triangles),
         nearest=np.zeros(triangles),
         rows=np.zeros((triangles, 2), np.int32),
+        columns=np.zeros((triangles, 2), np.int32),
         chunk_seen=np.zeros(chunks, np.bool_),
     )
 
@@ -117,8 +120,11 @@ def _set_up_triangle(t: int, solid: int, position: NDArray[np.float32], eye: Eye
         h0, h1, h2 = y0 / x0, y1 / x1, y2 / x2
         scale = grain * eye.focal
         left = math.ceil(scale * min(h0, h1, h2) + grain * eye.center_x - 1e-6)
-        if left > math.floor(scale * max(h0, h1, h2) + grain * eye.center_x + 1e-6):
+        last = math.floor(scale * max(h0, h1, h2) + grain * eye.center_x + 1e-6)
+        if left > last:
             return  # slips between two columns of samples
+        drawn.columns[t, 0] = int(max(left, 0.0))
+        drawn.columns[t, 1] = int(min(last, 2.0 * grain * eye.center_x))
         nearest = 1.0 / min(x0, x1, x2)
     else:
         low, high = 1e30, -1e30
@@ -156,10 +162,12 @@ def _widen(xa: float, za: float, xb: float, zb: float, low: float, high: float) 
 
 
 @njit(cache=True, nogil=True, allocates=True)
-def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Return (start, items): band k holds triangles items[start[k]:start[k + 1]], in the order of the scene."""
+def sort_into_bands(
+    triangles: Triangles, drawn: Drawn, bands: int, chunks: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Return (start, items): band k holds triangles items[start[k]:start[k + 1]] of these chunks, in their order."""
     start = np.zeros(bands + 1, np.int64)
-    for chunk in range(triangles.chunk_first.size):
+    for chunk in chunks:
         if drawn.chunk_seen[chunk]:
             first = triangles.chunk_first[chunk]
             for t in range(first, first + triangles.chunk_count[chunk]):
@@ -171,7 +179,7 @@ def sort_into_bands(triangles: Triangles, drawn: Drawn, bands: int) -> tuple[NDA
         start[band + 1] += start[band]
     items = np.empty(start[bands], np.int32)
     fill = start[:bands].copy()
-    for chunk in range(triangles.chunk_first.size):
+    for chunk in chunks:
         if drawn.chunk_seen[chunk]:
             first = triangles.chunk_first[chunk]
             for t in range(first, first + triangles.chunk_count[chunk]):
@@ -190,14 +198,22 @@ def draw_bands(
     drawn: Drawn,
     start: NDArray[np.int64],
     items: NDArray[np.int32],
+    cut_start: NDArray[np.int64],
+    cut_items: NDArray[np.int32],
+    uv: NDArray[np.float32],
+    cutout: NDArray[np.int32],
+    cutouts: Cutouts,
     samples: NDArray[np.int32],
     inverse_depths: NDArray[np.float32],
+    lowest: NDArray[np.float32],
     count_up: NDArray[np.float32],
 ) -> None:
     """Write the nearest triangle (or NOTHING) of every sample in this thread's bands.
 
-    `samples` is (grain · H + 1, grain · W + 1). Of two triangles at the same depth the first in the scene wins.
-    `inverse_depths` (threads, 2 BAND, grain · W + 1) is room for each thread, `count_up` (grain · W + 1,) holds 0, 1 …
+    `samples` is (grain · H + 1, grain · W + 1). Of two triangles at the same depth the first of the items wins; the
+    cut-out triangles `cut_items`, of textures `cutout` at `uv`, come after the opaque ones, which hide most of them.
+    `inverse_depths` (threads, 2 BAND, grain · W + 1) and `lowest` (threads, grain · W + 1) are room for each thread,
+    `count_up` (grain · W + 1,) holds 0, 1 …
     """
     bands = start.size - 1
     height = samples.shape[0]
@@ -221,6 +237,92 @@ def draw_bands(
                 samples,
                 count_up,
             )
+        if cut_start[band] < cut_start[band + 1]:
+            _find_lowest(inverse_depth[: bottom - top + 1], lowest[thread])
+        for k in range(cut_start[band], cut_start[band + 1]):
+            t = cut_items[k]
+            if _is_hidden(drawn.nearest[t], drawn.columns[t, 0], drawn.columns[t, 1], lowest[thread]):
+                continue
+            _draw_cut_out(
+                t,
+                drawn.edges[t],
+                drawn.volume[t],
+                drawn.nearest[t],
+                max(drawn.rows[t, 0], top),
+                min(drawn.rows[t, 1], bottom),
+                top,
+                inverse_depth,
+                samples,
+                count_up,
+                uv[t],
+                cutout[t],
+                cutouts,
+            )
+
+
+@njit(cache=True, nogil=True)
+def _find_lowest(inverse_depth: NDArray[np.float32], lowest: NDArray[np.float32]) -> None:
+    """Fill `lowest` (n,) with the least inverse depth of each column of `inverse_depth` (k, n)."""
+    lowest[:] = np.inf
+    for j in range(len(inverse_depth)):
+        row = inverse_depth[j]
+        for i in range(len(lowest)):
+            lowest[i] = row[i] if row[i] < lowest[i] else lowest[i]
+
+
+@njit(cache=True, nogil=True)
+def _is_hidden(nearest: float, first: int, last: int, lowest: NDArray[np.float32]) -> bool:
+    """Return whether a triangle in columns first … last is behind `lowest`; never of one cut by the near plane."""
+    hidden, limit, i = nearest > 0.0, np.float32(nearest), first
+    while hidden and i <= last:
+        hidden = limit <= lowest[i]
+        i += 1
+    return hidden
+
+
+class _Slopes(NamedTuple):
+    """What the rows of a triangle share: its inverse depth wa·i + wb·j + wc at sample (j, i), and more."""
+
+    wa: float
+    wb: float
+    wc: float
+    ia: float  # −1 / a of each edge, 0 where a is 0
+    ib: float
+    ic: float
+    iw: float  # 1 / wa for a triangle that the near plane cuts, likewise
+    is_cut: bool
+    limit: np.float32  # greatest inverse depth: rounding never brings a sliver nearer than its corners
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _slopes(e: NDArray[np.float64], volume: float, nearest: float) -> _Slopes:
+    per = 1.0 / volume
+    wa = (e[0] + e[3] + e[6]) * per
+    return _Slopes(
+        wa,
+        (e[1] + e[4] + e[7]) * per,
+        (e[2] + e[5] + e[8]) * per,
+        -1.0 / e[0] if e[0] != 0.0 else 0.0,
+        -1.0 / e[3] if e[3] != 0.0 else 0.0,
+        -1.0 / e[6] if e[6] != 0.0 else 0.0,
+        1.0 / wa if wa != 0.0 else 0.0,
+        nearest < 0.0,
+        np.float32(nearest if nearest > 0.0 else 1.0 / NEAR_M),
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _span(e: NDArray[np.float64], slopes: _Slopes, j: int, right: float) -> tuple[int, int]:
+    """Return the first sample of row `j` inside a triangle, and how many follow one another; ≤ 0: none."""
+    low, high = _cut(e[0], slopes.ia, e[1] * j + e[2], 0.0, right)
+    low, high = _cut(e[3], slopes.ib, e[4] * j + e[5], low, high)
+    low, high = _cut(e[6], slopes.ic, e[7] * j + e[8], low, high)
+    if slopes.is_cut:  # the fourth edge: inverse depth ≤ 1 / near
+        low, high = _cut(-slopes.wa, slopes.iw, 1.0 / NEAR_M - slopes.wb * j - slopes.wc, low, high)
+    if low > high:
+        return 0, 0
+    begin = math.ceil(low)
+    return begin, math.floor(high) - begin + 1
 
 
 @njit(cache=True, nogil=True)
@@ -236,41 +338,68 @@ def _draw(
     samples: NDArray[np.int32],
     count_up: NDArray[np.float32],
 ) -> None:
-    right = samples.shape[1] - 1.0
     name = np.int32(t)
-    per = 1.0 / volume
-    wa = (e[0] + e[3] + e[6]) * per
-    wb = (e[1] + e[4] + e[7]) * per
-    wc = (e[2] + e[5] + e[8]) * per
-    ia = -1.0 / e[0] if e[0] != 0.0 else 0.0
-    ib = -1.0 / e[3] if e[3] != 0.0 else 0.0
-    ic = -1.0 / e[6] if e[6] != 0.0 else 0.0
-    limit = np.float32(nearest if nearest > 0.0 else 1.0 / NEAR_M)
+    slopes = _slopes(e, volume, nearest)
+    limit = slopes.limit
     for j in range(first_row, last_row + 1):
-        low = 0.0
-        high = right
-        low, high = _cut(e[0], ia, e[1] * j + e[2], low, high)
-        low, high = _cut(e[3], ib, e[4] * j + e[5], low, high)
-        low, high = _cut(e[6], ic, e[7] * j + e[8], low, high)
-        if nearest < 0.0:  # the fourth edge: inverse depth ≤ 1 / near
-            iw = 1.0 / wa if wa != 0.0 else 0.0
-            low, high = _cut(-wa, iw, 1.0 / NEAR_M - wb * j - wc, low, high)
-        if low > high:
-            continue
-        begin = math.ceil(low)
-        count = math.floor(high) - begin + 1
+        begin, count = _span(e, slopes, j, samples.shape[1] - 1.0)
         if count <= 0:
             continue
         depth_row = inverse_depth[j - top, begin : begin + count]
         sample_row = samples[j, begin : begin + count]
-        w0 = np.float32(wa * begin + wb * j + wc)
-        step = np.float32(wa)
+        w0 = np.float32(slopes.wa * begin + slopes.wb * j + slopes.wc)
+        step = np.float32(slopes.wa)
         for i in range(count):
             w = w0 + step * count_up[i]
-            w = w if w < limit else limit  # rounding never brings a sliver nearer than its corners
+            w = w if w < limit else limit
             closer = w > depth_row[i]
             depth_row[i] = w if closer else depth_row[i]
             sample_row[i] = name if closer else sample_row[i]
+
+
+@njit(cache=True, nogil=True)
+def _draw_cut_out(
+    t: int,
+    e: NDArray[np.float64],
+    volume: float,
+    nearest: float,
+    first_row: int,
+    last_row: int,
+    top: int,
+    inverse_depth: NDArray[np.float32],
+    samples: NDArray[np.int32],
+    count_up: NDArray[np.float32],
+    uv: NDArray[np.float32],
+    which: int,
+    cutouts: Cutouts,
+) -> None:
+    """As `_draw`, of the samples that meet a texel that is there."""
+    name, per = np.int32(t), 1.0 / volume
+    slopes = _slopes(e, volume, nearest)
+    limit = slopes.limit
+    # u and v over the depth are linear in the picture, as the inverse depth is
+    u0, u1, u2 = uv[0, 0] * per, uv[1, 0] * per, uv[2, 0] * per
+    v0, v1, v2 = uv[0, 1] * per, uv[1, 1] * per, uv[2, 1] * per
+    ua, ub, uc = e[0] * u0 + e[3] * u1 + e[6] * u2, e[1] * u0 + e[4] * u1 + e[7] * u2, e[2] * u0 + e[5] * u1 + e[8] * u2
+    va, vb, vc = e[0] * v0 + e[3] * v1 + e[6] * v2, e[1] * v0 + e[4] * v1 + e[7] * v2, e[2] * v0 + e[5] * v1 + e[8] * v2
+    for j in range(first_row, last_row + 1):
+        begin, count = _span(e, slopes, j, samples.shape[1] - 1.0)
+        if count <= 0:
+            continue
+        depth_row = inverse_depth[j - top, begin : begin + count]
+        sample_row = samples[j, begin : begin + count]
+        wide = slopes.wa * begin + slopes.wb * j + slopes.wc
+        w0 = np.float32(wide)
+        step = np.float32(slopes.wa)
+        u_here, v_here = ua * begin + ub * j + uc, va * begin + vb * j + vc
+        for i in range(count):
+            w = w0 + step * count_up[i]
+            w = w if w < limit else limit
+            if w > depth_row[i]:
+                depth = 1.0 / max(wide + slopes.wa * i, 1e-12)
+                if is_there(cutouts, which, (u_here + ua * i) * depth, (v_here + va * i) * depth):
+                    depth_row[i] = w
+                    sample_row[i] = name
 
 
 @njit(cache=True, nogil=True)

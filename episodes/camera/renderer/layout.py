@@ -3,10 +3,11 @@
 Instances that a scene adds to its map come after the rows of the map, which are kept.
 """
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +15,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from episodes.camera.renderer.textures import Atlas, build_atlas
+from episodes.maps.cutouts import OPAQUE, Cutouts, cutouts_of, is_cut_out
 from episodes.maps.scene import Instance, Material, Mesh, Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import Quat, Vec3, rotate
-from foundation.threads import recurring
+from foundation.threads import once
 
 NEAR_M = 0.05  # nothing closer along the optical axis is drawn
 
@@ -77,15 +79,17 @@ class Triangles(NamedTuple):
     instance: NDArray[np.int32]  # (T,) the instance's id
     plane: NDArray[np.int32]  # (T,) equal for triangles of one flat, uniform piece: no edge is smoothed between them
     solid: NDArray[np.int8]  # (T,) of a closed surface, with its face outwards: 1, inwards: -1; 0: of an open one
+    cutout: NDArray[np.int32]  # (T,) row of Cutouts; OPAQUE for a triangle without holes
     chunk_first: NDArray[np.int32]  # (C,) first triangle
     chunk_count: NDArray[np.int32]  # (C,)
     chunk_center: NDArray[np.float64]  # (C, 3) m, NED, of a sphere around the chunk
     chunk_radius: NDArray[np.float64]  # (C,) m
+    chunk_cut: NDArray[np.bool_]  # (C,) its triangles are cut out; of another chunk none is
     solid_center: NDArray[np.float64]  # (C, 3) m, NED, of a sphere around all closed surfaces that the chunk is part of
     solid_radius: NDArray[np.float64]  # (C,) m
 
 
-BY_CHUNK = ("chunk_first", "chunk_count", "chunk_center", "chunk_radius", "solid_center", "solid_radius")
+BY_CHUNK = ("chunk_first", "chunk_count", "chunk_center", "chunk_radius", "chunk_cut", "solid_center", "solid_radius")
 
 
 class Surfaces(NamedTuple):
@@ -95,6 +99,8 @@ class Surfaces(NamedTuple):
     emission: NDArray[np.float32]  # (M,)
     specular: NDArray[np.float32]  # (M,)
     texture: NDArray[np.int32]  # (M,) texture of the atlas, -1 = none
+    drift: NDArray[np.float32]  # (M,) how far the tone drifts over the ground, 0 = not
+    foliage: NDArray[np.bool_]  # (M,)
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,7 @@ class SceneArrays:
     triangles: Triangles
     surfaces: Surfaces
     atlas: Atlas
+    cutouts: Cutouts
     movable: tuple[MovablePart, ...]
     static_count: int  # the triangles that never move are the first ones
 
@@ -195,7 +202,7 @@ def lay_out(scene: Scene, of_map: Laid | None = None) -> SceneArrays:
     return with_more(NOTHING, scene.instances).arrays
 
 
-@recurring(3)
+@once(3)  # a run flies many episodes on one map, and looks at it through several cameras
 def laid_out(scene: Scene) -> Laid | None:
     """Return the layout of a map, to be continued; None for a map with movable instances, which come last."""
     if any(instance.movable for instance in scene.instances):
@@ -220,7 +227,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
         mesh = instance.mesh
         rows = slice(filled, filled + len(mesh.triangles))
         filled = rows.stop
-        chunk_rows = slice(first_chunk, first_chunk + math.ceil(len(mesh.triangles) / CHUNK))
+        chunk_rows = slice(first_chunk, first_chunk + len(_chunk_starts(mesh)))
         first_chunk = chunk_rows.stop
         for material in mesh.materials:
             if id(material) not in row_of:
@@ -236,6 +243,7 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
         triangles.uv[rows], triangles.flat[rows] = of_mesh.uv, of_mesh.flat
         triangles.material[rows] = np.array([row_of[id(m)] for m in mesh.materials], np.int32)[mesh.material]
         triangles.solid[rows], triangles.solid_radius[chunk_rows] = of_mesh.solid, of_mesh.solid_radius
+        triangles.chunk_cut[chunk_rows] = is_cut_out(mesh)[_chunk_starts(mesh)]
         triangles.instance[rows] = instance.id
         if id(mesh) not in planes:
             planes[id(mesh)] = _flat_pieces(mesh, of_mesh.position, of_mesh.face)
@@ -246,8 +254,10 @@ def with_more(laid: Laid, instances: Sequence[Instance]) -> Laid:
         else:
             static_count = filled
     surfaces, pictures = _surfaces(materials)
+    cutouts, cutout_of = cutouts_of(materials)
+    triangles.cutout[:] = cutout_of[triangles.material] if materials else OPAQUE
     atlas = build_atlas(pictures[len(laid.pictures) :], laid.arrays.atlas)
-    arrays = SceneArrays(triangles, surfaces, atlas, tuple(movable), static_count)
+    arrays = SceneArrays(triangles, surfaces, atlas, cutouts, tuple(movable), static_count)
     return Laid(arrays, tuple(materials), tuple(pictures), planes, plane_count)
 
 
@@ -268,7 +278,7 @@ class _LaidMesh:
 def _lay_mesh(mesh: Mesh) -> _LaidMesh:
     normal, uv = mesh.normals[mesh.triangles], mesh.uv[mesh.triangles]
     solid, low, high = _closed_surfaces(mesh)
-    starts = np.arange(0, len(mesh.triangles), CHUNK)
+    starts = _chunk_starts(mesh)
     low, high = np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)
     return _LaidMesh(
         solid=solid,
@@ -282,14 +292,22 @@ def _lay_mesh(mesh: Mesh) -> _LaidMesh:
     )
 
 
+def _chunk_starts(mesh: Mesh) -> NDArray[np.int64]:
+    """Return the first triangle of each of a mesh's chunks, none of which has both opaque and cut-out triangles."""
+    ends = [0, *(np.flatnonzero(np.diff(is_cut_out(mesh))) + 1).tolist(), len(mesh.triangles)]
+    return np.concatenate([np.arange(first, end, CHUNK) for first, end in itertools.pairwise(ends)])
+
+
 def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
     """Return `Triangles.solid`, and the bounds (T, 3), m, of the connected surface that each triangle belongs to.
 
     A surface is closed if every edge is passed as often one way as the other; its faces look outwards if the volume
-    within is positive. A triangle's back is never seen from outside such a surface.
+    within is positive. A triangle's back is never seen from outside such a surface, unless it has holes.
     """
-    places, place = np.unique(mesh.vertices, axis=0, return_inverse=True)
-    corners = place.reshape(-1)[mesh.triangles]
+    place = _numbered(mesh.vertices)
+    places = np.empty((int(place.max()) + 1, 3), np.float32)
+    places[place] = mesh.vertices
+    corners = place[mesh.triangles]
     begin, end = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
     links = coo_array((np.where(begin < end, 1, -1), (np.minimum(begin, end), np.maximum(begin, end))))
     links.resize(len(places), len(places))
@@ -297,6 +315,7 @@ def _closed_surfaces(mesh: Mesh) -> tuple[NDArray[np.int8], NDArray[np.float64],
     links.sum_duplicates()
     is_open = np.zeros(count, np.bool_)
     is_open[surface_of[links.row[links.data != 0]]] = True
+    is_open[surface_of[corners[is_cut_out(mesh)]]] = True
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, surface_of, places)
     np.maximum.at(high, surface_of, places)
@@ -312,7 +331,7 @@ def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
     starts: list[int] = []
     filled = len(before.position)
     for instance in instances:
-        starts.extend(range(filled, filled + len(instance.mesh.triangles), CHUNK))
+        starts.extend((_chunk_starts(instance.mesh) + filled).tolist())
         filled += len(instance.mesh.triangles)
     first = np.concatenate([before.chunk_first, np.array(starts, np.int32)])
     rows, chunks = filled - len(before.position), len(starts)
@@ -326,13 +345,21 @@ def _longer(before: Triangles, instances: Sequence[Instance]) -> Triangles:
 
 
 def _flat_pieces(mesh: Mesh, position: NDArray[np.float32], face: NDArray[np.float32]) -> NDArray[np.int32]:
-    """Return for each triangle a number shared by all triangles of its material and plane."""
+    """Return for each triangle a number shared by all triangles of its material and plane.
+
+    Foliage is one piece, however its leaves hang: their edges against one another are too many to be smoothed.
+    """
     offset = np.einsum("ij,ij->i", position[:, 0].astype(np.float64), face)
     key = np.column_stack((mesh.material, np.rint(face * 16.0), np.rint(offset * 8.0)))
-    # as the inverse of numpy.unique(key, axis=0), which takes three times as long
-    order = np.lexsort(key.T[::-1])
-    number = np.zeros(len(key), np.int32)
-    number[order[1:]] = np.cumsum((key[order[1:]] != key[order[:-1]]).any(axis=1))
+    key[np.array([m.foliage for m in mesh.materials], np.bool_)[mesh.material], 1:] = 0.0
+    return _numbered(key)
+
+
+def _numbered(rows: NDArray[np.floating[Any]]) -> NDArray[np.int32]:
+    """Return the inverse of numpy.unique(rows, axis=0), which takes three times as long."""
+    order = np.lexsort(rows.T[::-1])
+    number = np.zeros(len(rows), np.int32)
+    number[order[1:]] = np.cumsum((rows[order[1:]] != rows[order[:-1]]).any(axis=1))
     return number
 
 
@@ -349,6 +376,8 @@ def _surfaces(materials: Sequence[Material]) -> tuple[Surfaces, list[NDArray[np.
         emission=np.array([m.emission for m in materials], np.float32),
         specular=np.array([m.specular for m in materials], np.float32),
         texture=np.array([texture_of.get(id(m.texture), -1) for m in materials], np.int32),
+        drift=np.array([m.drift for m in materials], np.float32),
+        foliage=np.array([m.foliage for m in materials], np.bool_),
     )
     return surfaces, pictures
 
@@ -365,15 +394,17 @@ def _nothing() -> Laid:
         instance=numbers,
         plane=numbers,
         solid=np.zeros(0, np.int8),
+        cutout=numbers,
         chunk_first=numbers,
         chunk_count=numbers,
         chunk_center=np.zeros((0, 3)),
         chunk_radius=np.zeros(0),
+        chunk_cut=np.zeros(0, np.bool_),
         solid_center=np.zeros((0, 3)),
         solid_radius=np.zeros(0),
     )
     atlas: Atlas = build_atlas([])
-    return Laid(SceneArrays(triangles, _surfaces([])[0], atlas, (), 0))
+    return Laid(SceneArrays(triangles, _surfaces([])[0], atlas, cutouts_of([])[0], (), 0))
 
 
 NOTHING = _nothing()

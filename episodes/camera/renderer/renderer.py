@@ -11,10 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import BAND, draw_bands, new_drawn, set_up, sort_into_bands
-from episodes.camera.renderer.layout import Laid, SceneArrays, eye_of, laid_out, lay_out, place_all
-from episodes.camera.renderer.shading import ShadingInput, measure_rows, resolve_rows, shade_rows
+from episodes.camera.renderer.environment import mean_of, mirrored_of
+from episodes.camera.renderer.layout import Eye, SceneArrays, eye_of, laid_out, lay_out, place_all
+from episodes.camera.renderer.occlusion import Columns, ContactShadows, Occlusion, columns_of, footprint, occlusion_of
+from episodes.camera.renderer.shading import SceneLight, ShadingInput, measure_rows, resolve_rows, shade_rows
 from episodes.camera.renderer.shadow import CELLS, Shadows, SunMap, fits, instance_slices, sun_map
-from episodes.camera.renderer.sky import daylight, display_table
+from episodes.camera.renderer.sky import daylight, display_table, sky_of
+from episodes.camera.renderer.textures import drift_table
 from episodes.maps.scene import Moved, Scene
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
@@ -53,19 +56,24 @@ class Renderer:
                 "give at least one pixel each way and a field of view between 0 and 180°."
             )
         self.camera = camera
-        of_map = laid_out(scene.base) if scene.base else None
-        self._layout = lay_out(scene, of_map)
+        self._layout = lay_out(scene, laid_out(scene.base) if scene.base else None)
         place_all(self._layout, NOTHING_MOVED)
-        self._shadows = _shadows(scene, self._layout, of_map, shadow_cells)
-        self._day = daylight(scene.sun)
+        still = _still(scene, self._layout, shadow_cells)
+        self._shadows, self._contacts = still.shadows, still.contacts
+        self._day, self._sky = daylight(scene.sun), sky_of(scene.sun)
+        north, east, _ = scene.spawn_ned
+        self._mirrored = mirrored_of(still.columns, still.shade, self._day, self._sky, float(north), float(east))
+        self._drift = drift_table()
         triangles = self._layout.triangles
         self._drawn = new_drawn(len(triangles.position), len(triangles.chunk_first))
+        self._opaque_chunks, self._cut_chunks = (np.flatnonzero(triangles.chunk_cut == cut) for cut in (False, True))
         self._grain = grain
         self._sheet = _sheet(camera, grain)
         self._table = display_table()
         self._threads = max(1, threads)
         columns = self._sheet.samples.shape[1]
         self._inverse_depths = np.empty((self._threads, 2 * BAND, columns), np.float32)
+        self._lowest = np.empty((self._threads, columns), np.float32)
         self._count_up = np.arange(columns, dtype=np.float32)
         self._edges = np.empty((self._threads, columns), np.bool_)
         room = self._threads, (grain + 1) ** 2 * camera.width
@@ -99,17 +107,29 @@ class Renderer:
         with self._sheet.turn:
             layout, drawn, samples, light = self._layout, self._drawn, self._sheet.samples, self._sheet.light
             triangles = layout.triangles
-            with self._shadows.cast(triangles, place_all(layout, moved)) as sun:
+            placed = place_all(layout, moved)
+            feet = [footprint(triangles.position[part.triangles]) for part in placed]
+            with self._shadows.cast(layout, placed) as sun, self._contacts.cast(feet) as shade:
                 self._together(set_up, triangles, eye, drawn)
-                start, items = sort_into_bands(triangles, drawn, max(1, (samples.shape[0] - 1) // BAND))
-                self._together(draw_bands, drawn, start, items, samples, self._inverse_depths, self._count_up)
-                shot = ShadingInput(eye, drawn, triangles, layout.surfaces, layout.atlas, sun, self._day, samples)
+                bands = max(1, (samples.shape[0] - 1) // BAND)
+                opaque = sort_into_bands(triangles, drawn, bands, self._opaque_chunks)
+                cut_out = sort_into_bands(triangles, drawn, bands, self._nearest_first(eye))
+                holes = triangles.uv, triangles.cutout, layout.cutouts
+                room = samples, self._inverse_depths, self._lowest, self._count_up
+                self._together(draw_bands, drawn, *opaque, *cut_out, *holes, *room)
+                lights = SceneLight(self._day, sun, shade, self._sky, self._mirrored, self._drift)
+                shot = ShadingInput(eye, drawn, triangles, layout.surfaces, layout.atlas, lights, samples)
                 self._together(shade_rows, shot, light, self._places)
-                room = self._edges, self._places, self._own, self._weights, self._means
-                self._together(resolve_rows, shot, light, self._table, rgb, *room)
+                more_room = self._edges, self._places, self._own, self._weights, self._means
+                self._together(resolve_rows, shot, light, self._table, rgb, *more_room)
                 if measures:
                     self._together(measure_rows, shot, *measures)
         return rgb
+
+    def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
+        """Return the chunks of cut-out triangles by their distance: near leaves spare the work of those behind."""
+        away = self._layout.triangles.chunk_center[self._cut_chunks] - eye.position
+        return self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
 
     def close(self) -> None:
         """Stop the helper threads."""
@@ -144,19 +164,51 @@ def _sheet(camera: CameraModel, grain: int) -> _Sheet:
     )
 
 
-def _shadows(scene: Scene, layout: SceneArrays, of_map: Laid | None, cells: int) -> Shadows:
-    """Return the shadows of a scene; those of its map are shared where the map is laid out."""
-    if scene.base is not None and of_map is not None:
-        shared, turn = _shadows_of_map(scene.base, cells)
-        if fits(layout, scene.sun, _ground(scene), shared):
-            more = instance_slices(layout.triangles, of_map.arrays.static_count, layout.static_count)
-            return Shadows(shared, turn, more)
-    return Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
+@dataclass(frozen=True, slots=True, eq=False)
+class _Still:
+    """What is computed once from the things of a map that never move."""
+
+    shadows: Shadows
+    contacts: ContactShadows
+    columns: Columns
+    shade: Occlusion
+
+
+def _still(scene: Scene, layout: SceneArrays, cells: int) -> _Still:
+    """Return what does not move in a scene; that of its map is shared where the map is laid out."""
+    own = layout.static_count
+    if scene.base is not None and not any(i.movable for i in scene.base.instances):
+        own = sum(len(i.mesh.triangles) for i in scene.base.instances)
+    more = instance_slices(layout.triangles, own, layout.static_count)
+    feet = [footprint(layout.triangles.position[rows]) for rows in more]
+    if scene.base is not None and (of_map := _of_map(scene.base, cells)):
+        (sun, turn), columns, shade, shade_turn = of_map
+        shadows = Shadows(sun, turn, more)
+        if not fits(layout, scene.sun, _ground(scene), sun):
+            shadows = Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
+        return _Still(shadows, ContactShadows(shade, shade_turn, feet), columns, shade)
+    shadows = Shadows(sun_map(layout, scene.sun, _ground(scene), cells), threading.Lock())
+    columns, shade = _surroundings(scene, layout, own)
+    return _Still(shadows, ContactShadows(shade, threading.Lock(), feet), columns, shade)
+
+
+def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
+    """Return what stands on the ground in triangles 0 … stop - 1, and the open sky between."""
+    columns = columns_of(layout, stop, _ground(scene), mean_of(layout.surfaces, layout.atlas))
+    return columns, occlusion_of(columns, scene.terrain)
 
 
 @once(3)
-def _shadows_of_map(scene: Scene, cells: int) -> tuple[SunMap, threading.Lock]:
-    return sun_map(lay_out(scene), scene.sun, _ground(scene), cells), threading.Lock()
+def _of_map(
+    scene: Scene, cells: int
+) -> tuple[tuple[SunMap, threading.Lock], Columns, Occlusion, threading.Lock] | None:
+    """Return what `_still` shares between the scenes of a map; None where the map is not laid out by itself."""
+    laid = laid_out(scene)
+    if laid is None:
+        return None
+    layout = laid.arrays
+    sun = sun_map(layout, scene.sun, _ground(scene), cells)
+    return (sun, threading.Lock()), *_surroundings(scene, layout, layout.static_count), threading.Lock()
 
 
 def _ground(scene: Scene) -> frozenset[int]:

@@ -12,16 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.coverage import Drawn
+from episodes.camera.renderer.environment import mirror_color
 from episodes.camera.renderer.layout import Eye, Surfaces, Triangles
+from episodes.camera.renderer.occlusion import Occlusion, open_sky
 from episodes.camera.renderer.shadow import SunMap, sun_slopes, sunlight
 from episodes.camera.renderer.sky import HAZE_LENGTH_M, STEPS, WHITE, Daylight, sky_color
-from episodes.camera.renderer.textures import Atlas, footprint, texture_color
+from episodes.camera.renderer.textures import Atlas, drift, footprint, texture_color
 from foundation.compiled import njit
 from foundation.frames import Vec3
 
 FRESH = 4  # px, a power of two
 UNSEEN = -2  # in place of a triangle: none yet
+AWAY_CELLS = 0.8  # of the occlusion's grid: how far before a wall its open sky is read, so that it is not its own
+FOOT_M, FOOT_DARKNESS = 0.8, 0.5  # up to this height upright things darken; share of the sky's light lost at the foot
+LEAF_BIAS_M = 0.35  # m towards the sun within which leaves do not shade one another
+LEAF_WRAP = 0.35  # of the sun's light that leaves pass on to those beside the lit side of their clump
 SLIVER = 1e-7  # of the volume: rounding must not put a thin triangle at infinity
+
+
+class SceneLight(NamedTuple):
+    """The lights of a scene and what they meet."""
+
+    day: Daylight
+    sun: SunMap
+    shade: Occlusion
+    sky: NDArray[np.float32]  # see `sky.sky_of`
+    mirrored: NDArray[np.float32]  # see `environment.mirrored_of`
+    drift: NDArray[np.float32]  # see `textures.drift_table`
 
 
 class ShadingInput(NamedTuple):
@@ -32,8 +49,7 @@ class ShadingInput(NamedTuple):
     triangles: Triangles
     surfaces: Surfaces
     atlas: Atlas
-    sun: SunMap
-    day: Daylight
+    light: SceneLight
     samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) the triangle that each sees
 
 
@@ -85,21 +101,27 @@ def shade_rows(
 def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.float32]) -> None:
     """Fill `light` (n, 3) with the light at the samples `places` (n, 3: row, column, anything).
 
-    Values of a triangle are computed where it differs from that of the sample before, and the footprint of its texture
-    at least every FRESH samples.
+    Values of a triangle are computed where it differs from that of the sample before, the footprint of its texture,
+    the drift of its tone and the open share of the sky at least every FRESH samples, and after a leap.
     """
-    eye, drawn, triangles, surfaces, atlas, sun, day, samples = (
-        shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.sun, shot.day, shot.samples
+    eye, drawn, triangles, surfaces, atlas, samples = (
+        shot.eye, shot.drawn, shot.triangles, shot.surfaces, shot.atlas, shot.samples
     )  # fmt: skip
+    day, sun, shade, sky, mirrored = (
+        shot.light.day, shot.light.sun, shot.light.shade, shot.light.sky, shot.light.mirrored
+    )  # fmt: skip
+    aside = AWAY_CELLS / shade.per_cell
     per_px, per_sample = 1.0 / eye.focal, 1.0 / eye.grain
     # a texture is read once for every two samples of a pixel each way, as finely as edges are smoothed
     reads = eye.grain // 2
     e, uv, normal, base = drawn.edges[0], triangles.uv[0], triangles.normal[0], surfaces.color[0]
-    volume = emission = gloss = facing_sun = slope_x = slope_y = bias = 0.0
+    volume = emission = gloss = drifts = facing_sun = slope_x = slope_y = bias = 0.0
     fn = fe = fd = nn = ne = nd = 0.0
-    texture, flat, last = -1, True, UNSEEN
+    texture, flat, leafy, last = -1, True, False, UNSEEN
     level, mix, doublings, step_u, step_v = np.int64(0), 0, 0, 0.0, 0.0
     ux = vx = uy = vy = 0.0
+    tone, free, height = 0.0, 1.0, 0.0
+    before, leap = 0.0, float(FRESH * eye.grain)
     for k in range(len(places)):
         j, i = float(places[k, 0]), float(places[k, 1])
         rx = (i * per_sample - eye.center_x) * per_px
@@ -110,22 +132,29 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
         per = 1.0 / math.sqrt(1.0 + rx * rx + ry * ry)  # of the ray's length to its depth
         t = samples[places[k, 0], places[k, 1]]
         if t < 0:
-            r, g, b = sky_color(day, dn * per, de * per, dd * per)
+            r, g, b = sky_color(day, sky, dn * per, de * per, dd * per)
             light[k, 0], light[k, 1], light[k, 2] = min(r, WHITE), min(g, WHITE), min(b, WHITE)
             continue
-        entered = t != last
+        entered = t != last or abs(i - before) > leap
+        before = i
         if entered:
             last = t
             e, uv, normal, volume = drawn.edges[t], triangles.uv[t], triangles.normal[t], drawn.volume[t]
             m = triangles.material[t]
             base, texture = surfaces.color[m], surfaces.texture[m]
             emission, gloss = float(surfaces.emission[m]), float(surfaces.specular[m])
+            drifts = float(surfaces.drift[m])
             # both normals on the side of the viewer: the order of the corners does not count
             fn, fe, fd = float(triangles.face[t, 0]), float(triangles.face[t, 1]), float(triangles.face[t, 2])
             if fn * dn + fe * de + fd * dd > 0.0:
                 fn, fe, fd = -fn, -fe, -fd
-            facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
-            slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
+            leafy = surfaces.foliage[m]
+            if leafy:  # as the clump is lit, whichever way the leaf hangs
+                fn, fe, fd = float(normal[0, 0]), float(normal[0, 1]), float(normal[0, 2])
+                facing_sun, slope_x, slope_y, bias = 1.0, 0.0, 0.0, LEAF_BIAS_M
+            else:
+                facing_sun = day.toward[0] * fn + day.toward[1] * fe + day.toward[2] * fd
+                slope_x, slope_y, bias = sun_slopes(sun, fn, fe, fd)
             flat = triangles.flat[t]
             if flat:
                 nn, ne, nd = _toward(normal[0, 0], normal[0, 1], normal[0, 2], fn, fe, fd)
@@ -165,18 +194,35 @@ def _shade(shot: ShadingInput, places: NDArray[np.int32], light: NDArray[np.floa
                 fe,
                 fd,
             )
+        pn, pe, pd = eye.position[0] + z * dn, eye.position[1] + z * de, eye.position[2] + z * dd
+        if drifts > 0.0:
+            if entered or k & (FRESH - 1) == 0:
+                tone = drifts * drift(shot.light.drift, pn, pe, z)
+            r *= 1.0 + 1.5 * tone
+            g *= 1.0 + tone
+            b *= 1.0 + 0.7 * tone
         direct = 0.0
         if facing_sun > 0.0:
-            direct = max(day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd, 0.0)
-            pn, pe, pd = eye.position[0] + z * dn, eye.position[1] + z * de, eye.position[2] + z * dd
+            direct = day.toward[0] * nn + day.toward[1] * ne + day.toward[2] * nd
+            direct = max((direct + LEAF_WRAP) * (1.0 / (1.0 + LEAF_WRAP)) if leafy else direct, 0.0)
             direct *= sunlight(sun, pn, pe, pd, slope_x, slope_y, bias)
+        # a wall hides half of the sky from itself, which is no occlusion
+        if entered or k & (FRESH - 1) == 0:
+            free, height = open_sky(shade, pn + aside * fn, pe + aside * fe, pd + 0.2 * fd, fd)
         above = 0.5 - 0.5 * nd
-        below = 1.0 - above
+        below = (1.0 - above) * min(0.25 + 1.5 * free, 1.0)
+        above = min(above, free)
+        if -0.3 < height < FOOT_M:  # upright things stand in the darkness that they make on the ground
+            foot = 1.0 - FOOT_DARKNESS * (1.0 - nd * nd) * (1.0 - max(height, 0.0) * (1.0 / FOOT_M)) ** 2
+            above *= foot
+            below *= foot
         lr = r * (day.sun[0] * direct + day.ambient[0] * above + day.bounce[0] * below + emission)
         lg = g * (day.sun[1] * direct + day.ambient[1] * above + day.bounce[1] * below + emission)
         lb = b * (day.sun[2] * direct + day.ambient[2] * above + day.bounce[2] * below + emission)
         if gloss > 0.0:
-            lr, lg, lb = _polish(day, gloss, direct, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb)
+            lr, lg, lb = _polish(
+                day, mirrored, gloss, direct, free, dn * per, de * per, dd * per, nn, ne, nd, lr, lg, lb
+            )
 
         air = z * (1.0 / HAZE_LENGTH_M)  # and below with air / per, to the second order: exp(-air / per)
         clear = per * per / (per * per + per * air + 0.5 * air * air)
@@ -201,8 +247,10 @@ def _toward(n: float, e: float, d: float, fn: float, fe: float, fd: float) -> Ve
 @njit(cache=True, nogil=True)
 def _polish(
     day: Daylight,
+    mirrored: NDArray[np.float32],
     gloss: float,
     direct: float,
+    free: float,
     dn: float,
     de: float,
     dd: float,
@@ -213,33 +261,28 @@ def _polish(
     lg: float,
     lb: float,
 ) -> Vec3:
-    """Return the light (lr, lg, lb) of a surface with the mirrored sky and a soft highlight of the sun added.
+    """Return the light (lr, lg, lb) of a surface with its surroundings mirrored and a soft highlight of the sun added.
 
-    The mirrored share follows Schlick's approximation of Fresnel's law with 0.04 at normal incidence.
+    The mirrored share follows Schlick's approximation of Fresnel's law. `free` is the open share of the sky.
     """
     facing = -(dn * nn + de * ne + dd * nd)
     grazing = 1.0 - min(max(facing, 0.0), 1.0)
     grazing2 = grazing * grazing
-    mirrored = gloss * (0.04 + 0.96 * grazing2 * grazing2 * grazing)
+    straight = 0.04 + 0.10 * gloss
+    share = gloss * (straight + (1.0 - straight) * grazing2 * grazing2 * grazing)
     rn, re, rd = dn + 2.0 * facing * nn, de + 2.0 * facing * ne, dd + 2.0 * facing * nd
-    above = min(max(0.5 - 2.5 * rd, 0.0), 1.0)  # the mirrored horizon is soft; below it lies the ground
-    low = (1.0 - max(-rd, 0.0)) ** 3
-    sr = day.zenith[0] + (day.horizon[0] - day.zenith[0]) * low
-    sg = day.zenith[1] + (day.horizon[1] - day.zenith[1]) * low
-    sb = day.zenith[2] + (day.horizon[2] - day.zenith[2]) * low
-    sr = day.bounce[0] + (sr - day.bounce[0]) * above
-    sg = day.bounce[1] + (sg - day.bounce[1]) * above
-    sb = day.bounce[2] + (sb - day.bounce[2]) * above
-    lr += (sr - lr) * mirrored
-    lg += (sg - lg) * mirrored
-    lb += (sb - lb) * mirrored
+    sr, sg, sb = mirror_color(mirrored, rn, re, rd)
+    seen = min(0.3 + 1.5 * free, 1.0)
+    lr += (sr * seen - lr) * share
+    lg += (sg * seen - lg) * share
+    lb += (sb * seen - lb) * share
     if direct > 0.0:
         shine = max(rn * day.toward[0] + re * day.toward[1] + rd * day.toward[2], 0.0)
         shine = shine * shine
         shine = shine * shine
         shine = shine * shine
         shine = shine * shine
-        shine *= shine * gloss * (0.5 + 2.0 * mirrored)
+        shine *= shine * gloss * (0.5 + 2.0 * share)
         lr += day.sun[0] * shine
         lg += day.sun[1] * shine
         lb += day.sun[2] * shine

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.camera.renderer.layout import MovablePart, SceneArrays, Triangles
+from episodes.maps.cutouts import OPAQUE, Cutouts, is_there
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3
@@ -44,7 +45,7 @@ class SunMap(NamedTuple):
 def sun_map(layout: SceneArrays, sun: Sun, ground_ids: frozenset[int], cells: int = CELLS) -> SunMap:
     """Return the shadow map of static instances, fitted around everything on the ground and its shadows."""
     result = _grid(layout, sun, ground_ids, cells, np.full((cells, cells), -1e30, np.float32))
-    draw_heights(result, layout.triangles.position, 0, layout.static_count)
+    draw_heights(result, layout.triangles, layout.cutouts, 0, layout.static_count)
     return result
 
 
@@ -108,10 +109,10 @@ class Shadows:
         self._sun, self._turn, self._added = sun, turn, added
 
     @contextmanager
-    def cast(self, triangles: Triangles, movable: Iterable[MovablePart]) -> Iterator[SunMap]:
+    def cast(self, layout: SceneArrays, movable: Iterable[MovablePart]) -> Iterator[SunMap]:
         """Give the shadow map with these movable instances in it, for the duration of the block."""
         with self._turn:
-            covered = draw_instances(self._sun, triangles, [*self._added, *(part.triangles for part in movable)])
+            covered = draw_instances(self._sun, layout, [*self._added, *(part.triangles for part in movable)])
             try:
                 yield self._sun
             finally:
@@ -126,19 +127,19 @@ def instance_slices(triangles: Triangles, first: int, stop: int) -> list[slice]:
 
 
 def draw_instances(
-    sun: SunMap, triangles: Triangles, instances: Iterable[slice]
+    sun: SunMap, layout: SceneArrays, instances: Iterable[slice]
 ) -> list[tuple[slice, slice, NDArray[np.float32]]]:
     """Draw instances, one slice of triangles each, into the map; return the covered heights for `restore`."""
     axes = np.column_stack((sun.across, sun.up))
     cells = sun.height.shape[0]
     covered = []
     for rows in instances:
-        flat = triangles.position[rows].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
+        flat = layout.triangles.position[rows].reshape(-1, 3) @ axes - (sun.low_across, sun.low_up)
         low = np.clip(np.floor(flat.min(axis=0) / sun.cell), 0, cells).astype(int)
         high = np.clip(np.ceil(flat.max(axis=0) / sun.cell) + 1, 0, cells).astype(int)
         where = (slice(low[1], high[1]), slice(low[0], high[0]))
         covered.append((*where, sun.height[where].copy()))
-        draw_heights(sun, triangles.position, rows.start, rows.stop)
+        draw_heights(sun, layout.triangles, layout.cutouts, rows.start, rows.stop)
     return covered
 
 
@@ -149,8 +150,9 @@ def restore(sun: SunMap, covered: list[tuple[slice, slice, NDArray[np.float32]]]
 
 
 @njit(cache=True, nogil=True, allocates=True)
-def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: int) -> None:
-    """Raise `sun.height` to the triangles first … stop - 1."""
+def draw_heights(sun: SunMap, triangles: Triangles, cutouts: Cutouts, first: int, stop: int) -> None:
+    """Raise `sun.height` to the triangles first … stop - 1, where their texels are there."""
+    position = triangles.position
     cells = sun.height.shape[0]
     last = cells - 1.0
     x = np.empty(3)
@@ -170,6 +172,7 @@ def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: i
         top = math.ceil(max(min(y[0], y[1], y[2]), 0.0))
         bottom = math.floor(min(max(y[0], y[1], y[2]), last))
         highest = np.float32(max(z[0], z[1], z[2]))
+        which, uv = triangles.cutout[t], triangles.uv[t]
         for j in range(top, bottom + 1):
             low, high = 1e30, -1e30
             for k in range(3):  # where the row crosses the outline
@@ -186,6 +189,13 @@ def draw_heights(sun: SunMap, position: NDArray[np.float32], first: int, stop: i
             for i in range(math.ceil(low), math.floor(high) + 1):
                 h = min(np.float32(z[0] + za * (i - x[0]) + zb * (j - y[0])), highest)
                 if h > sun.height[j, i]:
+                    if which != OPAQUE:
+                        b = ((i - x[0]) * (y[2] - y[0]) - (x[2] - x[0]) * (j - y[0])) / area
+                        c = ((x[1] - x[0]) * (j - y[0]) - (i - x[0]) * (y[1] - y[0])) / area
+                        a = 1.0 - b - c
+                        u = a * uv[0, 0] + b * uv[1, 0] + c * uv[2, 0]
+                        if not is_there(cutouts, which, u, a * uv[0, 1] + b * uv[1, 1] + c * uv[2, 1]):
+                            continue
                     sun.height[j, i] = h
 
 

@@ -1,14 +1,20 @@
-"""The light of a clear day: sky, sun disc, haze, and how bright light becomes a displayable value."""
+"""The light of a day: sky with clouds, sun disc, haze, and how bright light becomes a displayable value.
+
+The sky of a scene is a table, computed once. Direction (n, e, d) of the upper half has the place (n, e) / (1 − d) in
+the disc of radius 1 (a stereographic projection): the zenith is its middle, the horizon its rim.
+"""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.scene import Sun
 from foundation.compiled import njit
 from foundation.frames import Vec3
+from foundation.threads import once
 
 EXPOSURE = 0.72
 SHOULDER = 0.48
@@ -18,6 +24,16 @@ STEPS = 8192  # of the table: less than one code each where sRGB is steepest
 HAZE_LENGTH_M = 2200.0  # distance after which about two thirds of a thing's colour is lost in the air
 DISC_COSINE = math.cos(math.radians(0.45))  # a little larger than the real 0.27°, so that it is seen at all
 GLOW_COSINE = math.cos(math.radians(0.9))
+USUAL_GREY = 0.553  # mean of the default `Sun.sky`
+
+Directions = NDArray[np.floating[Any]]  # (SKY_CELLS, SKY_CELLS) of a value by direction
+
+SKY_CELLS = 1024  # per side of the table of the sky
+CLOUD_SEED = 5
+CLOUD_BASE_M, EARTH_M = 1300.0, 6.371e6
+CLOUD_TILE_M, CLOUD_CELLS = 14000.0, 1024  # the pattern of clouds repeats after this distance
+CLOUD_FADE_M = 24000.0  # along the ray, after which about two thirds of a cloud are lost in the air
+SUN_HOLE = math.cos(math.radians(14.0)), math.cos(math.radians(6.0))  # clouds leave the sun free: it throws shadows
 
 
 class Daylight(NamedTuple):
@@ -29,6 +45,7 @@ class Daylight(NamedTuple):
     bounce: Vec3  # from below: sky and sun light returned by the ground
     zenith: Vec3  # the sky overhead
     horizon: Vec3  # the sky at eye level, and the haze
+    disc: float  # share of the sun's disc that clouds leave
 
 
 def daylight(sun: Sun) -> Daylight:
@@ -44,38 +61,151 @@ def daylight(sun: Sun) -> Daylight:
     ambient = tuple(1.15 * (c + 0.3 * (grey - c)) for c in sky)  # walls and clouds wash out the blue
     bounce = tuple(0.20 * (a + c * high) * g for a, c, g in zip(ambient, light, (1.0, 0.95, 0.8), strict=True))
     zenith = tuple(2.1 * c**2.2 for c in sky)  # deeper than the mean that `sky` stands for
-    horizon = tuple(1.2 * c + w for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
-    return Daylight(toward, _vec3(light), _vec3(ambient), _vec3(bounce), _vec3(zenith), _vec3(horizon))
+    veil = min(grey / USUAL_GREY, 1.0)
+    horizon = tuple(1.2 * c + w * veil for c, w in zip(sky, (0.80, 0.95, 1.06), strict=True))
+    disc = min(max((0.95 - float(sun.clouds)) / 0.2, 0.0), 1.0)
+    return Daylight(toward, _vec3(light), _vec3(ambient), _vec3(bounce), _vec3(zenith), _vec3(horizon), disc)
 
 
 def _vec3(v: tuple[float, ...]) -> Vec3:
     return (v[0], v[1], v[2])
 
 
+def sky_of(sun: Sun) -> NDArray[np.float32]:
+    """Return the (SKY_CELLS, SKY_CELLS, 3) linear RGB of the sky of `sun`, without the sun's disc."""
+    glow = _vec3(tuple(float(c) for c in sun.glow))
+    return _sky(daylight(sun), float(sun.clouds), glow)
+
+
+@once(2)
+def _sky(day: Daylight, clouds: float, glow: Vec3) -> NDArray[np.float32]:
+    axis = np.linspace(-1.0, 1.0, SKY_CELLS, dtype=np.float32)
+    x, y = axis[:, None], axis[None, :]
+    square = np.minimum(x * x + y * y, 1.0)
+    up = (1.0 - square) / (1.0 + square)
+    north, east = x * (1.0 + up), y * (1.0 + up)
+    low = _power(1.0 - up, 5)[..., None]
+    zenith, horizon = np.array(day.zenith, np.float32), np.array(day.horizon, np.float32)
+    table = zenith + (horizon - zenith) * low
+    near_sun = np.clip(day.toward[0] * north + day.toward[1] * east - day.toward[2] * up, 0.0, 1.0)
+    shine = 0.07 * _power(near_sun, 8) + 0.18 * _power(near_sun, 192)
+    table += shine[..., None] * np.array(day.sun, np.float32)
+    if any(glow):
+        toward_glow = np.clip(day.toward[0] * north + day.toward[1] * east, 0.0, 1.0) ** 2
+        table += (toward_glow * _power(1.0 - up, 6))[..., None] * np.array(glow, np.float32)
+    if clouds > 0.0:
+        cover, bright = _clouds(day, clouds, up, north, east)
+        if clouds < 0.95:
+            cover *= 1.0 - np.clip((near_sun - SUN_HOLE[0]) / (SUN_HOLE[1] - SUN_HOLE[0]), 0.0, 1.0)
+        sun, ambient = np.array(day.sun, np.float32), np.array(day.ambient, np.float32)
+        white = bright[..., None] * (0.42 * sun) + (0.70 + 0.30 * bright[..., None]) * (1.1 * ambient)
+        white += (0.5 * bright * _power(near_sun, 6))[..., None] * (0.3 * sun)
+        table += (white - table) * cover[..., None]
+    return np.ascontiguousarray(table, np.float32)
+
+
+def _power(base: Directions, exponent: int) -> Directions:
+    """Return base ** exponent by squaring: numpy's power takes ten times as long."""
+    result = np.ones_like(base)
+    while exponent:
+        if exponent % 2:
+            result = result * base
+        base, exponent = base * base, exponent // 2
+    return result
+
+
+def _clouds(
+    day: Daylight, clouds: float, up: Directions, north: Directions, east: Directions
+) -> tuple[Directions, Directions]:
+    """Return how much of the sky clouds hide in each direction, and how sunlit they are there, 0 … 1.
+
+    They are a flat layer above a round earth, so that they end at the horizon, seen through as much air as lies before.
+    """
+    rise = EARTH_M * up
+    path = np.sqrt(rise * rise + 2.0 * EARTH_M * CLOUD_BASE_M + CLOUD_BASE_M**2) - rise
+    scale = np.float32(CLOUD_CELLS / CLOUD_TILE_M)
+    rows, columns = path * north * scale, path * east * scale
+    cover, bright = _cloud_pattern(clouds, day.toward)
+    # farther clouds are smaller than the cells of the table: their mean
+    blur = np.clip(0.5 * np.log2(np.maximum(path * (scale * 2.4 / SKY_CELLS) / np.maximum(up, 0.02), 1.0)), 0.0, 2.0)
+    rows, columns = np.asarray(rows % CLOUD_CELLS, np.float32), np.asarray(columns % CLOUD_CELLS, np.float32)
+    shown = []
+    for pattern in (cover, bright):
+        levels = [pattern]
+        for sigma in (2.5, 10.0):
+            padded = cv2.copyMakeBorder(pattern, 32, 32, 32, 32, cv2.BORDER_WRAP)
+            levels.append(cv2.GaussianBlur(padded, (0, 0), sigma)[32:-32, 32:-32])
+        total = np.zeros_like(path)
+        for k, level in enumerate(levels):
+            weight = np.clip(1.0 - np.abs(blur - k), 0.0, 1.0)
+            read = cv2.remap(level, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+            total += weight * read
+        shown.append(total)
+    return shown[0] * np.exp(-path / CLOUD_FADE_M).astype(np.float32), shown[1]
+
+
+def _cloud_pattern(clouds: float, toward: Vec3) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return the cover (N, N) of a layer of clouds seen from straight below, and how sunlit it is, 0 … 1."""
+    side = CLOUD_CELLS
+    rng = np.random.default_rng(CLOUD_SEED)
+    frequency = np.fft.fftfreq(side) * side
+    radius = np.hypot(frequency[:, None], frequency[None, : side // 2 + 1])
+    spectrum = np.fft.rfft2(rng.normal(size=(side, side))) / np.maximum(radius, 5.0) ** 1.75
+    spectrum[0, 0] = 0.0
+    field = np.fft.irfft2(spectrum, s=(side, side))
+    field = (field / field.std()).astype(np.float32)
+    level = float(np.quantile(field, 1.0 - min(clouds, 1.0)))
+    thick = np.maximum(field - level, 0.0)
+    cover = np.clip(thick / (0.9 if clouds < 1.0 else 0.01), 0.0, 1.0)
+    cover = 1.0 - (1.0 - cover) ** 2.2
+    # the way of the sunlight through the layer, and the darker middle of thick clouds
+    flat = math.hypot(toward[0], toward[1]) or 1.0
+    shade = np.zeros_like(thick)
+    for step in (4, 9, 15):
+        moved = (-round(toward[0] / flat * step), -round(toward[1] / flat * step))
+        shade += np.roll(thick, moved, (0, 1))
+    bright = np.exp(-0.22 * shade - 0.30 * thick)
+    return cover.astype(np.float32), bright.astype(np.float32)
+
+
 @njit(cache=True, nogil=True)
-def sky_color(day: Daylight, n: float, e: float, d: float) -> Vec3:
-    """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED."""
-    up = max(-d, 0.0)
-    low = (1.0 - up) * (1.0 - up)
-    low = low * low * (1.0 - up)
-    if d > 0.0:
-        low *= 1.0 - 0.35 * min(d * 8.0, 1.0)  # below eye level, where the map ends
-    r = day.zenith[0] + (day.horizon[0] - day.zenith[0]) * low
-    g = day.zenith[1] + (day.horizon[1] - day.zenith[1]) * low
-    b = day.zenith[2] + (day.horizon[2] - day.zenith[2]) * low
+def sky_color(day: Daylight, sky: NDArray[np.float32], n: float, e: float, d: float) -> Vec3:
+    """Return the linear (r, g, b) of the sky in the unit direction (n, e, d), NED, from its table."""
+    per = 1.0 / (1.0 - min(d, 0.0))
+    x, y = n * per, e * per
+    below = 0.0
+    if d > 0.0:  # below eye level, where the map ends: the colour of the horizon, a little darker
+        per = 1.0 / math.sqrt(max(x * x + y * y, 1e-12))
+        x, y = x * per, y * per
+        below = 0.35 * min(d * 8.0, 1.0)
+    r, g, b = read_half(sky, x, y)
+    r += (day.zenith[0] - r) * below
+    g += (day.zenith[1] - g) * below
+    b += (day.zenith[2] - b) * below
     near_sun = day.toward[0] * n + day.toward[1] * e + day.toward[2] * d
-    if near_sun > 0.0:
-        s = near_sun * near_sun
-        s = s * s
-        s8 = s * s
-        s64 = s8 * s8 * s8 * s8 * s8 * s8 * s8 * s8
-        glow = 0.07 * s8 + 0.18 * s64 * s64 * s64
-        if near_sun > GLOW_COSINE:
-            glow += 6.0 * min((near_sun - GLOW_COSINE) / (DISC_COSINE - GLOW_COSINE), 1.0)
-        r += day.sun[0] * glow
-        g += day.sun[1] * glow
-        b += day.sun[2] * glow
+    if near_sun > GLOW_COSINE:
+        shine = 6.0 * day.disc * min((near_sun - GLOW_COSINE) / (DISC_COSINE - GLOW_COSINE), 1.0)
+        r += day.sun[0] * shine
+        g += day.sun[1] * shine
+        b += day.sun[2] * shine
     return r, g, b
+
+
+@njit(cache=True, nogil=True, inline="always")
+def read_half(table: NDArray[np.float32], x: float, y: float) -> Vec3:
+    """Return the value of a table (N, N, 3) of half of all directions at a place of its disc, bilinear."""
+    half = 0.5 * (table.shape[0] - 1)
+    px = min(max((x + 1.0) * half, 0.0), table.shape[0] - 1.001)
+    py = min(max((y + 1.0) * half, 0.0), table.shape[1] - 1.001)
+    i, j = int(px), int(py)
+    fx, fy = px - i, py - j
+    a, b, c, d = (1.0 - fx) * (1.0 - fy), (1.0 - fx) * fy, fx * (1.0 - fy), fx * fy
+    p, q = table[i], table[i + 1]
+    return (
+        a * p[j, 0] + b * p[j + 1, 0] + c * q[j, 0] + d * q[j + 1, 0],
+        a * p[j, 1] + b * p[j + 1, 1] + c * q[j, 1] + d * q[j + 1, 1],
+        a * p[j, 2] + b * p[j + 1, 2] + c * q[j, 2] + d * q[j + 1, 2],
+    )
 
 
 def display_table() -> NDArray[np.uint8]:

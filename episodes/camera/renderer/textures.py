@@ -6,6 +6,7 @@ a texel can be multiplied by a weight as it is. uv (0, 0) is the top-left corner
 beyond 0 … 1 the picture repeats, for which every level has a border of one texel from its other side.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -22,6 +23,8 @@ MOST_DOUBLINGS = 3  # of the reads along the longer axis of a pixel's footprint:
 WEIGHT = 2048  # sum of a pixel's integer weights; see `_bilinear`
 ONE_BITS = 0x3F800000  # the float 1.0
 SHARPEN = -0.35  # levels; a little under the strict limit keeps lettering readable and is hidden by later smoothing
+
+DRIFT_CELLS = 256  # a power of two
 
 LANE_1, LANE_2, LANE_MASK = np.uint64(21), np.uint64(42), np.uint64((1 << 21) - 1)
 NEXT = np.uint64(1)
@@ -75,6 +78,55 @@ def build_atlas(pictures: Sequence[NDArray[np.uint8]], before: Atlas | None = No
         first_level=np.array(first_level, np.int32),
         depth=np.array(depth, np.int32),
     )
+
+
+def mean_colors(atlas: Atlas, texture: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return the (K, 3) linear means of these textures, 1 where the number is negative."""
+    means = np.ones((len(texture), 3), np.float32)
+    for k, number in enumerate(texture):
+        if number >= 0:
+            first = int(atlas.levels[atlas.first_level[number] + atlas.depth[number] - 1, 0])
+            code = atlas.texels[first]
+            means[k] = [float(code >> lane & LANE_MASK) / 1023.0 for lane in (LANE_2, LANE_1, np.uint64(0))]
+    return means * means
+
+
+def drift_table() -> NDArray[np.float32]:
+    """Return (DRIFT_CELLS, DRIFT_CELLS) values around 0, within -1 … 1, which repeat: see `drift`."""
+    rng = np.random.default_rng(17)
+    frequency = np.fft.fftfreq(DRIFT_CELLS) * DRIFT_CELLS
+    radius = np.hypot(frequency[:, None], frequency[None, :])
+    spectrum = np.fft.fft2(rng.normal(size=(DRIFT_CELLS, DRIFT_CELLS))) / np.maximum(radius, 4.0) ** 1.3
+    spectrum[0, 0] = 0.0
+    field = np.fft.ifft2(spectrum).real
+    return np.asarray(np.tanh(0.6 * field / field.std()), np.float32)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def drift(table: NDArray[np.float32], n: float, e: float, z: float) -> float:
+    """Return how the tone of natural ground drifts at (n, e), m: within -1 … 1, in patches of metres and of 50 m.
+
+    The small patches fade with the distance `z`, m, at which they are finer than pixels.
+    """
+    fine = 1.0 / (1.0 + z * z * (1.0 / 3600.0))
+    coarse = 1.0 / (1.0 + z * z * (1.0 / 640000.0))
+    turned_n, turned_e = 0.8 * n + 0.6 * e, 0.8 * e - 0.6 * n
+    return 0.45 * fine * _smooth(table, n * 1.3, e * 1.3) + 0.75 * coarse * _smooth(
+        table, turned_n * 0.11, turned_e * 0.11
+    )
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _smooth(table: NDArray[np.float32], x: float, y: float) -> float:
+    """Return the bilinear value of a repeating table at (x, y) cells."""
+    low_x, low_y = math.floor(x), math.floor(y)
+    i, j = int(low_x) & (DRIFT_CELLS - 1), int(low_y) & (DRIFT_CELLS - 1)
+    p, q = (i + 1) & (DRIFT_CELLS - 1), (j + 1) & (DRIFT_CELLS - 1)
+    fx, fy = x - low_x, y - low_y
+    a = table[i, j] + (table[i, q] - table[i, j]) * fy
+    b = table[p, j] + (table[p, q] - table[p, j]) * fy
+    value: float = a + (b - a) * fx
+    return value
 
 
 def _pyramid(linear: NDArray[np.float32]) -> list[NDArray[np.float32]]:

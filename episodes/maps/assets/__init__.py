@@ -10,11 +10,13 @@ from episodes.maps.assets import (
     materials,
     multirotor,
     people,
+    plants,
+    riders,
     service_vehicles,
     street,
     vehicles,
 )
-from episodes.maps.assets.houses import HousePlan
+from episodes.maps.assets.house_plans import HousePlan
 from episodes.maps.scene import Mesh
 from foundation.errors import UsageError
 from foundation.wording import suggestion
@@ -24,12 +26,12 @@ PAINTS = tuple(materials.PAINTS)
 # asset → its maker: (paint, inscription) → mesh
 _INSCRIBED: dict[str, Callable[[str, str], Mesh]] = {kind: partial(vehicles.car, kind) for kind in vehicles.SHAPES} | {
     "bus": service_vehicles.bus,
-    "motorcycle": people.motorcycle,
+    "motorcycle": riders.motorcycle,
     "sign": lettering.sign,
 }
 # asset → its maker: paint → mesh
 _PLAIN: dict[str, Callable[[str], Mesh]] = {
-    "cyclist": people.cyclist,
+    "cyclist": riders.cyclist,
     "delivery_robot": service_vehicles.delivery_robot,
     "pedestrian": people.pedestrian,
     "person": people.person,
@@ -55,17 +57,21 @@ FIXTURES: dict[str, Callable[[], Mesh]] = {
 # what else maps are furnished with → its maker
 SCENERY: dict[str, Callable[[], Mesh]] = {
     "barrier": street.barrier,
-    "birch": partial(street.tree, "birch", 7.2, 2),
+    "birch": partial(plants.tree, "birch", 7.2, 2),
     "board-fence": partial(street.board_fence, 6.0),
     "bungalow": partial(houses.house, HousePlan(dormers=2, shutters="ink", wall="mist")),
-    "bush": street.bush,
-    "fir": street.conifer,
-    "hedge": street.hedge,
+    "bush": plants.bush,
+    "fir": plants.spruce,
+    "hedge": plants.hedge,
     "hydrant": street.hydrant,
     "mailbox": street.mailbox,
-    "maple": partial(street.tree, "maple", 7.2, 1),
-    "oak": street.tree,
+    "lilac": partial(plants.bush, 0.6, 1),
+    "linden": partial(plants.tree, "linden", 7.2, 1),
+    "maple": partial(plants.tree, "maple", 7.2, 1),
+    "oak": plants.tree,
     "picket-fence": street.picket_fence,
+    "pine": partial(plants.tree, "pine", 9.0, 1),
+    "poplar": partial(plants.tree, "poplar", 8.0, 1),
     "refuse-bin": street.bin,
     "street-lamp": street.lamp,
     "street-sign": partial(street.name_post, "Main Street", "Hill Road"),

@@ -9,8 +9,8 @@ from functools import cache
 import numpy as np
 
 from episodes.maps import geometry as g
-from episodes.maps.assets import materials
-from episodes.maps.assets.materials import linear, surface
+from episodes.maps.assets import materials, plants
+from episodes.maps.assets.materials import surface
 from episodes.maps.geometry import Array, MeshPart
 from episodes.maps.scene import Material, Mesh
 
@@ -140,19 +140,16 @@ def bollard() -> Mesh:
 @cache
 def planter() -> Mesh:
     """Return a wide cast tub with a clipped shrub."""
-    leaf = surface("foliage", linear((104, 136, 76)))
     soil = materials.plain("soil", (70, 54, 42))
     outline = [(0.0, -SINK), (0.66, -SINK), (0.72, 0.1), (0.92, 0.66), (0.98, 0.68), (0.98, 0.78), (0.88, 0.78)]
     solids = [
         g.lathe([*outline, (0.88, 0.7)], CAST, 18),
         g.lathe([(0.88, 0.71), (0.0, 0.73)], soil, 18),
-        g.roughened(g.ball((0, 0, 1.12), (0.68, 0.68, 0.52), leaf, 2), 0.05, 5, 0.4),
     ]
-    for k in range(7):
-        a = 2 * np.pi * k / 7
-        clump = g.ball((0.68 * np.cos(a), 0.68 * np.sin(a), 0.82), (0.24, 0.24, 0.2), leaf, 0)
-        solids.append(g.roughened(clump, 0.03, k, 0.2))
-    return g.assemble(solids)
+    turns = 2.0 * np.pi * np.arange(7) / 7
+    lobes = [plants.Lobe(np.array((0.0, 0.0, 1.12)), np.array((0.68, 0.68, 0.52)))]
+    lobes += [plants.Lobe(np.array((0.68 * np.cos(a), 0.68 * np.sin(a), 0.86)), np.full(3, 0.24)) for a in turns]
+    return g.assemble([*solids, *plants.shrubbery(lobes, "box", 0.34, 1.5, np.random.default_rng(5))])
 
 
 @cache
@@ -234,11 +231,26 @@ def _bowl(radius: float, foot: float, rim: float) -> list[MeshPart]:
 def _curtain(radius: float, top: float, bottom: float, seed: int) -> list[MeshPart]:
     """Return water that falls from a rim in separate strands."""
     rng, solids = np.random.default_rng(seed), []
-    for a in 2 * np.pi * (np.arange(14) + rng.uniform(-0.2, 0.2, 14)) / 14:
+    for a in 2 * np.pi * (np.arange(20) + rng.uniform(-0.3, 0.3, 20)) / 20:
         way = np.array((np.cos(a), np.sin(a), 0.0))
         bend = [radius * way + (0, 0, top), (radius + 0.13) * way + (0, 0, (top * 2 + bottom) / 3)]
         bend.append((radius + 0.2) * way + np.array((0, 0, bottom)))
-        solids += [g.rod(p, q, (0.035, 0.035), SPRAY, 4) for p, q in itertools.pairwise(bend)]
+        thick = rng.uniform(0.012, 0.024)
+        for (p, q), (r0, r1) in zip(itertools.pairwise(bend), ((1.0, 0.8), (0.8, 0.4)), strict=True):
+            solids.append(g.rod(p, q, (thick * r0, thick * r1), SPRAY, 3))
+    return solids
+
+
+def _jet(foot: float) -> list[MeshPart]:
+    """Return a thin column of water that falls apart into six strands."""
+    top = np.array((0.0, 0.0, foot + 0.78))
+    solids = [g.lathe([(0.025, foot), (0.032, foot + 0.3), (0.04, foot + 0.6), (0.0, foot + 0.8)], SPRAY, 8)]
+    for a in 2 * np.pi * np.arange(6) / 6:
+        way = np.array((np.cos(a), np.sin(a), 0.0))
+        bend = [top, top + 0.11 * way - (0.0, 0.0, 0.04), top + 0.2 * way - np.array((0.0, 0.0, 0.3))]
+        bend.append(top + 0.25 * way - np.array((0.0, 0.0, 0.6)))
+        widths = ((0.022, 0.018), (0.018, 0.012), (0.012, 0.006))
+        solids += [g.rod(p, q, r, SPRAY, 3) for (p, q), r in zip(itertools.pairwise(bend), widths, strict=True)]
     return solids
 
 
@@ -254,16 +266,7 @@ def fountain(tiers: int = 1) -> Mesh:
         below = height - 0.14 if k == 0 else foot
         solids += _curtain(wide, rim, below, k)
         foot, wide = rim - 0.05, wide * 0.58
-    jet = [
-        (0.05, foot),
-        (0.04, foot + 0.35),
-        (0.10, foot + 0.6),
-        (0.16, foot + 0.5),
-        (0.10, foot + 0.72),
-        (0.0, foot + 0.8),
-    ]
-    solids.append(g.lathe(jet, SPRAY, 10))
-    return g.assemble(solids)
+    return g.assemble([*solids, *_jet(foot)])
 
 
 @cache

@@ -31,22 +31,41 @@ PAINTS: dict[str, tuple[int, int, int]] = {
     "grey": (98, 102, 106),
     "black": (22, 23, 25),
 }
-NEUTRAL = ("white", "silver", "grey", "black")  # what parked vehicles wear, so that a target's colour stays its own
+# what parked vehicles wear, so that a target's colour stays its own, and the shades of it
+SHADES: dict[str, tuple[Srgb, ...]] = {
+    "white": (PAINTS["white"], (226, 222, 212), (206, 210, 214)),
+    "silver": (PAINTS["silver"], (174, 172, 168), (144, 148, 152)),
+    "grey": (PAINTS["grey"], (74, 78, 82), (110, 109, 107)),
+    "black": (PAINTS["black"], (31, 34, 38), (38, 37, 36)),
+}
+NEUTRAL = tuple(SHADES)
 
 
-def noise(shape: tuple[int, int], power: float, seed: int) -> Array:
-    """Return tileable noise of mean 0 and deviation 1 whose spectrum falls with frequency**-power."""
+def noise(shape: tuple[int, int], power: float, seed: int, stretch: float = 1.0) -> Array:
+    """Return tileable noise of mean 0 and deviation 1 whose spectrum falls with frequency**-power.
+
+    It is `stretch` times as long down the rows as across them.
+    """
     rng = np.random.default_rng(seed)
     rows = np.fft.fftfreq(shape[0])[:, None] * shape[0]
     columns = np.fft.fftfreq(shape[1])[None, :] * shape[1]
-    radius = np.maximum(np.hypot(rows, columns), 1.0)
+    radius = np.maximum(np.hypot(rows * stretch, columns), 1.0)
     spectrum = np.fft.fft2(rng.normal(size=shape)) / radius**power
     spectrum[0, 0] = 0.0
     field = np.fft.ifft2(spectrum).real
     return np.asarray(field / field.std())
 
 
-def _tinted(value: Array, color: tuple[float, float, float]) -> Picture:
+def _fine(value: Array) -> Array:
+    """Return noise without its slow part, which would show from above how a texture repeats."""
+    slow = cv2.GaussianBlur(np.tile(value, (2, 2)), (0, 0), value.shape[0] / 40.0)
+    half = [side // 2 for side in value.shape]
+    back = np.roll(slow[half[0] : 3 * half[0], half[1] : 3 * half[1]], half, (0, 1))
+    fine = value - back
+    return np.asarray(fine / fine.std())
+
+
+def tinted(value: Array, color: tuple[float, float, float]) -> Picture:
     """Return grey levels around 1 times an sRGB colour."""
     return np.asarray(np.clip(value[..., None] * np.array(color), 0, 255), np.uint8)
 
@@ -54,17 +73,17 @@ def _tinted(value: Array, color: tuple[float, float, float]) -> Picture:
 @cache
 def asphalt() -> Picture:
     """Return (512, 512, 3): dark aggregate with patches, for a repeat of 4 m."""
-    value = 1.0 + 0.10 * noise((512, 512), 0.1, 11) + 0.05 * noise((512, 512), 1.6, 12)
-    return _tinted(value, (84, 84, 87))
+    value = 1.0 + 0.10 * noise((512, 512), 0.1, 11) + 0.04 * _fine(noise((512, 512), 1.0, 12))
+    return tinted(value, (84, 84, 87))
 
 
 @cache
 def grass() -> Picture:
-    """Return (512, 512, 3): mown lawn without large patches, which would show the repeat of 4 m from above."""
-    blade = noise((512, 512), 0.5, 21)
-    patch = noise((512, 512), 1.5, 22)
-    value = 1.0 + 0.15 * blade + 0.03 * patch
-    dry = np.clip(0.5 + 0.35 * noise((512, 512), 0.7, 23), 0, 1)[..., None]
+    """Return (512, 512, 3): mown lawn for a repeat of 4 m, which its fine grain does not show; `Material.drift` does
+    the larger patches.
+    """
+    value = 1.0 + 0.15 * _fine(noise((512, 512), 0.5, 21))
+    dry = np.clip(0.5 + 0.35 * _fine(noise((512, 512), 0.7, 23)), 0, 1)[..., None]
     color = (1 - 0.4 * dry) * np.array((80, 110, 50)) + 0.4 * dry * np.array((128, 130, 72))
     return np.asarray(np.clip(value[..., None] * color, 0, 255), np.uint8)
 
@@ -75,7 +94,7 @@ def concrete() -> Picture:
     value = 1.0 + 0.035 * noise((256, 256), 0.4, 31) + 0.035 * noise((256, 256), 1.5, 32)
     value[:3, :] *= 0.72
     value[:, :3] *= 0.72
-    return _tinted(value, (176, 173, 165))
+    return tinted(value, (176, 173, 165))
 
 
 @cache
@@ -87,7 +106,7 @@ def brick() -> Picture:
     shifted = (column + 32 * (course % 2)) % 256
     tone = rng.uniform(0.82, 1.12, (8, 4))[course, shifted // 64]
     value = tone + 0.05 * noise((256, 256), 0.4, 42)
-    image = _tinted(value, (158, 84, 64)).astype(np.float64)
+    image = tinted(value, (158, 84, 64)).astype(np.float64)
     joint = (row % 32 < 4) | (shifted % 64 < 4)
     image[joint] = np.array((186, 178, 166)) * (1.0 + 0.03 * noise((256, 256), 0.4, 43))[joint][:, None]
     return np.clip(image, 0, 255).astype(np.uint8)
@@ -100,7 +119,7 @@ def siding() -> Picture:
     lap = 0.93 + 0.07 * (row % 32) / 31.0
     lap[row % 32 >= 29] = 0.62
     value = lap[::-1, None] * (1.0 + 0.015 * noise((256, 256), 0.8, 51))
-    return _tinted(value, (240, 240, 238))
+    return tinted(value, (240, 240, 238))
 
 
 @cache
@@ -114,7 +133,7 @@ def shingles() -> Picture:
     tone = rng.uniform(0.72, 1.08, (8, 8))[line, shifted // 32]
     value = tone * (1.0 + 0.09 * noise((256, 256), 0.2, 62))
     value[(row % 32 < 4) | (shifted % 32 < 2)] *= 0.62
-    return _tinted(value, (205, 205, 205))
+    return tinted(value, (205, 205, 205))
 
 
 @cache
@@ -126,23 +145,7 @@ def boards() -> Picture:
     grain = np.repeat(noise((32, 256), 0.3, 72), 8, axis=0)
     value = tone * (1.0 + 0.08 * grain)
     value[:, column % 32 < 2] *= 0.45
-    return _tinted(value, (150, 112, 76))
-
-
-@cache
-def foliage() -> Picture:
-    """Return (256, 256, 3): leaves over dark gaps in light green, for a repeat of 1.2 m; the colour tints it."""
-    leaf = noise((256, 256), 0.75, 81)
-    gap = np.clip(0.5 + 0.55 * noise((256, 256), 1.1, 82), 0.0, 1.0)
-    value = np.clip(0.74 + 0.22 * leaf, 0.3, 1.25) * (0.55 + 0.45 * gap)
-    return _tinted(value, (196, 220, 150))
-
-
-@cache
-def bark() -> Picture:
-    """Return (128, 128, 3): upright furrows, for a repeat of 0.8 m."""
-    value = 1.0 + 0.22 * np.repeat(noise((16, 128), 0.4, 91), 8, axis=0) + 0.1 * noise((128, 128), 0.6, 92)
-    return _tinted(value, (102, 82, 64))
+    return tinted(value, (150, 112, 76))
 
 
 @cache
@@ -156,7 +159,7 @@ def garage_door() -> Picture:
     value[raised & ((r < 15) | (c < 11))] = 0.70
     value[raised & ((r > 51) | (c > 53))] = 1.0
     value[r < 2] = 0.6
-    return _tinted(value, (240, 239, 235))
+    return tinted(value, (240, 239, 235))
 
 
 def linear(srgb: tuple[int, int, int]) -> Vec3:
@@ -175,6 +178,12 @@ def paint(name: str) -> Material:
     if name not in PAINTS:
         raise UsageError(f"paint '{name}' is not known: use one of {', '.join(PAINTS)}.")
     return Material(f"paint-{name}", linear(PAINTS[name]), specular=0.55)
+
+
+@cache
+def shade(name: str, number: int) -> Material:
+    """Return one of the shades of a neutral car paint."""
+    return Material(f"paint-{name}", linear(SHADES[name][number % len(SHADES[name])]), specular=0.55)
 
 
 @cache
@@ -214,25 +223,25 @@ def _slabs(count: int, joint: int, spread: float, shift: bool, seed: int) -> Arr
 @cache
 def paving() -> Picture:
     """Return (512, 512, 3): square slabs of warm grey, for a repeat of 3 m."""
-    return _tinted(_slabs(4, 4, 0.06, False, 101), (186, 178, 164))
+    return tinted(_slabs(4, 4, 0.06, False, 101), (186, 178, 164))
 
 
 @cache
 def setts() -> Picture:
     """Return (512, 512, 3): small stone setts, for a repeat of 2 m."""
-    return _tinted(_slabs(16, 3, 0.14, True, 111), (142, 132, 124))
+    return tinted(_slabs(16, 3, 0.14, True, 111), (142, 132, 124))
 
 
 @cache
 def ashlar() -> Picture:
     """Return (512, 512, 3): dressed stone blocks in near white, for a repeat of 2.4 m; the colour tints it."""
-    return _tinted(_slabs(4, 4, 0.05, True, 121), (236, 230, 216))
+    return tinted(_slabs(4, 4, 0.05, True, 121), (236, 230, 216))
 
 
 @cache
 def panels() -> Picture:
     """Return (512, 512, 3): smooth concrete panels, for a repeat of 3.6 m; the colour tints it."""
-    return _tinted(_slabs(2, 3, 0.025, False, 131), (226, 225, 220))
+    return tinted(_slabs(2, 3, 0.025, False, 131), (226, 225, 220))
 
 
 @cache
@@ -354,16 +363,19 @@ def _words(text: str, ink: Srgb, ground: Srgb) -> Picture:
 _TEXTURES: dict[str, Callable[[], Picture]] = {
     texture.__name__: texture
     for texture in (
-        asphalt, grass, concrete, brick, siding, shingles, boards, foliage, bark, garage_door,
+        asphalt, grass, concrete, brick, siding, shingles, boards, garage_door,
         paving, setts, ashlar, panels, curtain, doors, shelves, dial,
     )
 }  # fmt: skip
 
 
+_DRIFT = {"grass": 0.16, "asphalt": 0.09, "concrete": 0.06, "paving": 0.05, "setts": 0.05}
+
+
 @cache
 def surface(name: str, color: Vec3 = (1.0, 1.0, 1.0), specular: float = 0.0) -> Material:
     """Return the material of one of this file's textures, tinted; the same arguments give the same object."""
-    return Material(name, color, _TEXTURES[name](), specular=specular)
+    return Material(name, color, _TEXTURES[name](), specular=specular, drift=_DRIFT.get(name, 0.0))
 
 
 @cache

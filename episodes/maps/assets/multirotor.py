@@ -18,11 +18,13 @@ from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 
-# what the default airframe is like: pale shell and front blades, so that it shows before hedges and which way it looks
-SHELL = materials.plain("drone-shell", (214, 217, 220), 0.35)
-CARBON = materials.plain("drone-carbon", (40, 41, 44), 0.25)
+# dark, so that it shows before sky and walls, with a band and front blades in a colour that no target has, so that it
+# shows before hedges and in shadow, and which way it looks
+SHELL = materials.plain("drone-shell", (62, 66, 72), 0.35)
+BAND = materials.plain("drone-band", (188, 222, 40), 0.1)
+CARBON = materials.plain("drone-carbon", (30, 31, 33), 0.25)
 MOTOR = materials.plain("drone-motor", (120, 124, 130), 0.6)
-FRONT_BLADE = materials.plain("drone-front-blade", (236, 236, 232), 0.1)
+FRONT_BLADE = materials.plain("drone-front-blade", (188, 222, 40), 0.1)
 REAR_BLADE = materials.plain("drone-rear-blade", (58, 60, 64), 0.1)
 # a blade from hub to tip, both as shares of the rotor's radius: along it, across it
 BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
@@ -85,7 +87,7 @@ def _hull(shape: Outline) -> list[MeshPart]:
 
     solids = [
         g.hull(level(0.85, -0.3), level(1.0, -0.05), CARBON),
-        g.hull(level(1.0, -0.05), level(0.95, 0.2), SHELL),
+        g.hull(level(1.0, -0.05), level(0.95, 0.2), BAND),
         g.hull(level(0.95, 0.2), level(0.45, 0.5), SHELL),
         g.box((-0.95 * half, -0.35 * half, -0.75 * half), (0.95 * half, 0.35 * half, -0.3 * half), CARBON),
     ]

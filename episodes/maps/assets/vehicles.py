@@ -35,6 +35,38 @@ class CarShape:
     cladding: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Trim:
+    """What differs between two cars of a shape."""
+
+    shade: int | None = None  # number of the shade of a neutral paint; None: the paint itself
+    spokes: int = 5  # of a wheel, 0 for a hub cap
+    rim: str = "silver"  # of RIMS
+    grille: str = "bars"  # or 'mesh', 'slim'
+    lamps: str = "square"  # or 'slim', 'round'
+    roof: str = "painted"  # or 'black', 'glass'
+    has_strip: bool = False  # along the doors
+    rise_m: float = 0.20  # of the underside at nose and tail
+
+
+PLAIN = Trim()
+RIMS = {"silver": materials.RIM, "dark": materials.plain("rim-dark", (66, 68, 72), 0.5), "grey": materials.STEEL}
+
+
+def trim_of(number: int) -> Trim:
+    """Return the trim of a parked car; two that follow each other differ."""
+    return Trim(
+        shade=number + number // 3,
+        spokes=(5, 0, 10, 7, 5, 0, 6)[number % 7],
+        rim=("silver", "silver", "dark", "grey", "dark")[number % 5],
+        grille=("bars", "mesh", "slim")[number % 3],
+        lamps=("square", "slim", "round", "slim")[number % 4],
+        roof=("painted", "painted", "black", "painted", "glass")[number % 5],
+        has_strip=number % 3 == 1,
+        rise_m=0.12,
+    )
+
+
 SHAPES: dict[str, CarShape] = {
     "suv": CarShape(
         4.70, 1.90, 2.75, 0.37, 0.24,
@@ -45,6 +77,11 @@ SHAPES: dict[str, CarShape] = {
         4.70, 1.82, 2.75, 0.33, 0.17,
         ((-2.35, 0.86), (-2.22, 1.0), (-1.6, 1.02), (0.0, 0.96), (0.95, 0.94), (1.8, 0.84), (2.22, 0.72), (2.35, 0.6)),
         (-1.72, 1.02), (-0.95, 0.18), 0.95, 1.45, (-0.82, -0.12), (-1.45, 0.80),
+    ),
+    "estate": CarShape(
+        4.70, 1.82, 2.75, 0.33, 0.17,
+        ((-2.35, 0.86), (-2.24, 0.98), (-1.6, 0.99), (0.0, 0.96), (0.95, 0.94), (1.8, 0.84), (2.22, 0.72), (2.35, 0.6)),
+        (-2.24, 1.02), (-1.88, 0.18), 0.95, 1.46, (-0.92, -0.12), (-2.02, 0.80), rails=True,
     ),
     "hatchback": CarShape(
         4.05, 1.76, 2.55, 0.32, 0.17,
@@ -70,7 +107,7 @@ def plan_at(shape: CarShape, x: Array) -> Array:
     return shape.width / 2 * (1.0 - 0.10 * reach**5 - 0.06 * np.clip((reach - 0.93) / 0.07, 0, 1) ** 2)
 
 
-def body(shape: CarShape, material: Material) -> list[MeshPart]:
+def body(shape: CarShape, material: Material, rise_m: float = 0.20) -> list[MeshPart]:
     """Return the lower body: cross-sections lofted from tail to nose, the underside raised over the wheels."""
     half, arch, axle = shape.length / 2, shape.wheel_radius * 1.20, shape.wheelbase / 2
     around = arch * np.cos(np.linspace(0.0, np.pi, 11))
@@ -86,7 +123,7 @@ def body(shape: CarShape, material: Material) -> list[MeshPart]:
     deck = np.array(shape.deck)
     top = np.interp(x, deck[:, 0], deck[:, 1])
     bottom = np.full_like(x, shape.clearance)
-    bottom += 0.20 * np.clip((np.abs(x) - half + 0.12) / 0.12, 0, 1) ** 2
+    bottom += rise_m * np.clip((np.abs(x) - half + 0.12) / 0.12, 0, 1) ** 2
     for centre in (-axle, axle):
         inside = np.abs(x - centre) < arch - 1e-6
         rise = np.sqrt(np.clip(arch**2 - (x - centre) ** 2, 0.0, None))
@@ -124,8 +161,8 @@ def _edge(shape: CarShape, end: int, z: float) -> float:
     return shape.cabin_low[end] + (shape.cabin_high[end] - shape.cabin_low[end]) * up
 
 
-def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
-    """Return the greenhouse: painted shell and crowned roof, with glass set a finger's breadth proud of it."""
+def _cabin(shape: CarShape, material: Material, roof: str) -> list[MeshPart]:
+    """Return the greenhouse: shell and crowned roof, with glass set a finger's breadth proud of it."""
     levels = (shape.belt - 0.11, shape.roof - 0.09, shape.roof - 0.03, shape.roof)
     inset = (0.0, 0.0, 0.045, 0.16)
 
@@ -138,7 +175,14 @@ def _cabin(shape: CarShape, material: Material) -> list[MeshPart]:
         return np.array(right + [(x, -y, z) for x, y, z in right[::-1]])
 
     rings = [ring(z, i) for z, i in zip(levels, inset, strict=True)]
-    solids = [g.hull(a, b, material, crease_deg=40.0) for a, b in itertools.pairwise(rings)]
+    looks = (material, *2 * (materials.TRIM if roof == "black" else material,))
+    solids = [
+        g.hull(a, b, look, crease_deg=40.0) for (a, b), look in zip(itertools.pairwise(rings), looks, strict=True)
+    ]
+    front, rear = shape.cabin_high[1] - 0.35, max(shape.cabin_high[1] - 1.15, shape.cabin_high[0] + 0.35)
+    if roof == "glass" and front - rear > 0.3:
+        half, z = shape.width / 2 - 0.45, shape.roof + 0.006
+        solids.append(g.quad([(rear, -half, z), (front, -half, z), (front, half, z), (rear, half, z)], materials.GLASS))
     low, high = shape.belt + 0.02, shape.roof - 0.10
     proud = 0.012
     # wind screen and rear window
@@ -202,8 +246,8 @@ def _facing(points: list[tuple[float, float, float]], outward: tuple[float, floa
     return p if np.dot(normal, outward) > 0.0 else p[[1, 0, 3, 2]]
 
 
-def wheel(radius: float, width: float) -> list[MeshPart]:
-    """Return a wheel about the y axis through the origin, its rim on the +y side."""
+def wheel(radius: float, width: float, spokes: int = 5, rim: Material = materials.RIM) -> list[MeshPart]:
+    """Return a wheel about the y axis through the origin, its rim on the +y side: spokes, or a hub cap without any."""
     half = width / 2
     outline = [
         (0.93 * radius, -half),
@@ -215,17 +259,22 @@ def wheel(radius: float, width: float) -> list[MeshPart]:
     dish = [(0.70 * radius, half), (0.66 * radius, 0.80 * half), (0.60 * radius, 0.45 * half), (0.0, 0.45 * half)]
     solids = [
         g.lathe(outline, materials.RUBBER, 20),
-        g.lathe(dish[:2], materials.RIM, 14),
-        g.lathe(dish[1:], materials.TRIM, 14),
+        g.lathe(dish[:2], rim, 14),
     ]
-    inner, outer, root = 0.04, 0.67 * radius, 0.45 * half
+    if spokes == 0:
+        cap = [dish[1], (0.56 * radius, 0.92 * half), (0.30 * radius, 0.70 * half), (0.14 * radius, 0.95 * half)]
+        return [about_y(p) for p in [*solids, g.lathe([*cap, (0.0, 0.95 * half)], rim, 14)]]
+    solids.append(g.lathe(dish[1:], materials.TRIM, 14))
+    inner, outer, root, thin = 0.04, 0.67 * radius, 0.45 * half, min(1.0, 5.5 / spokes)
     spoke = g.hull(
-        [(inner, -0.045, root), (outer, -0.032, root), (outer, 0.032, root), (inner, 0.045, root)],
-        [(inner, -0.038, 2 * root), (outer, -0.026, 0.8 * half), (outer, 0.026, 0.8 * half), (inner, 0.038, 2 * root)],
-        materials.RIM,
-    )
-    solids += [g.placed(spoke, yaw=2 * np.pi * k / 5) for k in range(5)]
-    solids.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], materials.RIM, 8))
+        [(inner, -0.045 * thin, root), (outer, -0.032 * thin, root), (outer, 0.032 * thin, root),
+         (inner, 0.045 * thin, root)],
+        [(inner, -0.038 * thin, 2 * root), (outer, -0.026 * thin, 0.8 * half), (outer, 0.026 * thin, 0.8 * half),
+         (inner, 0.038 * thin, 2 * root)],
+        rim,
+    )  # fmt: skip
+    solids += [g.placed(spoke, yaw=2 * np.pi * k / spokes) for k in range(spokes)]
+    solids.append(g.lathe([(0.075, 0.5 * half), (0.075, 0.95 * half), (0.0, 0.95 * half)], rim, 8))
     return [about_y(p) for p in solids]
 
 
@@ -235,10 +284,10 @@ def about_y(part: MeshPart) -> MeshPart:
     return replace(part, corners=part.corners @ turn, normals=part.normals @ turn)
 
 
-def _wheels(shape: CarShape) -> list[MeshPart]:
+def _wheels(shape: CarShape, trim: Trim) -> list[MeshPart]:
     """Return four wheels, their housings and the dark underbody."""
     solids = []
-    wheel_solids = wheel(shape.wheel_radius, 0.23)
+    wheel_solids = wheel(shape.wheel_radius, 0.23, trim.spokes, RIMS[trim.rim])
     for x in (-shape.wheelbase / 2, shape.wheelbase / 2):
         y = shape.width / 2 - 0.135
         left = [g.placed(p, (x, y, shape.wheel_radius)) for p in wheel_solids]
@@ -248,20 +297,29 @@ def _wheels(shape: CarShape) -> list[MeshPart]:
     return solids
 
 
-def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) -> list[MeshPart]:
+def _lamps(shape: CarShape, trim: Trim, end: float, nose: float, tail: float, low: float) -> list[MeshPart]:
     """Return grille, bumpers and lamps; `end` is the half width at nose and tail."""
     half, mid = shape.length / 2, shape.clearance + 0.42 * (nose - shape.clearance)
+    sill = nose - 0.16 if trim.grille == "slim" else mid + 0.02
     solids = [
-        g.box((half - 0.05, -0.42 * end, mid + 0.02), (half + 0.012, 0.42 * end, nose - 0.07), materials.TRIM),
+        g.box((half - 0.05, -0.42 * end, sill), (half + 0.012, 0.42 * end, nose - 0.07), materials.TRIM),
         g.box((half - 0.06, -0.80 * end, low), (half + 0.018, 0.80 * end, low + 0.13), materials.TRIM),
         g.box((-half - 0.018, -0.86 * end, low), (-half + 0.06, 0.86 * end, low + 0.18), materials.TRIM),
     ]
-    for z in np.linspace(mid + 0.06, nose - 0.11, 3):
+    bars: dict[str, list[float]] = {"bars": np.linspace(mid + 0.06, nose - 0.11, 3).tolist(), "slim": [nose - 0.115]}
+    for z in bars.get(trim.grille, []):
         solids.append(g.box((half, -0.40 * end, z - 0.008), (half + 0.02, 0.40 * end, z + 0.008), materials.CHROME))
     tall = min(0.36, tail - 0.12 - (shape.clearance + 0.38))
     inner = 0.62 if tall < 0.36 else 0.76
+    if trim.lamps == "slim":
+        tall, inner = min(tall, 0.16), 0.44
+    if trim.lamps == "round":
+        front = g.ball((half - 0.02, 0.74 * end, nose - 0.11), (0.045, 0.105, 0.085), materials.HEADLAMP, 1)
+    else:
+        foot = (half - 0.10, 0.50 * end, nose - (0.08 if trim.lamps == "slim" else 0.15))
+        front = g.box(foot, (half + 0.022, 0.985 * end, nose - 0.03), materials.HEADLAMP)
     pair = [
-        g.box((half - 0.10, 0.50 * end, nose - 0.15), (half + 0.022, 0.985 * end, nose - 0.03), materials.HEADLAMP),
+        front,
         g.box((half - 0.05, 0.70 * end, low + 0.02), (half + 0.028, 0.86 * end, low + 0.08), materials.HEADLAMP),
         g.box((-half - 0.022, inner * end, tail - tall), (-half + 0.12, 0.99 * end, tail - 0.05), materials.TAIL_LAMP),
         g.box((-half - 0.026, inner * end, tail - tall), (-half, 0.99 * end, tail - tall + 0.05), materials.INDICATOR),
@@ -269,7 +327,7 @@ def _lamps(shape: CarShape, end: float, nose: float, tail: float, low: float) ->
     return solids + pair + [g.mirrored(p) for p in pair]
 
 
-def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
+def _flank(shape: CarShape, material: Material, has_strip: bool) -> list[MeshPart]:
     """Return the left side's door gaps, handles, mirror and cladding."""
     side, axle, arch = shape.width / 2, shape.wheelbase / 2, shape.wheel_radius * 1.22
     sill, belt = shape.clearance + 0.16, shape.belt - 0.05
@@ -292,6 +350,10 @@ def _flank(shape: CarShape, material: Material) -> list[MeshPart]:
     solids.append(g.box((x - 0.06, base + 0.05, z + 0.03), (x + 0.06, base + 0.24, z + 0.18), material))
     solids.append(g.box((x - 0.075, base + 0.06, z + 0.045), (x - 0.058, base + 0.23, z + 0.165), materials.GLASS))
     solids.append(g.box((x - 0.02, base - 0.03, z + 0.03), (x + 0.02, base + 0.08, z + 0.07), materials.TRIM))
+    if has_strip:
+        solids.append(
+            g.box((arch - axle, side - 0.03, sill + 0.18), (axle - arch, side + 0.010, sill + 0.23), materials.TRIM)
+        )
     if shape.cladding:
         solids.append(
             g.box(
@@ -336,17 +398,18 @@ def plates(text: str, rear: tuple[float, float], front: tuple[float, float]) -> 
     return [back, g.quad([(nose, -w, low), (nose, w, low), (nose, w, low + h), (nose, -w, low + h)], sign)]
 
 
-def car(kind: str, paint: str, plate: str) -> Mesh:
-    """Return a car of SHAPES in a paint of `paint.PAINTS`; `plate` is written on its number plates.
+def car(kind: str, paint: str, plate: str, trim: Trim = PLAIN) -> Mesh:
+    """Return a car of SHAPES in a paint of `materials.PAINTS`; `plate` is written on its number plates.
 
     Raises UsageError for an unknown paint.
     """
-    shape, material = SHAPES[kind], materials.paint(paint)
+    shape = SHAPES[kind]
+    material = materials.paint(paint) if trim.shade is None else materials.shade(paint, trim.shade)
     nose, tail, low = shape.deck[-1][1], shape.deck[0][1], shape.clearance + 0.08
     end = float(plan_at(shape, np.array([shape.length / 2]))[0])
-    flank = _flank(shape, material)
-    solids = [*body(shape, material), *_cabin(shape, material), *_wheels(shape), *flank, *map(g.mirrored, flank)]
-    solids += _lamps(shape, end, nose, tail, low)
+    flank = _flank(shape, material, trim.has_strip)
+    solids = [*body(shape, material, trim.rise_m), *_cabin(shape, material, trim.roof), *_wheels(shape, trim)]
+    solids += [*flank, *map(g.mirrored, flank), *_lamps(shape, trim, end, nose, tail, low)]
     half = shape.length / 2 + 0.027
     solids += plates(plate, (-half, max(tail - 0.52, low + 0.20)), (half, low - 0.01))
     if shape.bed is not None:

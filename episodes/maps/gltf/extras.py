@@ -82,6 +82,8 @@ def of_scene(scene: Scene, terrain_view: int, terrain_bytes: bytes) -> dict[str,
                 "color": _floats(sun.color),
                 "strength": float(sun.strength),
                 "sky": _floats(sun.sky),
+                "clouds": float(sun.clouds),
+                "glow": _floats(sun.glow),
             },
             "origin": _floats((scene.latitude_deg, scene.longitude_deg, scene.altitude_m)),
             "spawn_ned": _floats(scene.spawn_ned),
@@ -132,6 +134,8 @@ def _sun(document: Document, facts: Mapping[str, Any], where: str) -> Sun | None
         color=_triple(document, sun, "color", where, default.color),
         strength=document.number(sun, "strength", where, default.strength),
         sky=_triple(document, sun, "sky", where, default.sky),
+        clouds=min(max(document.number(sun, "clouds", where, default.clouds), 0.0), 1.0),
+        glow=_triple(document, sun, "glow", where, default.glow),
     )
 
 

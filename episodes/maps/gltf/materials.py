@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -10,22 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from episodes.maps.gltf.document import REMEDY, Document
+from episodes.maps.pictures import fill_holes
 from episodes.maps.scene import Material
 from foundation.frames import Vec3
 
 MAX_SIDE = 8192
 MAX_TEXELS = 48 * 2**20  # of all pictures of a map together, after they are reduced
 SIDES = (2048, 1024, 512, 256, 128, 64, 32, 16)  # the largest side is the first at which the pictures keep to that
-OPAQUE_FROM = 128  # alpha below which a texel of a cut-out texture does not count
+CUTOFF = 0.5  # alpha below which a texel is not there, where a material of the file says nothing else
 
 Picture = NDArray[np.uint8]
 
-EXTRA = "dronecats_look"  # [red, green, blue, emission, specular] of ours
+EXTRA = "dronecats_look"  # [red, green, blue, emission, specular, drift, foliage] of ours
 
 
-def encode(picture: Picture) -> bytes:
-    """Return an (H, W, 3) sRGB picture as PNG, which keeps every bit."""
-    done, data = cv2.imencode(".png", picture[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 6])
+def encode(picture: Picture, cutout: NDArray[np.bool_] | None = None) -> bytes:
+    """Return an (H, W, 3) sRGB picture as PNG, which keeps every bit; `cutout` as its alpha."""
+    if cutout is not None:
+        picture = np.dstack([picture[..., ::-1], np.where(cutout, 255, 0).astype(np.uint8)])
+    else:
+        picture = picture[..., ::-1]
+    done, data = cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 6])
     if not done:
         raise ValueError("the picture cannot be encoded")
     return data.tobytes()
@@ -37,7 +42,7 @@ class Images:
     def __init__(self, document: Document, used: Iterable[int]) -> None:
         """Measure the pictures that will be used. Raises UsageError for one that is too large or of another format."""
         self._document = document
-        self._kept: dict[tuple[int, bool], Picture] = {}
+        self._kept: dict[tuple[int, float | None], tuple[Picture, NDArray[np.bool_] | None]] = {}
         self._data = {k: self._bytes_of(k) for k in sorted(set(used))}
         self._sizes = {k: self._measured(k, data) for k, data in self._data.items()}
         for self._side in SIDES:
@@ -46,15 +51,14 @@ class Images:
             if sum(areas) <= MAX_TEXELS:
                 break
 
-    def picture(self, index: int, cut_out: bool) -> Picture:
-        """Return an image as (H, W, 3) sRGB. Of a cut-out one the transparent texels get its mean colour.
+    def picture(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
+        """Return an image as (H, W, 3) sRGB, and which of its texels (H, W) are there: their alpha is ≥ `cutoff`.
 
-        Nothing is transparent for our renderer; what lies under transparent texels is often black or white and would
-        show as specks around leaves.
+        None for an image without holes, or without a `cutoff`. See `fill_holes` for the colour of the other texels.
         """
-        key = (index, cut_out)
+        key = (index, cutoff)
         if key not in self._kept:
-            self._kept[key] = self._decoded(index, cut_out)
+            self._kept[key] = self._decoded(index, cutoff)
         return self._kept[key]
 
     def _bytes_of(self, index: int) -> bytes:
@@ -73,7 +77,7 @@ class Images:
             )
         return size
 
-    def _decoded(self, index: int, cut_out: bool) -> Picture:
+    def _decoded(self, index: int, cutoff: float | None) -> tuple[Picture, NDArray[np.bool_] | None]:
         try:
             raw = cv2.imdecode(np.frombuffer(self._data[index], np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
@@ -90,11 +94,13 @@ class Images:
             size = (max(1, round(width * shrink)), max(1, round(height * shrink)))
             raw = cv2.resize(raw, size, interpolation=cv2.INTER_AREA)
         picture = np.ascontiguousarray(raw[..., 2::-1])
-        if cut_out and raw.shape[2] == 4:
-            solid = raw[..., 3] >= OPAQUE_FROM
-            if solid.any():
-                picture[~solid] = picture[solid].mean(axis=0).astype(np.uint8)
-        return picture
+        if cutoff is None or raw.shape[2] != 4:
+            return picture, None
+        there = raw[..., 3] >= 255.0 * cutoff
+        if there.all():
+            return picture, None
+        fill_holes(picture, there)
+        return picture, there
 
 
 def png_size(data: bytes) -> tuple[int, int] | None:
@@ -163,6 +169,8 @@ def standard(material: Material) -> dict[str, Any]:
         },
         "doubleSided": True,
     }
+    if material.cutout is not None:
+        fields |= {"alphaMode": "MASK", "alphaCutoff": CUTOFF}
     if material.emission > 0.0:
         fields["emissiveFactor"] = [c * min(material.emission, 1.0) for c in color]
     return fields
@@ -183,10 +191,12 @@ def read(document: Document, index: int, images: Images) -> Look:
     entry, where = document.entry("materials", index, "material"), f"materials[{index}]"
     name = document.name_of(entry) or f"material-{index}"
     color, specular = _surface(document, entry, where)
-    texture, picture = _texture(document, entry, where), None
+    texture, picture, cutout = _texture(document, entry, where), None, None
     if texture is not None:
         source = source_of(document, texture.get("index"), f"{where}.baseColorTexture.index")
-        picture = images.picture(source, entry.get("alphaMode", "OPAQUE") != "OPAQUE")
+        mode = entry.get("alphaMode", "OPAQUE")
+        picture, cutout = images.picture(source, None if mode == "OPAQUE" else _cutoff(document, entry, where))
+        cutout = cutout if mode == "MASK" else None
     red, green, blue = (max(c, 0.0) for c in document.numbers(entry, "emissiveFactor", where, (0.0, 0.0, 0.0)))
     shine = (red, green, blue)
     emission = 0.0
@@ -194,8 +204,8 @@ def read(document: Document, index: int, images: Images) -> Look:
         color, emission = shine, 1.0
     elif sum(shine) > 0.0 and "emissiveTexture" not in entry:
         emission = min(sum(shine) / max(sum(color), 1e-3), 1.0)
-    made = Material(name, color, picture, emission, specular)
-    made = _ours(document, entry, where, name, picture) or made
+    made = Material(name, color, picture, emission, specular, cutout=cutout)
+    made = _ours(document, entry, where, made) or made
     if texture is None:
         return Look(made)
     uv_set = document.natural(texture, "texCoord", f"{where}.baseColorTexture", 0)
@@ -235,17 +245,29 @@ def _texture(document: Document, entry: Mapping[str, Any], where: str) -> Mappin
     return None
 
 
-def _ours(
-    document: Document, entry: Mapping[str, Any], where: str, name: str, picture: NDArray[np.uint8] | None
-) -> Material | None:
+def _cutoff(document: Document, entry: Mapping[str, Any], where: str) -> float:
+    """Return the alpha of the texture (0 … 1) from which a material's surface is there."""
+    pbr = document.mapping(entry, "pbrMetallicRoughness", f"{where}.pbrMetallicRoughness")
+    factor = document.numbers(pbr, "baseColorFactor", where, (1.0, 1.0, 1.0, 1.0))[3]
+    return document.number(entry, "alphaCutoff", where, CUTOFF) / max(factor, 1e-6)
+
+
+def _ours(document: Document, entry: Mapping[str, Any], where: str, read: Material) -> Material | None:
     """Return the exact material that was written, while the standard fields still say the same."""
     look = document.mapping(entry, "extras", f"{where}.extras").get(EXTRA) if "extras" in entry else None
-    if not isinstance(look, list) or len(look) != 5:
+    if not isinstance(look, list) or len(look) not in (5, 7):  # files of earlier versions know no drift and no foliage
         return None
     if not all(isinstance(v, int | float) and not isinstance(v, bool) and 0.0 <= v <= 4.0 for v in look):
         return None
-    red, green, blue, emission, specular = (float(v) for v in look)
-    exact = Material(name, (red, green, blue), picture, emission, specular)
+    red, green, blue, emission, specular, drift, foliage = (float(v) for v in (*look, 0.0, 0.0)[:7])
+    exact = replace(
+        read,
+        color=(red, green, blue),
+        emission=emission,
+        specular=specular,
+        drift=drift,
+        foliage=foliage > 0.0,
+    )
     pbr = document.mapping(entry, "pbrMetallicRoughness", where)
     written = (
         *document.numbers(pbr, "baseColorFactor", where, (1.0, 1.0, 1.0, 1.0)),

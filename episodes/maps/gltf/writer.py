@@ -38,7 +38,8 @@ class _Writer:
         self._materials: list[dict[str, Any]] = []
         self._images: list[dict[str, Any]] = []
         self._meshes: list[dict[str, Any]] = []
-        self._row_of: dict[int, int] = {}  # identity of a mesh, material or picture → where it is written
+        self._row_of: dict[int, int] = {}  # identity of a mesh or material → where it is written
+        self._image_of: dict[tuple[int, int], int] = {}  # identities of a picture and its holes → where it is written
 
     def pack(self, scene: Scene) -> bytes:
         nodes = [self._node(instance) for instance in scene.instances if len(instance.mesh.triangles)]
@@ -120,20 +121,23 @@ class _Writer:
         if id(material) not in self._row_of:
             fields = materials.standard(material)
             if material.texture is not None:
-                texture = {"index": self._image(material.texture)}
+                texture = {"index": self._image(material.texture, material.cutout)}
                 fields["pbrMetallicRoughness"]["baseColorTexture"] = texture
                 if "emissiveFactor" in fields:
                     fields["emissiveTexture"] = texture
-            exact = [float(v) for v in (*material.color, material.emission, material.specular)]
+            look = (*material.color, material.emission, material.specular, material.drift, material.foliage)
+            exact = [float(v) for v in look]
             self._row_of[id(material)] = len(self._materials)
             self._materials.append({"name": material.name, **fields, "extras": {materials.EXTRA: exact}})
         return self._row_of[id(material)]
 
-    def _image(self, picture: NDArray[np.uint8]) -> int:
-        if id(picture) not in self._row_of:
-            self._row_of[id(picture)] = len(self._images)
-            self._images.append({"mimeType": "image/png", "bufferView": self._view(materials.encode(picture))})
-        return self._row_of[id(picture)]
+    def _image(self, picture: NDArray[np.uint8], cutout: NDArray[np.bool_] | None) -> int:
+        key = id(picture), id(cutout)
+        if key not in self._image_of:
+            self._image_of[key] = len(self._images)
+            png = materials.encode(picture, cutout)
+            self._images.append({"mimeType": "image/png", "bufferView": self._view(png)})
+        return self._image_of[key]
 
     def _view(self, data: bytes, target: int | None = None) -> int:
         self._binary += b"\0" * (-len(self._binary) % 8)

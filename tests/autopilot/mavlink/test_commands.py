@@ -124,6 +124,7 @@ def test_every_mode_can_be_selected_while_disarmed(bench: Bench) -> None:
         ((1, 7, 2), ACCEPTED, "STABILIZED"),
         ((1, 4, 0), ACCEPTED, "MISSION"),
         *(((1, 4, sub), REJECTED, "HOLD") for sub in (1, 7, 10, 19, 40)),
+        *(((1, 4, 10 + n), ACCEPTED, f"EXTERNAL{n}") for n in (1, 8)),
         ((0, 0, 0), ACCEPTED, "HOLD"),
         ((0, 4, 6), ACCEPTED, "HOLD"),
         ((4, 0, 0), ACCEPTED, "MISSION"),
@@ -149,6 +150,29 @@ def test_a_mode_in_other_words(bench: Bench, parameters: tuple[int, int, int], r
     bench.client.send(dialect.MAVLink_set_mode_message(1, base, main << 16 | sub << 24))
     acknowledged = [(m.command, m.result, m.target_system) for m in bench.client.of("COMMAND_ACK")]
     assert acknowledged == [(dialect.MAV_CMD_DO_SET_MODE, result, bench.client.system)]
+    assert bench.commander.mode == mode
+
+
+def test_a_mode_of_another_computer_is_shown_and_cannot_fly(bench: Bench) -> None:
+    """PX4 while no computer has registered the mode: `checkNonRegisteredModes` and `checkModeFallback`."""
+    client = bench.client
+    assert client.mode(4, 11) == ACCEPTED
+    assert client.of("HEARTBEAT")[-1].custom_mode == MODES["EXTERNAL1"].custom_mode
+    assert client.arm() == REJECTED
+    assert "Arming denied: mode is not registered" in client.texts()
+    client.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_AVAILABLE_MODES, 0)
+    listed = {m.custom_mode for m in client.of("AVAILABLE_MODES")}
+    assert MODES["HOLD"].custom_mode in listed
+    assert MODES["EXTERNAL1"].custom_mode not in listed
+    assert client.command(ARM, 1, 21196) == ACCEPTED
+    bench.run(0.5)
+    assert bench.commander.mode == "RETURN"
+
+
+def test_a_mode_of_another_computer_is_rejected_in_flight(bench: Bench) -> None:
+    bench.fly()
+    mode = bench.commander.mode
+    assert bench.client.mode(4, 11) == REJECTED
     assert bench.commander.mode == mode
 
 

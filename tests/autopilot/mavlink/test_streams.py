@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from autopilot.mavlink.node import TABLE
+from autopilot.records import HEADING_TEST, HEIGHT_TEST, POSITION_TEST, VELOCITY_TEST
 from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from foundation.sensors import ACTUATORS, CALENDAR_START_US
@@ -26,6 +27,7 @@ def test_rates_are_those_of_the_profile(profile: str) -> None:
     counts = counted(bench, bench.client, 20.0)
     # nothing to tell on this bench
     silent = {"SERVO_OUTPUT_RAW", "DISTANCE_SENSOR", "ORBIT_EXECUTION_STATUS", "RC_CHANNELS"}
+    silent |= {"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS"}
     for stream in TABLE:
         if stream.name in silent:
             continue
@@ -201,3 +203,16 @@ def test_a_port_nobody_empties_keeps_a_bounded_queue() -> None:
         bench.tick()
     assert bench.client.port.lost > 0
     assert len(bench.client.port._out) <= 20_000
+
+
+def test_estimator_status_has_the_roots_of_the_test_ratios() -> None:
+    """PX4 sends innovations over their gates, the estimator keeps their squares; the largest axis counts."""
+    bench = Bench()
+    ratios = bench.core.estimate["test_ratio"]
+    ratios[VELOCITY_TEST : VELOCITY_TEST + 3] = 0.04, 0.25, 0.01
+    ratios[POSITION_TEST : POSITION_TEST + 2] = 2.25, 1.0
+    ratios[HEIGHT_TEST], ratios[HEADING_TEST] = 0.09, 4.0
+    bench.run(2.1)
+    status = bench.client.of("ESTIMATOR_STATUS")[-1]
+    told = (status.vel_ratio, status.pos_horiz_ratio, status.pos_vert_ratio, status.mag_ratio)
+    assert told == pytest.approx((0.5, 1.5, 0.3, 2.0))

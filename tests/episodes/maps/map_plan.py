@@ -10,8 +10,9 @@ TRUNK_M = 0.6  # of a tree, what stands below this height is its trunk
 
 
 def foot(one: Instance) -> Array:
-    """Return the four corners (4, 2) in plan of the box around a thing; of a tree, of its trunk."""
-    v = one.mesh.vertices
+    """Return the four corners (4, 2) in plan of the box around a thing without its leaves; of a tree, of its trunk."""
+    mesh = one.mesh.without_foliage()
+    v = mesh.vertices[np.unique(mesh.triangles)]
     if one.kind in ("tree", "conifer"):
         v = v[v[:, 2] > -TRUNK_M]
     low, high = v[:, :2].min(axis=0), v[:, :2].max(axis=0)

@@ -9,6 +9,7 @@ import pytest
 
 from episodes import maps
 from episodes.maps import assets, campus, campus_ground, campus_plan
+from episodes.maps.assets import materials
 from episodes.maps.scene import Instance, Scene, turn
 from episodes.world.visibility import Solids
 from tests.episodes.maps.map_plan import apart, foot
@@ -48,11 +49,21 @@ def test_budget_and_ids(scene: Scene) -> None:
 def test_many_of_each_kind_and_all_alike(scene: Scene) -> None:
     count = Counter(i.kind for i in scene.instances)
     assert not {kind: count[kind] for kind in MANY if count[kind] < 4}
-    for kind in (*assets.FIXTURES, "delivery-robot", "service-cart", "person"):
+    for kind in (*assets.FIXTURES, "delivery-robot", "service-cart"):
         looks = {id(i.mesh) for i in scene.instances if i.kind == kind}
         assert len(looks) == (2 if kind == "fountain" else 1), kind
     for one in standing(scene):
         assert one.name.rsplit("-", 1)[0] == one.kind
+
+
+def test_no_two_people_look_alike_and_none_wears_a_paint(scene: Scene) -> None:
+    people = [i for i in scene.instances if i.kind == "person"]
+    looks = {frozenset((m.name, m.color) for m in i.mesh.materials) for i in people}
+    assert len(looks) == len(people)
+    assert len({len(i.mesh.triangles) for i in people}) > len(people) / 2  # nor are they of one shape
+    paints = {materials.linear(srgb) for name, srgb in materials.PAINTS.items() if name not in materials.NEUTRAL}
+    for one in people:
+        assert not paints & {m.color for m in one.mesh.materials}
 
 
 def test_names_stay_whatever_the_seed(scene: Scene) -> None:
@@ -81,14 +92,15 @@ def test_drawn_ground_is_the_height_field(scene: Scene) -> None:
 
 
 def test_ground_has_no_gaps_and_no_doubles() -> None:
-    """The cut pieces cover the whole square exactly once."""
+    """The cut pieces cover the whole square exactly once; the land beyond lies under its edge and does not count."""
     meshes = dict(campus_ground.ground())
     area = 0.0
     for mesh in meshes.values():
-        t = mesh.vertices[mesh.triangles][..., :2].astype(np.float64)
+        corners = mesh.triangles[np.array([look.name != "fields" for look in mesh.materials])[mesh.material]]
+        t = mesh.vertices[corners][..., :2].astype(np.float64)
         a, b = t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]
         area += float(np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum() / 2)
-        assert (mesh.normals[:, 2] < -0.95).all()
+        assert (mesh.normals[corners.ravel(), 2] < -0.95).all()
     assert area == pytest.approx((2 * campus_ground.FAR[-1]) ** 2, rel=1e-6)
 
 

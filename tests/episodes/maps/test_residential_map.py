@@ -1,5 +1,6 @@
 """Assets and the map they make: sound meshes, ground where the height field says, colours the target has to itself."""
 
+import itertools
 import math
 
 import numpy as np
@@ -10,7 +11,9 @@ from episodes.maps import assets
 from episodes.maps import geometry as g
 from episodes.maps.assets import materials
 from episodes.maps.assets.vehicles import SHAPES
+from episodes.maps.residential_plan import NEAR_M, plots
 from episodes.maps.scene import Mesh, Scene
+from episodes.records import catalogue
 from episodes.world.visibility import Solids, surface_samples
 from foundation.errors import UsageError
 
@@ -144,6 +147,31 @@ def test_no_parked_vehicle_wears_a_target_colour(scene: Scene) -> None:
         worn = [m.name.removeprefix("paint-") for m in car.mesh.materials if m.name.startswith("paint-")]
         assert worn
         assert set(worn) <= set(materials.NEUTRAL)
+
+
+def test_number_plates_are_all_different(scene: Scene) -> None:
+    """From each other, and from those that records name."""
+    worn = [m.name.removeprefix("plate-") for i in scene.instances for m in i.mesh.materials if "plate-" in m.name]
+    assert len(set(worn)) == len(worn) == sum(i.kind in SHAPES for i in scene.instances)
+    for record in map(catalogue.load, catalogue.ids()):
+        for target in (record.target, *record.candidates):
+            assert not target.inscription or not any(target.inscription in text for text in worn), record.id
+
+
+def test_no_two_neighbours_look_alike() -> None:
+    for seed in (1, 2, 3):
+        homes = plots(seed)
+        for a, b in itertools.combinations(homes, 2):
+            if a.street is b.street and abs(a.along - b.along) < NEAR_M:
+                for field in ("wall", "bricks", "roof", "door"):
+                    assert getattr(a.plan, field) != getattr(b.plan, field), (seed, a.number, b.number)
+
+
+def test_cars_that_follow_each_other_differ_in_trim(scene: Scene) -> None:
+    cars = [i for i in scene.instances if i.kind in SHAPES]
+    assert {"sedan", "estate", "hatchback", "suv", "pickup", "van"} == {i.kind for i in cars}
+    looks = [frozenset((m.name, m.color) for m in i.mesh.materials if "plate-" not in m.name) for i in cars]
+    assert all(a != b for a, b in itertools.pairwise(looks))
 
 
 def test_same_seed_same_map(scene: Scene) -> None:

@@ -17,8 +17,8 @@ def wall():
     return sorted_into_cells(triangles, np.zeros(2, np.int32), ("wall",), 0.7)
 
 
-def flying(seed):
-    place, origin = BootPose((0.0, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
+def flying(seed, north=0.0):
+    place, origin = BootPose((north, 0.0, 0.0), 0.0), (47.4, 8.5, 488.0)
     vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=seed, origin=origin, obstacles=wall())
     commander = vehicle.autopilot.commander
     while commander.arming_failures():

@@ -25,8 +25,10 @@ class Camera:
     def __init__(self) -> None:
         self.is_ready = threading.Event()
         self.is_ready.set()
+        self.is_asked = threading.Event()
 
-    def newest(self, drone: int, *, full: bool) -> Frame:
+    def newest(self, drone: int, *, full: bool, depth: bool) -> Frame:
+        self.is_asked.set()
         assert self.is_ready.wait(10.0)
         return Frame(drone=0, image_rgb=np.zeros((4, 4, 3), np.uint8), frame_id=1, time_us=2)
 
@@ -90,8 +92,7 @@ def test_a_client_that_leaves_before_its_picture_is_not_an_error(server, camera,
     with socket.create_connection(server.server_address, timeout=10.0) as leaving:
         leaving.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))  # closes with a reset
         leaving.sendall(HALF + b".0.0.1\r\n\r\n")
-        while not server._active:
-            time.sleep(0.001)
+        assert camera.is_asked.wait(10.0)
     camera.is_ready.set()
     while threading.active_count() > threads:
         time.sleep(0.001)

@@ -3,13 +3,16 @@
 import pytest
 
 from dronecats.flight.logger.recorder import Recorder
+from dronecats.flight.sitl.collisions import CollisionReport
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.judging import METRICS
 from foundation.camera import CameraModel
 from foundation.measurement import TargetMeasurement
 from foundation.run_folder.reading import read
 from foundation.truth import SaidHit, clear_text, hit_of, hit_text, seconds_of
-from tests.flight.sitl.before_a_wall import flying, stream
+from tests.flight.sitl.before_a_wall import WALL_M, flying, stream, wall
+from tests.vehicles import fleet
+from vehicles.collision import HIT_LEAST
 
 ORIGIN = (47.4, 8.5, 488.0)
 NOTHING = TargetMeasurement(target_ned=(0.0, 0.0, 0.0), distance_m=50.0, visible=False)
@@ -63,3 +66,61 @@ def test_a_press_stands_in_the_record(tmp_path):
     assert seconds == pytest.approx(sum(each.contact_s for each in logs.clears), abs=0.02)
     assert isinstance(seconds, float)
     assert 0.0 < seconds <= (last_us - first_us) / 1e6 + 0.02
+
+
+def test_leaning_on_a_wall_stands_in_the_record_once_it_has_lasted(tmp_path):
+    """Contact at 0.1 m/s, too slow for a hit, and three seconds against the wall."""
+    vehicle = flying(1, north=18.9)
+    recorder = Recorder(tmp_path, ORIGIN, lambda *_: NOTHING, CameraModel())
+    begun_us = vehicle.time_us
+    recorder.begin(begun_us, 300.0)
+    (tmp_path / "decisions.jsonl").write_text("")
+    first_us = last_us = 0
+    while not last_us or vehicle.time_us - last_us < 800_000:
+        leant = first_us and vehicle.time_us - first_us > 3_000_000
+        if (vehicle.time_us - begun_us) % 50_000 == 0:
+            stream(vehicle, -0.5 if leant else 0.1)
+        vehicle.advance()
+        recorder.truth(vehicle.truth() + vehicle.collisions())
+        touched_us = int(vehicle.plant.near["touched_us"].max())
+        first_us, last_us = (first_us or touched_us, touched_us) if touched_us > 0 else (0, 0)
+    recorder.end("cap")
+    recorder.close()
+    assert not vehicle.plant.state["hits"]
+    logs = read(tmp_path)
+    (hit,), (clear,) = logs.hits, logs.clears
+    assert hit.what == "wall"
+    assert hit.closing_speed is not None
+    assert 0.0 <= hit.closing_speed <= HIT_LEAST
+    assert not hit.crash
+    assert hit.t == pytest.approx((first_us - begun_us) / 1e6 + 0.5, abs=0.2)
+    assert clear.contact_s == pytest.approx((last_us - first_us) / 1e6, abs=0.05)
+
+
+@pytest.mark.parametrize(("touch_s", "counts"), [(0.3, False), (0.7, True)])
+def test_a_touch_that_no_hit_began_counts_when_it_lasts(touch_s, counts):
+    craft = fleet.vehicle(obstacles=wall())
+    report, said = CollisionReport(craft), []
+    for now_us in range(0, 2_000_000, 10_000):
+        craft.state["time_us"] = now_us
+        if now_us < touch_s * 1e6:
+            craft.near["newest_us"] = craft.near["leant_us"] = now_us
+        message = report.message()
+        said += [message.text] if message else []
+    assert bool(said) == counts
+    if counts:
+        begin, end = said
+        assert hit_of(begin) == SaidHit("wall", 0.0, False)
+        assert seconds_of(end) == pytest.approx(touch_s, abs=0.03)
+
+
+def test_standing_on_the_ground_against_a_wall_is_no_contact():
+    craft = fleet.vehicle(
+        obstacles=wall(), camera_frd=CameraModel().offset_frd, position_ned=(WALL_M - 0.57, 0.0, -0.24)
+    )
+    report, touched = CollisionReport(craft), False
+    for _ in range(200):
+        craft.advance(10)
+        touched = touched or bool(craft.state["on_ground"] and craft.near["newest_us"] > 0)
+        assert report.message() is None
+    assert touched

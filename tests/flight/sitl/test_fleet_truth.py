@@ -210,24 +210,3 @@ def test_a_passing_drone_is_blurred_by_its_own_motion(bus, world):
         wide.append(np.ptp(np.nonzero(np.abs(shown[:170].astype(int) - bare[:170]).max(axis=2) > 8)[1]))
     assert wide[0] > 60  # px; its 0.6 m at 2.35 m are 82, and 3 m/s over seven eighths of 0.1 s are 36 more
     assert wide[1] == pytest.approx(wide[0] + 36, abs=12)
-
-
-def test_what_the_body_rates_are_known_from_is_kept_only_while_no_frame_is_taken(world, bus):
-    """Frames are asked for on other threads than the bus is heard on."""
-    camera, alone = WorldCamera(world, HALF, lambda data: None, rendered=False), []
-
-    class Watched(dict[int, tuple[TruthSample, TruthSample]]):
-        def __setitem__(self, key, value):
-            alone.append(camera._lock.locked())
-            super().__setitem__(key, value)
-
-        def setdefault(self, key, default=None):
-            alone.append(camera._lock.locked())
-            return super().setdefault(key, default)
-
-    camera._before = Watched()
-    for time_us in (1_000_000, 1_020_000):
-        camera.feed(bus.all(time_us, bus.away))
-        camera._remember()
-    assert len(alone) == 8
-    assert all(alone)

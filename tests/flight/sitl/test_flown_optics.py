@@ -76,6 +76,27 @@ def test_a_turn_on_the_truth_bus_blurs_the_frame_and_the_announcement_stays(worl
     assert said == said_too
 
 
+def test_a_drone_beyond_those_of_the_record_is_blurred_by_its_turn_too(world):
+    camera = WorldCamera(world, SMALL, lambda data: None, optics=Optics(exposure=Exposure(0.05, 6)))
+    for drone, turn in ((1, 0.0), (2, 0.02)):
+        camera.feed(bus(world, 1_000_000, 0.3, drone) + bus(world, 1_020_000, 0.3 + turn, drone))
+    still, turned = (np.abs(np.diff(camera.newest(k).image_rgb.astype(float), axis=1)).mean() for k in (1, 2))
+    assert turned < 0.9 * still
+
+
+def test_a_frame_of_the_past_leaves_the_blur_of_the_newest(world):
+    def newest(asks_for_the_past):
+        camera = WorldCamera(world, SMALL, lambda data: None, optics=Optics(exposure=Exposure(0.05, 6)))
+        for k in range(10):
+            camera.feed(bus(world, 1_000_000 + 20_000 * k, 0.3))
+        if asks_for_the_past:
+            camera.at(1_020_000)
+        camera.feed(bus(world, 1_200_000, 0.32))
+        return camera.newest().image_rgb
+
+    np.testing.assert_array_equal(newest(True), newest(False))
+
+
 def test_two_frames_of_one_instant_differ_by_their_noise_alone(world):
     (first, second), _ = frames(world, Optics(sensor=Sensor(2000.0, 5.0)), 0.0)
     assert (first != second).mean() > 0.5

@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 
 from foundation.errors import LinkError
+from foundation.frames import quat_from_euler
 from foundation.mavlink import dialect
 from foundation.setpoints import Hold, Velocity
 from hil.link.envelope import Limits
@@ -35,6 +36,19 @@ def test_a_picture_is_bound_to_how_the_vehicle_leaned_when_it_was_taken(vehicle)
     link.wait(1.0)
     sight = link.sight(taken_us)
     assert (sight.roll, sight.pitch) == pytest.approx((0.1, -0.2), abs=1e-6)
+
+
+def test_a_gimbal_between_two_reports_of_the_vehicle_is_of_its_own_time(vehicle):
+    link = flying(vehicle)
+    for pitch in (-0.2, -0.4):
+        turned = quat_from_euler(0.0, pitch, 0.0)
+        vehicle.say(
+            dialect.MAVLink_gimbal_device_attitude_status_message(0, 0, vehicle.time_ms + 10, 0, turned, 0, 0, 0, 0)
+        )
+        link.wait(0.1)
+    newest_us = vehicle.time_ms * 1000 - 100_000 + 10_000
+    assert link.track.at(newest_us).gimbal_pitch == pytest.approx(-0.4)
+    assert link.track.at(newest_us - 50_000).gimbal_pitch == pytest.approx(-0.3, abs=0.005)
 
 
 def test_telemetry_that_newer_has_overtaken_is_of_its_own_time(vehicle):

@@ -5,6 +5,7 @@ import pytest
 from foundation.setpoints import Hold, Sight, Turn, Velocity
 from hil.link.autopilots import PX4
 from hil.link.offboard import CORRECTION_MAX, OffboardStream
+from hil.link.streams import TICK_US
 
 STILL = (0.0, 0.0, 0.0)
 
@@ -159,6 +160,21 @@ def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
     stream.fly(Hold(), None, time_us)
     held = message(stream, (0, 0, -2.0), yaw=1.5, time_us=time_us + tick_us)
     assert held.yaw == pytest.approx(0.3 + math.radians(90), abs=1e-6)
+
+
+@pytest.mark.parametrize("angle_deg", [0.1, -0.1, 2.0, -3.0])
+@pytest.mark.parametrize("first_us", [0, 10_000, 50_000])
+def test_a_turn_of_a_tick_or_less_goes_no_further_than_its_angle(angle_deg, first_us):
+    """A nose that does at once what it is told, whenever the first tick after the order comes."""
+    stream, nose = OffboardStream(), 0.3
+    stream.fly(Hold())
+    message(stream, (0, 0, -2.0), yaw=nose, time_us=950_000)
+    stream.fly(Turn(math.copysign(math.radians(60), angle_deg), math.radians(angle_deg)), 1_000_000, 1_000_000)
+    for tick in range(5):
+        said = message(stream, (0, 0, -2.0), yaw=nose, time_us=1_000_000 + first_us + tick * TICK_US)
+        nose = said.yaw if said.coordinate_frame == 1 else nose + said.yaw_rate * TICK_US / 1e6
+        assert abs(math.degrees(nose - 0.3)) <= abs(angle_deg) + 1e-3
+    assert math.degrees(nose - 0.3) == pytest.approx(angle_deg, abs=1e-3)
 
 
 SEEN = Sight((1.0, 2.0, -2.0), 0.5)

@@ -184,5 +184,5 @@ def test_a_simulators_defaults_fail_as_expected_and_a_real_vehicles_do_not():
 
     for calendar_us, is_expected in ((CALENDAR_START_US + 1, True), (CALENDAR_START_US - 1, False)):
         rows = failed(calendar_us)
-        assert {name: "expected" in why for name, why in rows.items()} == dict.fromkeys(PX4_DEFAULTS, is_expected)
+        assert {name: "normal" in why for name, why in rows.items()} == dict.fromkeys(PX4_DEFAULTS, is_expected)
     assert "expected" not in failed(CALENDAR_START_US + 1, COM_OBL_RC_ACT=7.0)["COM_OBL_RC_ACT"]

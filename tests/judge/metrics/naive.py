@@ -71,7 +71,7 @@ class Episode:
 
     @property
     def samples_told(self):
-        return [r for r in self.truth if r["kind"] != "begin"]
+        return [r for r in self.truth if r["kind"] not in ("begin", "hit", "clear", "reset")]
 
     @cached_property
     def figures(self):

@@ -1,5 +1,6 @@
 """Every metric of the registry beside a second, naive implementation, over random logs."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import strategies as st
 from dronecats.judge.judged_flight import JudgedFlight
 from dronecats.judge.metrics.failure_mode import MODES, failure_mode
 from dronecats.judge.metrics.judging import METRICS
+from foundation.run_folder.results import Contacts
 from tests.judge.episode_logs import logs
 from tests.judge.metrics import naive
 from tests.judge.metrics.episodes import CAP_S, flights, flown
@@ -46,6 +48,21 @@ def test_where_no_hits_and_no_resets_were_written_none_is_told():
     begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
     episode = JudgedFlight(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
     assert [METRICS[name].of(episode) for name in INCIDENTS] == [None] * len(INCIDENTS)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+@given(flights())
+def test_hits_and_resets_never_change_a_verdict(rows):
+    decisions, truth, record = rows
+    quiet = [row for row in truth if row["kind"] not in ("hit", "clear", "reset")]
+    crash = {"kind": "hit", "t": 0.1, "drone": 0, "what": "the ground", "closing_speed": None, "crash": True}
+    reset = {"kind": "reset", "t": 0.2, "drone": 0, "count": 3, "quantities": ["position"], "yaw_deg": 0.0,
+             "position_m": 60.0, "height_m": 0.0, "velocity_mps": 0.0}  # fmt: skip
+    calm, rough = (flown((decisions, told, record), END).verdict for told in (quiet, [*truth, crash, reset]))
+    assert isinstance(rough.contacts, Contacts)
+    assert rough.contacts.crashes >= 1
+    assert calm != rough
+    assert calm == replace(rough, contacts=calm.contacts, estimator_resets=calm.estimator_resets)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])

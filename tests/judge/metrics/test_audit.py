@@ -65,7 +65,7 @@ def test_the_cases_together():
     assert (told.late_declarations, told.late_episodes) == (8, 2)
     assert (told.declarations, told.false_declarations) == (9, 4)
     assert (told.silent_failures, told.silent_entered) == (7, 5)
-    turned = {name: (flip.told, flip.successes, flip.lost, flip.gained) for name, flip in told.flips.items()}
+    turned = {name: (flip.decided, flip.successes, flip.lost, flip.gained) for name, flip in told.flips.items()}
     assert turned == {
         "first": (13, 5, 2, 0), "last": (12, 4, 1, 0), "dwell": (3, 1, 1, 1), "proximity": (13, 5, 0, 6),
         "no_cap": (13, 5, 0, 2),
@@ -76,7 +76,7 @@ def test_what_is_nobodys_score_turns_nothing():
     broken = audit_of(scripted([], entered=True, end=None))
     assert set(broken.rules.values()) == {None}
     assert (audit([broken, None]).episodes, audit([broken, None]).scored) == (2, 0)
-    assert flips([(None, True), (True, None)]).told == 0
+    assert flips([(None, True), (True, None)]).decided == 0
 
 
 def steps(told):

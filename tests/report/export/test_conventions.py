@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from dronecats.report.export.conventions import (
-    OPTICAL_IN_FLU,
     enu,
     flu,
     lon_lat_alt,
     microseconds,
     nanoseconds,
+    optical_in_flu,
     xyzw_flu_to_enu,
 )
+from foundation.camera import CameraModel
 from foundation.frames import quat_from_euler
 
 NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -42,10 +43,13 @@ def test_what_a_drone_sees_ahead_to_its_left_and_above_is_there_in_the_world():
 
 
 def test_a_picture_has_its_right_to_the_right_and_its_lower_edge_below():
-    optical = Rotation.from_quat(OPTICAL_IN_FLU)
+    optical = Rotation.from_quat(optical_in_flu(CameraModel()))
     np.testing.assert_allclose(optical.apply([1.0, 0.0, 0.0]), (0.0, -1.0, 0.0), atol=1e-12)
     np.testing.assert_allclose(optical.apply([0.0, 1.0, 0.0]), (0.0, 0.0, -1.0), atol=1e-12)
     np.testing.assert_allclose(optical.apply([0.0, 0.0, 1.0]), (1.0, 0.0, 0.0), atol=1e-12)
+    lowered = Rotation.from_quat(optical_in_flu(CameraModel(pitch_deg=-90.0)))
+    np.testing.assert_allclose(lowered.apply([0.0, 0.0, 1.0]), (0.0, 0.0, -1.0), atol=1e-12)
+    np.testing.assert_allclose(lowered.apply([1.0, 0.0, 0.0]), (0.0, -1.0, 0.0), atol=1e-12)
 
 
 @given(st.integers(0, 10**11))

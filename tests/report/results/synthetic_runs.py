@@ -58,6 +58,32 @@ def write_episode(folder: Path, declares: bool = True) -> Path:
     return folder
 
 
+def tell_incidents(folder: Path, *rows: dict[str, Any]) -> None:
+    """Have an episode's truth.jsonl tell these hits, clears and resets, all that there were, and judge it anew."""
+    path = folder / "truth.jsonl"
+    begin, *rest = path.read_text(encoding="utf-8").splitlines()
+    begun = json.dumps({**json.loads(begin), "contacts": True, "resets": True})
+    lines = [begun, *map(json.dumps, rows), *rest]
+    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    write_verdict(folder)
+
+
+def hit(t: float, what: str = "house-25", speed: float | None = 1.2, crash: bool = False) -> dict[str, Any]:
+    """Return the row of a hit of the first drone."""
+    return {"kind": "hit", "t": t, "drone": 0, "what": what, "closing_speed": speed, "crash": crash}
+
+
+def clear(t: float, contact_s: float) -> dict[str, Any]:
+    """Return the row of the end of a contact."""
+    return {"kind": "clear", "t": t, "drone": 0, "contact_s": contact_s}
+
+
+def reset(t: float, count: int = 1) -> dict[str, Any]:
+    """Return the row of a reset of the heading."""
+    return {"kind": "reset", "t": t, "drone": 0, "count": count, "quantities": ["yaw"], "yaw_deg": -87.0,
+            "position_m": 0.0, "height_m": 0.0, "velocity_mps": 0.0}  # fmt: skip
+
+
 def _distance(t: float) -> float:
     return max(1.0, START_M - SPEED * t)
 

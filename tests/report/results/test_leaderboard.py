@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 from dronecats.pilots.oracle.failing import FAILURES
 from dronecats.report.leaderboard.leaderboard import entry, page
-from dronecats.report.leaderboard.verification import CellScore, Verification
+from dronecats.report.leaderboard.verification import VERSION_KEY, CellScore, Verification
 from dronecats.report.report_data import pilot_description
+from episodes.records.catalogue import VERSION
 from foundation.errors import UsageError
 from tests.docs.pages import ROOT
 
@@ -64,6 +65,11 @@ def test_the_better_stands_above_and_what_is_partial_apart():
     partial = replace(better, name="Three", partial="some are missing", archive_sha256="d" * 64)
     assert tables(page([ONE, partial, better])) == [["Two", "One"], ["Three"]]
     assert "some are missing" in page([partial])
+
+
+def test_an_earlier_version_has_its_own_table():
+    present = replace(ONE, name="Present", archive_sha256="c" * 64, settings={VERSION_KEY: VERSION})
+    assert tables(page([ONE, present])) == [["Present"], ["One"]]
 
 
 def test_no_table_holds_two_agents():

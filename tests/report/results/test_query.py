@@ -17,7 +17,7 @@ from dronecats.report.results.database import Selected, array, named, query, wri
 from dronecats.report.results.tables import TABLES, markdown
 from foundation.errors import UsageError
 from tests.docs.pages import ROOT
-from tests.report.results.synthetic_runs import write_run
+from tests.report.results.synthetic_runs import clear, hit, reset, tell_incidents, write_run
 
 EPISODES = ("residential-approaching-01", "blocks-commanding-01")
 PAGE = (ROOT / "docs" / "query.md").read_text(encoding="utf-8")
@@ -35,6 +35,15 @@ def runs(tmp_path_factory) -> Path:
 def ask(sql: str, runs: Path, parquet: Path | None = None) -> list[dict[str, object]]:
     answer = query(sql, recorded_runs([runs]), parquet)
     return [dict(zip(answer.columns, row, strict=True)) for row in answer.rows]
+
+
+def test_hits_and_resets_are_columns_of_episodes(tmp_path):
+    run = write_run(tmp_path / "runs" / "oracle", EPISODES)
+    tell_incidents(run / EPISODES[0], hit(2.0), hit(3.0, "fence", 0.4), clear(6.0, 3.5), hit(7.0, "fence", 2.5, True),
+                   clear(9.0, 0.5), reset(4.0, 2))  # fmt: skip
+    columns = "hits, crashes, hardest_hit_mps, contact_s, estimator_resets"
+    told = ask(f"SELECT {columns} FROM episodes ORDER BY episode DESC", tmp_path / "runs")
+    assert [tuple(row.values()) for row in told] == [(3, 1, 2.5, 4.0, 2), (None,) * 5]
 
 
 def test_the_tables_hold_what_the_logs_do(runs):

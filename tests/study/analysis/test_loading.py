@@ -12,6 +12,7 @@ from dronecats.report.results.collection import parse_exclusion
 from dronecats.study import design
 from dronecats.study.analysis.loading import load_results
 from foundation.errors import UsageError
+from tests.report.results.synthetic_runs import reset, tell_incidents
 from tests.study.studies import APPROACHING, TRACKING, changed_run, falling, other_flight, write_study
 
 LEVELS = {"latency": (0.0, 0.5, 1.0)}
@@ -187,20 +188,10 @@ def test_held_factors_are_the_flights_own(tmp_path):
         load_results(tmp_path)
 
 
-def tell_resets(episode, count):
-    """Have an episode's truth.jsonl tell so many estimator resets."""
-    path = episode / "truth.jsonl"
-    begin, *rest = path.read_text(encoding="utf-8").splitlines()
-    reset = {"kind": "reset", "t": 3.0, "drone": 0, "count": count, "quantities": ["yaw"], "yaw_deg": -87.0,
-             "position_m": 0.0, "height_m": 0.0, "velocity_mps": 0.0}  # fmt: skip
-    lines = [json.dumps({**json.loads(begin), "resets": True}), *([json.dumps(reset)] if count else []), *rest]
-    path.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
-
-
 def test_flights_with_many_resets_are_left_out_where_that_is_asked_for_and_the_study_says_so(changed):
     for run in sorted(changed.glob("vision-latency-*")):
         for episode in run.glob("*-*"):
-            tell_resets(episode, 3 * (run.name == "vision-latency-1-f1"))
+            tell_incidents(episode, *[reset(3.0, 3)] * (run.name == "vision-latency-1-f1"))
     every = load_results(changed)
     assert every.scored == every.flights
     chosen = load_results(changed, exclusions=[parse_exclusion("estimator_resets=2")])

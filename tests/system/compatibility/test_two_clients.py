@@ -1,4 +1,7 @@
-"""An agent flies on its link while a ground station works on its own: neither notices the other. Real UDP."""
+"""An agent flies on its link while a ground station works on its own: neither notices the other. Real UDP.
+
+The clients' streams keep the simulation's clock, so a busy machine delays simulation and setpoints alike.
+"""
 
 import socket
 import threading
@@ -13,6 +16,7 @@ from dronecats.flight.sitl.simulator_process import Simulator
 from foundation.mavlink import dialect
 
 SPEED = 4.0
+PERIOD_US = 50_000  # of the clients' streams, in the vehicle's time
 PATIENCE_S = 30.0
 ARM, SET_MODE, REQUEST_MESSAGE = 400, 176, 512
 AUTOPILOT_VERSION = 148
@@ -36,21 +40,19 @@ class Client:
         self._ended = threading.Event()
         self._heard = []
         self._news = threading.Condition()
-        self._threads = [threading.Thread(target=work) for work in (self._speak, self._listen)]
-        for thread in self._threads:
-            thread.start()
+        self._sent = 0
+        self._listener = threading.Thread(target=self._listen)
+        self._listener.start()
 
-    def _speak(self):
-        """A heartbeat twice a second, and the setpoint ten times as often."""
-        turn = 0
-        while not self._ended.wait(0.05):
-            if turn % 10 == 0:
-                self.link.mav.heartbeat_send(self._kind, 8, 0, 0, 4)
-            if self._setpoint is not None:
-                self.link.mav.set_position_target_local_ned_send(
-                    0, 1, 1, 1, POSITION_ONLY, *self._setpoint, 0, 0, 0, 0, 0, 0, 0, 0
-                )
-            turn += 1
+    def stream(self):
+        """Send the setpoint, and every tenth time a heartbeat. The simulation calls this every `PERIOD_US`."""
+        if self._sent % 10 == 0:
+            self.link.mav.heartbeat_send(self._kind, 8, 0, 0, 4)
+        if self._setpoint is not None:
+            self.link.mav.set_position_target_local_ned_send(
+                0, 1, 1, 1, POSITION_ONLY, *self._setpoint, 0, 0, 0, 0, 0, 0, 0, 0
+            )
+        self._sent += 1
 
     def _listen(self):
         while not self._ended.is_set():
@@ -94,19 +96,32 @@ class Client:
 
     def close(self):
         self._ended.set()
-        for thread in self._threads:
-            thread.join()
+        self._listener.join()
         self.link.close()
 
 
 @pytest.fixture
-def simulator():
+def clients():
+    """Clients whose streams the simulation calls. They are closed after it."""
+    clients: list[Client] = []
+    yield clients
+    for client in clients:
+        client.close()
+
+
+@pytest.fixture
+def simulator(clients):
     simulator = Simulator(SimulatorConfig(episode="residential-approaching-01", speed=SPEED, count=1))
     simulator.ready()
     ended = threading.Event()
 
     def turn():
+        due_us = 0
         while not ended.is_set():
+            if simulator.simulation.time_us >= due_us:
+                due_us = simulator.simulation.time_us + PERIOD_US
+                for client in list(clients):
+                    client.stream()
             simulator.turn()
 
     thread = threading.Thread(target=turn)
@@ -118,17 +133,17 @@ def simulator():
 
 
 @pytest.fixture
-def agent(simulator):
+def agent(simulator, clients):
     client = Client(simulator.ports.agent[0].port, 245, 190, kind=18)
-    yield client
-    client.close()
+    clients.append(client)
+    return client
 
 
 @pytest.fixture
-def ground(simulator):
+def ground(simulator, clients):
     client = Client(simulator.ports.gcs[0].port, 255, 190, kind=6)
-    yield client
-    client.close()
+    clients.append(client)
+    return client
 
 
 def list_parameters(client):
@@ -154,7 +169,8 @@ def upload_mission(client, count):
 def test_a_ground_station_reads_parameters_and_uploads_a_mission_while_an_agent_flies(agent, ground):
     agent.until("SYS_STATUS", lambda status: status.onboard_control_sensors_health & HEALTHY)
     agent.fly_to(NORTH, EAST, DOWN)
-    time.sleep(0.2)  # PX4 wants a stream of setpoints before the mode
+    asked_ms = agent.until("ATTITUDE").time_boot_ms
+    agent.until("ATTITUDE", lambda at: at.time_boot_ms > asked_ms + 200)  # PX4 wants a stream before the mode
     assert agent.command(ARM, 1) == 0
     assert agent.command(SET_MODE, 1, OFFBOARD) == 0
     agent.until("LOCAL_POSITION_NED", lambda at: abs(at.x - NORTH) + abs(at.y - EAST) + abs(at.z - DOWN) < 0.3)

@@ -20,10 +20,10 @@ def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
         late = threading.Timer(120.0, process.kill)
         late.start()
         assert process.stdout is not None
-        lines = [process.stdout.readline(), process.stdout.readline()]
-        address = re.search(rf"http://127\.0\.0\.1:{port}/\S+", lines[1])
+        lines = [process.stdout.readline() for _ in range(3)]
+        address = re.search(rf"http://127\.0\.0\.1:{port}/\S+", "".join(lines))
         assert address, process.stderr
-        assert str(out) in lines[1]
+        assert str(out) in "".join(lines)
         with urllib.request.urlopen(address[0]) as page:
             assert "text/html" in page.headers["Content-Type"]
             assert page.read()  # a page half read would hold the server at its end

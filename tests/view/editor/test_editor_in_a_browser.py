@@ -177,18 +177,18 @@ def test_dragging_turns_a_check_red_and_back(editor, page):
     until(page, lambda: editor.session.record.target.position_ned != before)
     assert editor.idle(PATIENCE_S)
     found = {f.rule: f for f in editor.findings}
-    assert not found["what the target stands in"].passed
-    until(page, lambda: "wanted nothing" in text(page))
+    assert not found["the obstacle at the target's place"].passed
+    until(page, lambda: "required: nothing" in text(page))
     press(page, "Undo")
     until(page, lambda: editor.session.record.target.position_ned == before)
-    until(page, lambda: "wanted nothing" not in text(page))
+    until(page, lambda: "required: nothing" not in text(page))
 
 
 def test_a_path_is_clicked(editor, page):
     press(page, "Episode")
     choose(page, "Cell", "tracking")
     until(page, lambda: editor.session.record.target.path is not None)
-    choose(page, "A click on the map", "Lead the path on")
+    choose(page, "A click on the map", "Add a point to the path")
     count = len(editor.session.draft.knots)
     click_at(editor, page, (14.0, -6.0, 0.0))
     until(page, lambda: len(editor.session.draft.knots) == count + 1)

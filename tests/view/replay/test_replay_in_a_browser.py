@@ -19,7 +19,7 @@ from tests.view.replay.sent import Sent
 
 pytestmark = pytest.mark.slow
 PATIENCE_S = 120.0  # a software renderer on a busy machine
-JUDGES = ("target (judge)", "/judge/", "only the judge knows", "verdict:", "to the target")
+JUDGES = ("target (judge)", "/judge/", "known to the judge only", "verdict:", "to the target")
 
 
 @pytest.fixture(scope="module")
@@ -119,9 +119,9 @@ def test_every_key_moves_what_it_should(browser, opened, plain):
     until(browser, lambda: not page.clock.playing)
     assert 0.5 < page.t_s < flight.end_s
     press(browser, Keys.SHIFT, "?")
-    until(browser, lambda: "to the next declaration" in text(browser))
+    until(browser, lambda: "next declaration" in text(browser))
     press(browser, "?")
-    until(browser, lambda: "to the next declaration" not in text(browser))
+    until(browser, lambda: "next declaration" not in text(browser))
     assert page.clock.speed in SPEEDS
 
 
@@ -197,13 +197,13 @@ def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight
     assert "/world/flight/drone-0" in said
     assert [word for word in JUDGES if word in said] == []
     press(browser, "j")
-    until(browser, lambda: "only the judge knows" in text(browser) and "verdict:" in text(browser))
+    until(browser, lambda: "known to the judge only" in text(browser) and "verdict:" in text(browser))
     assert [word for word in JUDGES if word in sent.text()] == list(JUDGES)
     ring = sent.newest("SetPositionMessage", "/world/flight/judge/name")["position"]
     target = rows(flight.recorded.folder / layout.TRUTH, "pose")[-1]["target_ned"]
     assert math.dist(display.ned_of(tuple(ring))[:2], target[:2]) < 0.5
     press(browser, "j")
-    until(browser, lambda: "only the judge knows" not in text(browser))
+    until(browser, lambda: "known to the judge only" not in text(browser))
 
 
 def test_views_are_drawn_again(browser, opened, flight):

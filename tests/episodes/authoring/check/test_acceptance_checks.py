@@ -82,15 +82,15 @@ def test_a_sound_record_is_green(record: EpisodeRecord) -> None:
         (STANDING, lambda r: start_at(r, r.starts[0].position_ned, 150.0), "first frame", "visible_at_start"),
         (HIDDEN, lambda r: start_at(r, r.starts[0].position_ned), "first frame", "visible_at_start"),
         (STANDING, lambda r: turned(r, 43.0), "in the first picture", "starts"),
-        (STANDING, lambda r: standing_at(r, (-1.0, 2.7, 0.02)), "foot off the ground", "target.position_ned"),
-        (STANDING, lambda r: standing_at(r, house(r)), "stands in", "target.position_ned"),
-        (STANDING, lambda r: standing_at(r, house(r)), "nothing hides", "starts"),
+        (STANDING, lambda r: standing_at(r, (-1.0, 2.7, 0.02)), "foot from the ground", "target.position_ned"),
+        (STANDING, lambda r: standing_at(r, house(r)), "obstacle at the target", "target.position_ned"),
+        (STANDING, lambda r: standing_at(r, house(r)), "visible share", "starts"),
         (STANDING, lambda r: replace(r, instruction="go to the blue SUV"), "instruction's colour", "instruction"),
         (STANDING, lambda r: replace(r, instruction="go to the cyan thing"), "instruction's noun", "instruction"),
         (STANDING, lambda r: painted(r, "black"), "in the target's colour", "instruction"),
         (MOVING, lambda r: on_path(r, *r.target.path.waypoints_ned[:8]), "path's length", "target.path"),
-        (MOVING, lambda r: on_path(r, r.target.path.waypoints_ned[0], house(r)), "meets on its path", "target.path"),
-        (MOVING, lambda r: on_path(r, *r.target.path.waypoints_ned[::9]), "off the ground", "target.path"),
+        (MOVING, lambda r: on_path(r, r.target.path.waypoints_ned[0], house(r)), "obstacle on", "target.path"),
+        (MOVING, lambda r: on_path(r, *r.target.path.waypoints_ned[::9]), "path from the ground", "target.path"),
     ],
 )  # fmt: skip
 def test_each_wrong_thing_turns_its_own_rule_red(record: EpisodeRecord, change: Change, rule: str, field: str) -> None:
@@ -103,7 +103,7 @@ def test_each_wrong_thing_turns_its_own_rule_red(record: EpisodeRecord, change: 
 def test_a_start_beside_a_lamp_is_not_free() -> None:
     lamp = next(i for i in World(STANDING).scene.instances if i.kind == "lamp")
     n, e, d = lamp.position_ned
-    assert "the room of a drone at its start and on its climb to it" in red(start_at(STANDING, (n, e + 0.5, d - 1.8)))
+    assert "the free space around a drone's start and climb" in red(start_at(STANDING, (n, e + 0.5, d - 1.8)))
 
 
 def test_a_start_over_a_kerb_is_not_level() -> None:
@@ -124,7 +124,7 @@ def test_a_path_over_a_kerb_at_a_slant_lifts_a_wheel() -> None:
     world = World(MOVING)
     drive = world.target_pose(0.0)[0]
     slant = [(drive[0] + k * 0.1, drive[1] + k * 0.1) for k in range(-150, 151)]
-    rule = "how far a wheel is from the ground"
+    rule = "the distance of a wheel from the ground"
     assert rule in red(on_path(MOVING, *((n, e, world.ground_down(n, e)) for n, e in slant)))
     assert rule in {f.rule for f in check(world)}
 

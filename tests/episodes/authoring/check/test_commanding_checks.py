@@ -73,7 +73,7 @@ def test_shipped_ones_are_green(record: EpisodeRecord) -> None:
         (lambda r: replace(r, starts=(*r.starts[:3], fleet_at(r, 30.0).starts[3])), "the distances among the drones"),
         (
             lambda r: replace(r, starts=tuple(replace(s, yaw_deg=s.yaw_deg + 150.0) for s in r.starts)),
-            "the least that a drone sees of a candidate",
+            "the smallest visible part of a candidate",
         ),
         (lambda r: replace(r, instruction="go to the sign"), "the instruction's inscription"),
         (
@@ -106,7 +106,7 @@ def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> Ep
 
 @pytest.mark.parametrize(
     ("which", "rule"),
-    [(0, "the share of the faced target that nothing hides"), (2, "the least that a drone sees of a candidate")],
+    [(0, "the visible share of the target when faced"), (2, "the smallest visible part of a candidate")],
 )
 def test_a_drone_in_the_way_hides_what_is_behind_it(which: int, rule: str) -> None:
     def measured(aside_m: float) -> str:

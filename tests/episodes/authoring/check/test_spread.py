@@ -82,14 +82,14 @@ def test_an_even_suite_is_green() -> None:
         (lambda s: [dataclasses.replace(one, seed=7) for one in s], "the seeds"),
         (lambda s: [*s[:-1], dataclasses.replace(s[-1], seed=s[0].seed)], "the seeds"),
         (lambda s: change(s, "residential approaching", off_deg=9.0), "targets more than 15° off the nose"),
-        (lambda s: change(s, "residential approaching", column=0.7), "how uneven the columns of the targets are"),
+        (lambda s: change(s, "residential approaching", column=0.7), "the unevenness of the targets' columns"),
         (
             lambda s: change(s, "campus searching", off_deg=-90.0),
-            "how uneven the yaws are over those that hide the target",
+            "the unevenness of the yaws that hide the target",
         ),
         (
             lambda s: change(s, "residential approaching", straight_deg=frozenset({0})),
-            "records that a flight straight on passes",
+            "records that a flight straight ahead passes",
         ),
         (
             lambda s: change(s, "residential searching", straight_deg=frozenset({90})),
@@ -99,7 +99,7 @@ def test_an_even_suite_is_green() -> None:
          "the farthest start on campus"),
         (lambda s: [dataclasses.replace(one, height_m=1.7) for one in s], "the highest start"),
         (lambda s: [dataclasses.replace(one, row=one.row and 0.5) for one in s],
-         "the rows of the picture from the uppermost to the lowest target"),
+         "the rows between the uppermost and the lowest target"),
     ],
 )  # fmt: skip
 def test_what_gives_a_place_away_turns_its_rule_red(worse: Callable[[list[Layout]], list[Layout]], rule: str) -> None:

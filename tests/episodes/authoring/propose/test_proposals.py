@@ -11,7 +11,7 @@ import pytest
 from dronecats.cli.main import main
 from episodes.authoring.check import referring
 from episodes.authoring.check.rules import check
-from episodes.authoring.propose import draft, proposals
+from episodes.authoring.propose import draft
 from episodes.authoring.propose.proposals import RecordRequest, first_free, propose
 from episodes.authoring.propose.site import stretch
 from episodes.maps import assets
@@ -48,12 +48,6 @@ def test_another_seed_makes_other_records() -> None:
     assert (a.target, a.starts) != (b.target, b.starts)
 
 
-@pytest.mark.slow("proposes the hundred episodes again")
-def test_the_catalogue_is_made_again_byte_for_byte() -> None:
-    made = {r.id: r.to_json() for wanted in proposals.make() for r in wanted}
-    assert made == {name: (catalogue.FOLDER / f"{name}.json").read_text(encoding="utf-8") for name in catalogue.ids()}
-
-
 def test_command_writes_records_that_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     asked = ["--map", "residential", "--cell", "approaching", "--count", "1", "--seed", "3", "--out", str(tmp_path)]
     assert main(["episodes", "new", *asked]) == 0
@@ -88,7 +82,6 @@ def test_wrong_requests_are_refused(tmp_path: Path, capsys: pytest.CaptureFixtur
         (["--map", "campus", "--cell", "approaching", "--count", "10", "--first", "95"], "--first"),
         (["--map", "campus", "--cell", "approaching", "--seed", "-1"], "--seed"),
         (["--map", "campus"], "--cell"),
-        (["--official", "--map", "campus"], "--official"),
     ):
         assert main(["episodes", "new", *arguments, "--out", str(tmp_path / "made")]) == 2, arguments
         assert says in capsys.readouterr().err, arguments

@@ -17,8 +17,8 @@ from episodes.camera.optics.camera import (
     pinhole_rays,
     wide_camera,
 )
-from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
-from episodes.camera.optics.weather import drops_per_m3, fall_speed, streaks, toward_sun
+from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor
+from episodes.camera.optics.weather import drops_per_m3, fall_speed, streaks
 from episodes.camera.renderer import Renderer
 from episodes.camera.renderer.sky import WHITE
 from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
@@ -63,7 +63,6 @@ EVERYTHING = Optics(
     LensModel(k1=-0.1, p1=0.01, vignetting=0.6),
     Sensor(2000.0, 5.0),
     Exposure(0.02, 3),
-    SunPlace(azimuth_deg=200.0, elevation_deg=35.0),
     Haze(0.01),
     Rain(20.0),
     3,
@@ -197,25 +196,6 @@ def test_a_turn_blurs_too_and_so_does_a_target_that_moves():
     assert levels(moved) > levels(sharp) + 5
 
 
-def test_the_sun_stands_where_it_is_put():
-    n, e, d = toward_sun(SunPlace(azimuth_deg=90.0, elevation_deg=30.0))
-    assert (n, e, d) == pytest.approx((0.0, math.cos(math.radians(30.0)), -0.5), abs=1e-9)
-    morning, evening = toward_sun(SunPlace(hour=8.0)), toward_sun(SunPlace(hour=16.0))
-    assert morning[1] > 0.5
-    assert evening[1] == pytest.approx(-morning[1])
-    noon = math.degrees(math.asin(-toward_sun(SunPlace(hour=12.0))[2]))
-    assert noon == pytest.approx(90.0 - 47.0 + 23.45, abs=0.1)
-
-
-def test_a_low_sun_is_redder():
-    scene = scene_of(wall(10.0, 20.0, 20.0, (0.4, 0.4, 0.4)))
-    high, low = (
-        Codes().light(picture(scene, Optics(sun=SunPlace(azimuth_deg=180.0, elevation_deg=h))))[45, 80]
-        for h in (40.0, 5.0)
-    )
-    assert low[0] / low[2] > 1.2 * high[0] / high[2]
-
-
 def mask_of(depth, rate=20.0, shutter=0.01, velocity=(0.0, 0.0, 0.0), seed=1, camera=CAMERA):
     pose = camera_pose(STILL.position_ned, STILL.attitude, camera)
     far = np.full((camera.height, camera.width), depth, np.float32)
@@ -253,5 +233,6 @@ def test_a_longer_shutter_hides_as_much_light_and_a_heavier_rain_more():
 
 def test_rain_takes_contrast_away():
     dry, wet = (picture(BOARD, optics)[:, :, 1].astype(float) for optics in (Optics(), Optics(rain=Rain(50.0))))
-    assert wet[60:].std() <= dry[60:].std() + 1.0
+    near = np.s_[60:]  # below the horizon, where there are no clouds
+    assert wet[near].std() <= dry[near].std() + 1.0
     assert np.abs(wet - dry).mean() > 3.0

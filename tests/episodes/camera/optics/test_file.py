@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from episodes.camera.optics.file import load, optics_of
-from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor, SunPlace
+from episodes.camera.optics.options import Exposure, Haze, LensModel, Optics, Rain, Sensor
 from foundation.errors import UsageError
 
 ALL = """
@@ -23,8 +23,6 @@ read_noise_e = 4.5
 [exposure]
 time_s = 0.02
 poses = 4
-[sun]
-hour = 17
 [haze]
 density_per_m = 0.01
 color = [0.5, 0.5, 0.6]
@@ -36,7 +34,6 @@ WANTED = Optics(
     LensModel(-0.2, 0.03, vignetting=0.5),
     Sensor(3000.0, 4.5),
     Exposure(0.02, 4),
-    SunPlace(hour=17.0),
     Haze(0.01, color=(0.5, 0.5, 0.6)),
     Rain(12.0, (3.0, 0.0, 0.0)),
     7,
@@ -69,9 +66,6 @@ def test_a_broken_file_is_refused_in_one_sentence(tmp_path):
         ("[lens]\nk1 = -0.25\nk2 = 0.0288", "[lens]"),
         ("[exposure]\nposes = 2.5", "'exposure.poses'"),
         ("[exposure]\nposes = 100000", "2 … 64"),
-        ("[sun]\nhour = 1", "[sun]"),
-        ("[sun]\nazimuth_deg = 10", "elevation_deg"),
-        ("[sun]\nhour = 12\nelevation_deg = 40", "hour"),
         ("[rain]\nwind_ned = [1, 2]", "'rain.wind_ned'"),
         ("[rain]\nwind_ned = [1, 2, 1e9]", "-40 … 40"),
         ("rain = 3", "rain"),
@@ -97,9 +91,9 @@ VALUE = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
     max_leaves=6,
 )
-KEYS = st.sampled_from(["k1", "time_s", "poses", "hour", "color", "wind_ned", "density_per_m", "day"]) | st.text()
+KEYS = st.sampled_from(["k1", "time_s", "poses", "color", "wind_ned", "density_per_m"]) | st.text()
 SECTION = st.dictionaries(KEYS, VALUE, max_size=3)
-NAMES = st.sampled_from(["sensor", "exposure", "haze", "rain", "sun", "seed"]) | st.text(max_size=8)
+NAMES = st.sampled_from(["sensor", "exposure", "haze", "rain", "lens", "seed"]) | st.text(max_size=8)
 
 
 @given(st.dictionaries(NAMES, SECTION | VALUE, max_size=4))

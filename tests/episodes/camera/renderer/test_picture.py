@@ -1,5 +1,6 @@
 """What the picture shows: light, shadow, textures, moving things; and that it is always the same picture."""
 
+import dataclasses
 import hashlib
 import threading
 
@@ -194,7 +195,7 @@ def test_a_fine_texture_far_away_becomes_its_mean():
     view = Renderer(scene_of([instance(1, wall, (45.0, 0, 0))], EASTERN), CAMERA, shadow_cells=64).render(
         looking((0, 0, 0))
     )
-    assert view.rgb.std(axis=(0, 1)).max() < 6.0
+    assert view.rgb[:55].std(axis=(0, 1)).max() < 6.0  # above the foot of the wall, which is darker
 
 
 def test_lettering_of_a_tenth_of_a_metre_is_read_at_eight_metres():
@@ -228,7 +229,8 @@ def test_a_picture_with_more_samples_is_the_larger_one_reduced():
     large = Renderer(scene, CameraModel(640, 360)).picture(pose)
     reduced = cv2.resize(large, (320, 180), interpolation=cv2.INTER_AREA).astype(float)
     small = CameraModel(320, 180)
-    coarse, fine = (np.abs(Renderer(scene, small, grain=grain).picture(pose) - reduced).mean() for grain in (2, 4))
+    solid = Renderer(scene, small).render(pose).ids > 0  # the sky is read once per pixel
+    coarse, fine = (np.abs(Renderer(scene, small, grain=n).picture(pose) - reduced)[solid].mean() for n in (2, 4))
     assert fine < 0.7 * coarse
 
 
@@ -257,10 +259,103 @@ def test_the_same_pose_gives_the_same_bytes_from_any_thread():
 
 
 def test_looking_at_nothing_but_sky():
-    view = Renderer(scene_of([]), CAMERA, shadow_cells=64).render(looking((0, 0, -5.0)))
+    clear = dataclasses.replace(OVERHEAD, clouds=0.0)
+    view = Renderer(scene_of([], clear), CAMERA, shadow_cells=64).render(looking((0, 0, -5.0)))
     assert not view.ids.any()
     assert np.isinf(view.depth).all()
     assert view.rgb[0].astype(int)[:, 2].min() > view.rgb[0].astype(int)[:, 0].max()  # blue
+
+
+def test_clouds_hide_their_share_of_the_sky():
+    """A place of the sky is behind a cloud where it is less blue than in a clear sky."""
+
+    def blue(clouds):
+        sun = dataclasses.replace(OVERHEAD, toward_ned=(0.8, 0.0, -0.6), clouds=clouds)
+        view = Renderer(scene_of([], sun), CAMERA, shadow_cells=64).render(looking((0, 0, 0), 180.0, 70.0))
+        return view.rgb[..., 2].astype(int) - view.rgb[..., 0]
+
+    clear, shares = blue(0.0), []
+    for clouds in (0.2, 0.5, 1.0):
+        shares.append(float((blue(clouds) < 0.8 * clear).mean()))
+    assert shares[0] < shares[1] < shares[2]
+    assert shares[2] > 0.99
+    assert blue(1.0).max() < 0.5 * clear.min()
+
+
+def test_sky_and_haze_meet_at_the_horizon():
+    """Ground at the end of the world has the colour of the sky above it, whatever stands in the sky."""
+    sun = dataclasses.replace(OVERHEAD, toward_ned=(0.6, 0.0, -0.8))
+    level = instance(1, ground_mesh(60000.0), (0, 0, 0), "ground")
+    renderer = Renderer(scene_of([level], sun), CameraModel(width=64, height=240, hfov_deg=4.0), shadow_cells=64)
+    for yaw in (0.0, 90.0, 200.0):
+        view = renderer.render(looking((0, 0, -20.0), yaw))
+        sky, ground = view.rgb[118].astype(int), view.rgb[121].astype(int)
+        assert (view.ids[118] == 0).all()
+        assert (view.ids[121] == 1).all()
+        assert np.abs(sky - ground).max() <= 16
+
+
+def test_a_thing_on_the_ground_darkens_it_under_and_around_itself():
+    """In an overcast light nothing throws a shadow, and still a thing does not seem to float."""
+    grey = dataclasses.replace(EASTERN, strength=0.0, clouds=1.0)
+    things = [
+        instance(1, ground_mesh(40.0), (0, 0, 0), "ground"),
+        instance(2, box_mesh(2.0, 2.0, 1.0), (0, 0, 0), movable=True),
+        instance(3, box_mesh(4.0, 4.0, 8.0), (15.0, 15.0, 0.0)),
+    ]
+    renderer = Renderer(scene_of(things, grey), CAMERA, shadow_cells=256)
+    view = renderer.render(from_above(20.0))
+    far = ground_at(view, 20.0, 8.0, -8.0)
+    assert ground_at(view, 20.0, 1.25, 0.0) < 0.9 * far
+    assert ground_at(view, 20.0, 12.7, 15.0) < 0.9 * far  # of what never moves
+    away = renderer.render(from_above(20.0), {2: ((6.0, 0.0, 0.0), 0.3)})
+    assert ground_at(away, 20.0, 0.0, 0.0) == pytest.approx(far, abs=4.0)
+    flying = renderer.render(from_above(20.0), {2: ((0.0, 0.0, -3.0), 0.3)})
+    assert ground_at(flying, 20.0, 2.0, 0.0) == pytest.approx(far, abs=4.0)
+    assert digest(renderer.render(from_above(20.0))) == digest(view)
+
+
+def test_a_roof_below_the_open_sky_is_as_bright_as_open_ground():
+    hall = instance(2, box_mesh(8.0, 10.0, 12.0), (0.0, 0.0, 0.0))
+    renderer = Renderer(scene_of([instance(1, ground_mesh(60.0), (0, 0, 0), "ground"), hall]), CAMERA)
+    view = renderer.render(from_above(40.0))
+    roof = view.rgb[view.ids == 2].mean(axis=1)
+    assert len(roof) > 100
+    assert np.percentile(roof, 5) == pytest.approx(ground_at(view, 40.0, 20.0, 20.0), rel=0.02)
+
+
+def test_the_far_side_of_a_cage_is_seen_through_its_holes():
+    holes = np.zeros((8, 8), np.bool_)
+    holes[:, :2] = True
+    bars = Material("bars", (0.5, 0.0, 0.0), np.full((8, 8, 3), 255, np.uint8), cutout=holes)
+    cage = box_mesh(1.0, 1.0, 1.0, bars)
+    uv = np.repeat(cage.vertices[:, :1] + cage.vertices[:, 1:2], 2, axis=1) * 6.0
+    cage = dataclasses.replace(cage, uv=np.asarray(uv, np.float32))
+    hidden = dataclasses.replace(cage, materials=(dataclasses.replace(bars, cutout=None),))
+    pose = looking((-4.0, 0.0, -0.5))
+    shares = []
+    for mesh in (cage, hidden):
+        view = Renderer(scene_of([instance(1, mesh, (0.0, 0.0, 0.0))]), CAMERA).render(pose)
+        depth = view.depth[view.ids == 1]
+        shares.append((depth > 4.3).mean())
+    assert shares[1] == 0.0
+    assert shares[0] > 0.1
+
+
+def test_a_pane_shows_what_is_before_it():
+    """At a grazing angle glass mirrors the sky, and the ground where it leans forward."""
+    glass = Material("glass", (0.02, 0.02, 0.02), specular=1.0)
+    pane = quad_mesh([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], glass)
+    clear = dataclasses.replace(EASTERN, clouds=0.0)
+    shown = []
+    for lean in (-40.0, 40.0):
+        thing = dataclasses.replace(
+            instance(1, pane, (2.0, 0, -3.0)), attitude=quat_from_euler(0.0, np.radians(lean), 0.0)
+        )
+        renderer = Renderer(scene_of([thing], clear), CAMERA, shadow_cells=64)
+        shown.append(renderer.render(looking((0, 0, -3.0))).rgb[60, 80].astype(int))
+    assert shown[0].sum() != shown[1].sum()
+    assert max(shown, key=lambda c: c[2])[2] > max(shown, key=lambda c: c[2])[0]
 
 
 def test_the_sun_stands_where_the_scene_says():

@@ -11,7 +11,8 @@ from episodes.camera.renderer.renderer import Renderer
 from episodes.maps import assets
 from episodes.maps.assets import lettering, materials
 from episodes.maps.scene import Instance, Mesh, Scene, Sun
-from episodes.world.visibility import ray_scene, surface_samples
+from episodes.world.rays import NOTHING, RayScene
+from episodes.world.visibility import surface_samples
 from foundation.camera import CameraModel, CameraPose
 from foundation.errors import UsageError
 from foundation.frames import quat_from_euler
@@ -54,7 +55,7 @@ def test_faces_look_outwards(name: str) -> None:
     """From all around, next to nothing is seen from behind: neither holes nor triangles turned inside out."""
     mesh = assets.build(name, "red", "AB 123")
     points, _ = surface_samples(mesh, 4000)
-    own = ray_scene(mesh.vertices[mesh.triangles])
+    own = RayScene.of_mesh(mesh)
     tri = triangles(mesh)
     outward = np.cross(tri[:, 1] - tri[:, 0], tri[:, 2] - tri[:, 0])
     wrong = seen = 0
@@ -62,9 +63,9 @@ def test_faces_look_outwards(name: str) -> None:
         eye = 12.0 * np.array((math.cos(turn) * math.cos(up), math.sin(turn) * math.cos(up), -math.sin(up)))
         way = (points - eye).astype(np.float32)
         start = np.ascontiguousarray(np.broadcast_to(eye.astype(np.float32), way.shape))
-        hit = own.run(start, way, output=1)
-        met = hit["primID"] >= 0
-        facing = np.einsum("ij,ij->i", outward[hit["primID"][met]], way[met])
+        triangle = own.first_hits(start, way).triangle
+        met = triangle != NOTHING
+        facing = np.einsum("ij,ij->i", outward[triangle[met]], way[met])
         wrong += int((facing > 0.0).sum())
         seen += int(met.sum())
     assert wrong < 0.01 * seen

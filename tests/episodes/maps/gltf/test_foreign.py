@@ -2,6 +2,7 @@
 
 import base64
 import math
+from typing import Any
 
 import cv2
 import numpy as np
@@ -182,8 +183,8 @@ def test_the_texture_transform_is_applied(tmp_path):
     assert found == {(0.5, 0.25), (0.5, -1.75), (3.5, -1.75), (3.5, 0.25)}
 
 
-def test_cut_out_leaves_get_their_own_colour_where_they_are_transparent(tmp_path):
-    alpha = np.zeros((8, 8))
+def test_the_alpha_of_a_texture_cuts_out_what_is_below_the_cutoff(tmp_path):
+    alpha = np.full((8, 8), 100)
     alpha[:, :4] = 255
     image = np.zeros((8, 8, 3), np.uint8)
     image[:, :4] = (30, 160, 20)
@@ -192,13 +193,21 @@ def test_cut_out_leaves_get_their_own_colour_where_they_are_transparent(tmp_path
     file.doc["images"].append({"bufferView": file.view(data), "mimeType": "image/png"})
     file.doc["textures"].append({"source": 0})
     look = {"baseColorTexture": {"index": 0}}
-    file.doc["materials"] = [{"pbrMetallicRoughness": look, "alphaMode": mode} for mode in ("MASK", "OPAQUE")]
-    file.node(mesh=file.mesh(file.primitive(material=0), file.primitive(material=1)))
-    masked, opaque = gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh.materials
-    assert masked.texture is not None
+    modes: tuple[dict[str, Any], ...] = (
+        {"alphaMode": "MASK"}, {"alphaMode": "MASK", "alphaCutoff": 0.3}, {"alphaMode": "BLEND"}, {},
+    )  # fmt: skip
+    file.doc["materials"] = [{"pbrMetallicRoughness": look, **mode} for mode in modes]
+    file.node(mesh=file.mesh(*(file.primitive(material=k) for k in range(4))))
+    masked, low, blended, opaque = gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh.materials
+    assert masked.cutout is not None
     assert opaque.texture is not None
-    assert (masked.texture == (30, 160, 20)).all()
-    assert (opaque.texture[:, 4:] == 0).all()
+    assert np.array_equal(masked.cutout, alpha == 255)
+    # what lies under holes is not seen, but for a trace of it at their edges
+    assert np.all(masked.texture == (30, 160, 20))
+    assert np.all(blended.texture == (30, 160, 20))
+    assert low.cutout is blended.cutout is opaque.cutout is None
+    assert np.all(opaque.texture[:, 4:] == 0)
+    assert not masked.foliage
 
 
 def test_vertex_colours_tint_the_material(tmp_path):

@@ -25,7 +25,7 @@ def healthy() -> Glb:
         {
             "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "roughnessFactor": 0.5},
             "emissiveFactor": [0.1, 0.1, 0.1],
-            "extras": {"dronecats_look": [1.0, 1.0, 1.0, 0.1, 0.5]},
+            "extras": {"dronecats_look": [1.0, 1.0, 1.0, 0.1, 0.5, 0.2]},
         }
     )
     normal, uv = file.accessor([(0, 1, 0)] * 4), file.accessor([(0, 0), (1, 0), (1, 1), (0, 1)])

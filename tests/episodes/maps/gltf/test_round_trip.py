@@ -42,11 +42,14 @@ def same_mesh(a: Mesh, b: Mesh) -> bool:
 
 
 def same_material(a: Material, b: Material) -> bool:
-    plain = [dataclasses.replace(m, texture=None) for m in (a, b)]
+    plain = [dataclasses.replace(m, texture=None, cutout=None) for m in (a, b)]
     alike = all(getattr(plain[0], f.name) == getattr(plain[1], f.name) for f in dataclasses.fields(Material))
     if a.texture is None or b.texture is None:
         return alike and a.texture is b.texture
-    return alike and np.array_equal(a.texture, b.texture)
+    holes = a.cutout is b.cutout or (
+        a.cutout is not None and b.cutout is not None and np.array_equal(a.cutout, b.cutout)
+    )
+    return alike and holes and np.array_equal(a.texture, b.texture)
 
 
 def test_the_second_file_is_the_first_byte_for_byte(loaded, built, tmp_path):
@@ -116,7 +119,7 @@ def small(**changes) -> Scene:
         Instance(3, "target", "sedan", car, (0.0, 0.0, 0.0), -1.1, movable=True),
         Instance(900, "ghost", "ground", mesh, (-0.0, 1e-9, 3.0), 0.0, solid=False),
     )
-    sun = Sun((0.6, 0.0, -0.8), (1.0, 0.5, 0.25), 1.7, (0.1, 0.2, 0.3))
+    sun = Sun((0.6, 0.0, -0.8), (1.0, 0.5, 0.25), 1.7, (0.1, 0.2, 0.3), 0.25, (0.5, 0.2, 0.1))
     scene = Scene("small", things, field, sun, -33.9, 151.2, 12.5, (0.1, 0.2, 0.3), 0.7, ("One.", "Two."))
     return dataclasses.replace(scene, **changes)
 

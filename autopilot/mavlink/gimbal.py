@@ -1,0 +1,110 @@
+"""MAVLink's gimbal protocol v2 for a gimbal that the autopilot drives itself: manager and device in one component.
+
+Source: mavlink.io/en/services/gimbal_v2.html. The device has the id 1, as gimbals without MAVLink of their own have. It
+has a pitch axis only, which holds its angle from the horizon; a commanded yaw is ignored.
+"""
+
+import math
+from typing import Protocol
+
+from foundation.frames import Quat
+from foundation.mavlink import dialect
+from foundation.wire import Fields
+
+DEVICE = 1
+CAPABILITIES = (
+    dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_NEUTRAL
+    | dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_ROLL_LOCK
+    | dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
+    | dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_LOCK
+)
+HELD = dialect.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | dialect.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
+LEAVE, MYSELF, NOBODY = -1, -2, -3  # of a sender in DO_GIMBAL_MANAGER_CONFIGURE
+GimbalClient = tuple[int, int]  # system, component; (0, 0): none
+
+
+class GimbalDevice(Protocol):
+    """The gimbal itself. Angles in rad, up from the horizon."""
+
+    low: float
+    high: float
+    pitch: float
+    pitch_rate: float
+    neutral: float
+
+    def aim(self, pitch: float) -> None:
+        """Go to a pitch."""
+        ...
+
+    def move(self, rate: float) -> None:
+        """Go on at a rate (rad/s)."""
+        ...
+
+    def attitude(self, body: Quat) -> Quat:
+        """Return the camera's attitude on a body of this attitude."""
+        ...
+
+
+class GimbalManager:
+    """Decides who commands the gimbal, and does it."""
+
+    def __init__(self, device: GimbalDevice) -> None:
+        self.device = device
+        self.primary: GimbalClient = (0, 0)
+        self.secondary: GimbalClient = (0, 0)
+
+    def configure(self, source: GimbalClient, senders: tuple[int | None, ...]) -> int:
+        """Set who is in control by the first four parameters of DO_GIMBAL_MANAGER_CONFIGURE; return MAV_RESULT."""
+        if any(sender is None for sender in senders):
+            return int(dialect.MAV_RESULT_DENIED)
+        first, first_component, second, second_component = (int(sender or 0) for sender in senders)
+        self.primary = _client(self.primary, source, first, first_component)
+        self.secondary = _client(self.secondary, source, second, second_component)
+        return int(dialect.MAV_RESULT_ACCEPTED)
+
+    def point(self, source: GimbalClient, pitch_deg: float, rate_deg_s: float, flags: int) -> int:
+        """Go to a pitch, or on at a rate where no pitch is given; return MAV_RESULT.
+
+        Denied while another client is in control, and without a number.
+        """
+        if self.primary != (0, 0) and source not in (self.primary, self.secondary):
+            return int(dialect.MAV_RESULT_DENIED)
+        if flags & dialect.GIMBAL_MANAGER_FLAGS_NEUTRAL:
+            self.device.aim(self.device.neutral)
+        elif math.isfinite(pitch_deg):
+            self.device.aim(math.radians(pitch_deg))
+        elif math.isfinite(rate_deg_s):
+            self.device.move(math.radians(rate_deg_s))
+        else:
+            return int(dialect.MAV_RESULT_DENIED)
+        return int(dialect.MAV_RESULT_ACCEPTED)
+
+    def information(self, boot_ms: int) -> Fields:
+        """Return the fields of GIMBAL_MANAGER_INFORMATION."""
+        low, high = self.device.low, self.device.high
+        return (boot_ms, CAPABILITIES, DEVICE, 0.0, 0.0, low, high, 0.0, 0.0)
+
+    def device_information(self, boot_ms: int) -> Fields:
+        """Return the fields of GIMBAL_DEVICE_INFORMATION."""
+        low, high = self.device.low, self.device.high
+        return (boot_ms, b"DroneCATS", b"pitch", b"", 0, 0, 0, CAPABILITIES, 0, 0.0, 0.0, low, high, 0.0, 0.0, DEVICE)
+
+    def status(self, boot_ms: int) -> Fields:
+        """Return the fields of GIMBAL_MANAGER_STATUS."""
+        return (boot_ms, HELD, DEVICE, *self.primary, *self.secondary)
+
+    def attitude_status(self, boot_ms: int) -> Fields:
+        """Return GIMBAL_DEVICE_ATTITUDE_STATUS: roll and pitch from the horizon, yaw from the vehicle's nose."""
+        flags = HELD | dialect.GIMBAL_DEVICE_FLAGS_YAW_IN_VEHICLE_FRAME
+        q = list(self.device.attitude((1.0, 0.0, 0.0, 0.0)))
+        return (0, 0, boot_ms, flags, q, 0.0, self.device.pitch_rate, 0.0, 0, 0.0, 0.0, DEVICE)
+
+
+def _client(before: GimbalClient, source: GimbalClient, system: int, component: int) -> GimbalClient:
+    if LEAVE in (system, component):
+        return before
+    if MYSELF in (system, component):
+        return source
+    if NOBODY in (system, component):
+        return (0, 0) if before == source else before
+    return (max(system, 0), max(component, 0))

@@ -1,0 +1,54 @@
+"""The holes of cut-out textures, for the renderer, its shadows, and rays.
+
+A texel is there or is not: nothing is filtered, so that all of them give one answer, and far leaves keep their share of
+the picture by the number of samples that meet them.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from episodes.maps.scene import Material, Mesh
+from foundation.compiled import njit
+
+OPAQUE = -1  # in place of a cut-out
+
+
+class Cutouts(NamedTuple):
+    """Which texels of each cut-out texture are there, one texture after the other."""
+
+    texels: NDArray[np.uint8]  # (N,) row by row, one bit each, so that they stay in the processor's cache
+    first: NDArray[np.int64]  # (K,) first bit of each texture
+    size: NDArray[np.int64]  # (K, 2) its width and height
+
+
+def cutouts_of(materials: Sequence[Material]) -> tuple[Cutouts, NDArray[np.int32]]:
+    """Return the cut-outs of some materials, each once, and that of each material (M,), OPAQUE for one without."""
+    row_of: dict[int, int] = {}
+    shown: list[NDArray[np.bool_]] = []
+    for material in materials:
+        if material.cutout is not None and id(material.cutout) not in row_of:
+            row_of[id(material.cutout)] = len(shown)
+            shown.append(material.cutout)
+    cutouts = Cutouts(
+        texels=np.packbits(np.concatenate([np.zeros(0, np.bool_), *(s.ravel() for s in shown)]), bitorder="little"),
+        first=np.cumsum([0, *(s.size for s in shown)], dtype=np.int64)[:-1],
+        size=np.array([s.shape[::-1] for s in shown], np.int64).reshape(-1, 2),
+    )
+    return cutouts, np.array([row_of.get(id(m.cutout), OPAQUE) for m in materials], np.int32)
+
+
+def is_cut_out(mesh: Mesh) -> NDArray[np.bool_]:
+    """Return for each triangle (T,) whether its material has holes."""
+    return np.array([m.cutout is not None for m in mesh.materials], np.bool_)[mesh.material]
+
+
+@njit(cache=True, nogil=True, inline="always")
+def is_there(cutouts: Cutouts, which: int, u: float, v: float) -> bool:
+    """Return whether the texel at (u, v) of a cut-out texture is there; beyond 0 … 1 the texture repeats."""
+    w, h = cutouts.size[which, 0], cutouts.size[which, 1]
+    x, y = int((u - np.floor(u)) * w), int((v - np.floor(v)) * h)
+    bit = cutouts.first[which] + min(y, h - 1) * w + min(x, w - 1)
+    return bool(cutouts.texels[bit >> 3] >> (bit & 7) & 1)

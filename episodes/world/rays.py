@@ -1,0 +1,129 @@
+"""Rays through triangles, past the holes of cut-out surfaces."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from episodes.maps.cutouts import Cutouts, cutouts_of, is_cut_out, is_there
+from episodes.maps.scene import Instance, Mesh
+from foundation.compiled import njit
+
+NOTHING = -1  # in place of a triangle
+BEYOND_M = 1e-4  # from a hole, where its ray goes on
+MOST_HOLES = 200  # along one ray; what lies beyond is taken to be hidden
+FAR = np.float32(1e30)
+
+
+class Hits(NamedTuple):
+    """What each of N rays meets first."""
+
+    triangle: NDArray[np.int32]  # (N,) NOTHING where it meets none
+    distance: NDArray[np.float32]  # (N,) in lengths of the ray's direction; FAR where it meets none
+
+
+class RayScene:
+    """Triangles laid out for rays, numbered in the order in which they come."""
+
+    def __init__(self, meshes: Sequence[Mesh], corners: Sequence[NDArray[np.floating]]) -> None:
+        """`corners`: (T, 3, 3) of each mesh's triangles, m in any axes."""
+        materials = list({id(m): m for mesh in meshes for m in mesh.materials}.values())
+        self._cutouts, which = cutouts_of(materials)
+        row_of = {id(m): k for k, m in enumerate(materials)}
+        every = np.concatenate([np.zeros((0, 3, 3)), *corners]).astype(np.float32)
+        has_holes = np.concatenate([np.zeros(0, np.bool_), *(is_cut_out(mesh) for mesh in meshes)])
+        self._opaque_rows, self._cut_rows = (np.flatnonzero(has_holes == cut).astype(np.int32) for cut in (False, True))
+        self._opaque = _laid_out(every[self._opaque_rows])
+        self._cut = _laid_out(every[self._cut_rows]) if has_holes.any() else None
+        cut = [(mesh, is_cut_out(mesh)) for mesh in meshes]
+        self._uv = np.concatenate([np.zeros((0, 3, 2), np.float32), *(m.uv[m.triangles[k]] for m, k in cut)])
+        rows = [np.array([row_of[id(a)] for a in m.materials], np.int64)[m.material[k]] for m, k in cut]
+        self._which = which[np.concatenate([np.zeros(0, np.int64), *rows])]
+
+    @classmethod
+    def of_instances(cls, instances: Sequence[Instance]) -> "RayScene":
+        """Return instances laid out where they stand, in NED."""
+        return cls([i.mesh for i in instances], [i.triangles_ned() for i in instances])
+
+    @classmethod
+    def of_mesh(cls, mesh: Mesh) -> "RayScene":
+        """Return a mesh laid out in its own axes."""
+        return cls([mesh], [mesh.vertices[mesh.triangles]])
+
+    def first_hits(
+        self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32] | None = None
+    ) -> Hits:
+        """Return what rays from `start` (N, 3) along `way` (N, 3) meet first, within `reach` (N,) lengths of `way`."""
+        reach = np.full(len(way), FAR, np.float32) if reach is None else reach
+        hit = self._opaque.run(start, way, reach, output=1)
+        is_hit = hit["primID"] >= 0
+        hits = Hits(np.full(len(way), NOTHING, np.int32), np.full(len(way), FAR, np.float32))
+        hits.triangle[is_hit] = self._opaque_rows[hit["primID"][is_hit]]
+        hits.distance[is_hit] = hit["tfar"][is_hit]
+        self._first_leaves(start, way, np.where(is_hit, hits.distance, reach), hits)
+        return hits
+
+    def are_blocked(
+        self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32]
+    ) -> NDArray[np.bool_]:
+        """Return for each ray whether it meets anything within `reach`; see `first_hits`."""
+        blocked = np.asarray(self._opaque.run(start, way, reach, query="OCCLUDED")) >= 0
+        free = np.flatnonzero(~blocked)
+        hits = Hits(np.full(len(free), NOTHING, np.int32), np.full(len(free), FAR, np.float32))
+        self._first_leaves(start[free], way[free], reach[free], hits)
+        blocked[free] = hits.triangle != NOTHING
+        return blocked
+
+    def _first_leaves(
+        self, start: NDArray[np.float32], way: NDArray[np.float32], reach: NDArray[np.float32], hits: Hits
+    ) -> None:
+        """Replace hits by the first cut-out surface within `reach` whose texel is there."""
+        if self._cut is None:
+            return
+        going = np.arange(len(way))
+        gone = np.zeros(len(way), np.float32)
+        step = (BEYOND_M / np.maximum(np.linalg.norm(way, axis=1), 1e-9)).astype(np.float32)
+        for _ in range(MOST_HOLES):
+            if not len(going):
+                return
+            origin = start[going] + way[going] * gone[going, None]
+            hit = self._cut.run(origin, np.ascontiguousarray(way[going]), reach[going] - gone[going], output=1)
+            met = hit["primID"] >= 0
+            going, triangle = going[met], hit["primID"][met]
+            gone[going] += hit["tfar"][met]
+            there = _are_there(self._cutouts, self._which, self._uv, triangle, hit["u"][met], hit["v"][met])
+            hits.triangle[going[there]] = self._cut_rows[triangle[there]]
+            hits.distance[going[there]] = gone[going[there]]
+            going = going[~there]
+            gone[going] += np.maximum(step[going], gone[going] * 1e-6)
+            going = going[gone[going] < reach[going]]
+        hits.triangle[going], hits.distance[going] = self._cut_rows[0], gone[going]
+
+
+def _laid_out(triangles: NDArray[np.float32]) -> EmbreeScene:
+    scene = EmbreeScene()
+    corners = np.ascontiguousarray(triangles.reshape(-1, 3))
+    TriangleMesh(scene, corners, np.arange(len(corners), dtype=np.int32).reshape(-1, 3))
+    return scene
+
+
+@njit(cache=True, nogil=True, allocates=True)
+def _are_there(
+    cutouts: Cutouts,
+    which: NDArray[np.int32],
+    uv: NDArray[np.float32],
+    triangle: NDArray[np.int32],
+    b: NDArray[np.float32],
+    c: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """Return whether the texel at each hit is there; (1 - b - c, b, c) are its shares of the triangle's corners."""
+    there = np.zeros(len(triangle), np.bool_)
+    for k in range(len(triangle)):
+        at, a = uv[triangle[k]], 1.0 - float(b[k]) - float(c[k])
+        u = a * at[0, 0] + b[k] * at[1, 0] + c[k] * at[2, 0]
+        v = a * at[0, 1] + b[k] * at[1, 1] + c[k] * at[2, 1]
+        there[k] = is_there(cutouts, which[triangle[k]], u, v)
+    return there

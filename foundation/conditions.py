@@ -1,0 +1,29 @@
+"""Light and season of a flight. `episodes.maps.conditions` applies them to a map."""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import msgspec
+
+LOWEST_DEG = 3.0  # elevation of a sun that shines: below it shadows reach across the whole map
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneConditions:
+    """Light and season. None: as the map has it."""
+
+    sun_azimuth_deg: float | None = None  # clockwise from north
+    sun_elevation_deg: float | None = None  # above the horizon, LOWEST_DEG … 90
+    sky: Literal["overcast", "dusk"] | None = None
+    season: Literal["autumn"] | None = None
+
+
+AS_BUILT = SceneConditions()
+
+
+def recorded(flight: Any) -> SceneConditions:
+    """Return the conditions in the JSON of a flight, as its run.json has it; those of the map where it has none."""
+    try:
+        return msgspec.convert(flight["disturbances"]["conditions"], SceneConditions)
+    except (KeyError, TypeError, msgspec.ValidationError):
+        return AS_BUILT

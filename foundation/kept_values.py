@@ -1,0 +1,57 @@
+"""Values that take seconds to compute and depend on sources alone, kept in the user's cache for the next process."""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import sys
+import time
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import TypeVar
+
+from foundation.errors import UsageError
+from foundation.files import whole_file
+from foundation.machine import user_cache
+
+ROOT = Path(__file__).resolve().parents[1]
+LIBRARIES = ("numpy", "scipy", "opencv-python-headless")  # whose arithmetic may differ from version to version
+KEPT_S = 86_400.0  # after which a file of other sources is removed
+T = TypeVar("T")
+
+
+def kept(name: str, sources: Iterable[str], make: Callable[[], T]) -> T:
+    """Return what `make` returns, from the cache if a process with the same sources left it there.
+
+    `name`: of its file. `sources`: patterns of files below the project's root. The value must be made of plain types,
+    arrays and the project's own classes. A cache that cannot be read or written only costs time.
+    """
+    try:
+        folder = user_cache() / "values"
+    except UsageError:
+        return make()
+    file = folder / f"{name}.{digest(sources)}"
+    with contextlib.suppress(Exception):  # a damaged pickle may raise any
+        value: T = pickle.loads(file.read_bytes())
+        with contextlib.suppress(OSError):  # of a folder that can only be read
+            os.utime(file)
+        return value
+    value = make()
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        with whole_file(file) as draft:
+            draft.write_bytes(pickle.dumps(value, pickle.HIGHEST_PROTOCOL))
+        for other in folder.glob(f"{name}.*"):
+            if time.time() - other.stat().st_mtime > KEPT_S:
+                other.unlink()
+    return value
+
+
+def digest(sources: Iterable[str]) -> str:
+    """Return a digest of the files of some patterns, and of the libraries that compute with them."""
+    state = hashlib.sha256(repr((sys.version_info[:2], [version(library) for library in LIBRARIES])).encode())
+    for path in (path for pattern in sources for path in sorted(ROOT.glob(pattern))):
+        state.update(str(path.relative_to(ROOT)).encode())
+        state.update(path.read_bytes())
+    return state.hexdigest()[:16]

@@ -1,0 +1,85 @@
+"""Values kept on the disk: taken from there, and made anew after a change of the sources or damage."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from foundation import kept_values
+from foundation.kept_values import kept
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """Return a function that asks for a value, and the list of those that had to be made."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(kept_values, "ROOT", tmp_path)
+    (tmp_path / "source.py").write_text("a = 1")
+    found: list[int] = []
+
+    def make():
+        found.append(len(found))
+        return {"value": np.arange(3) + found[-1]}
+
+    return lambda: kept("thing", ["*.py"], make)["value"].tolist(), found
+
+
+def files(tmp_path):
+    return sorted((tmp_path / "cache" / "dronecats" / "values").iterdir())
+
+
+def test_a_value_is_made_once(made, tmp_path):
+    ask, found = made
+    assert ask() == ask() == [0, 1, 2]
+    assert found == [0]
+    assert len(files(tmp_path)) == 1
+
+
+def test_another_source_makes_another_value(made, tmp_path):
+    ask, _ = made
+    ask()
+    (tmp_path / "source.py").write_text("a = 2")
+    assert ask() == [1, 2, 3]
+    (tmp_path / "source.py").write_text("a = 1")
+    assert ask() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("data", [b"", b"no pickle", "half"])
+def test_a_damaged_file_is_made_anew(made, tmp_path, data):
+    ask, _ = made
+    ask()
+    (file,) = files(tmp_path)
+    file.write_bytes(file.read_bytes()[:60] if data == "half" else data)
+    assert ask() == ask() == [1, 2, 3]
+
+
+def test_a_folder_that_cannot_be_written_costs_only_time(made, tmp_path):
+    ask, found = made
+    (tmp_path / "cache").write_text("a file where the folder should be")
+    ask(), ask()
+    assert found == [0, 1]
+
+
+def test_a_folder_that_can_only_be_read_is_read(made, monkeypatch):
+    ask, found = made
+    ask()
+
+    def refuse(path):
+        raise PermissionError(path)
+
+    monkeypatch.setattr(os, "utime", refuse)
+    ask()
+    assert found == [0]
+
+
+def test_a_write_that_fails_leaves_no_file(made, tmp_path, monkeypatch):
+    ask, found = made
+
+    def is_full(path, target):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", is_full)
+    ask(), ask()
+    assert found == [0, 1]
+    assert files(tmp_path) == []

@@ -1,0 +1,39 @@
+"""A camera gimbal: it holds the camera level in roll and at a pitch from the horizon, and turns with the vehicle."""
+
+import math
+
+from foundation.camera_mount import GimbalLimits
+from foundation.frames import Quat, quat_from_euler, quat_yaw
+
+
+class Gimbal:
+    """Moves at a limited rate to the pitch (rad, up from the horizon) that was commanded last."""
+
+    def __init__(self, limits: GimbalLimits, pitch_deg: float) -> None:
+        """`pitch_deg`: at boot."""
+        self.low, self.high = math.radians(limits.pitch_min_deg), math.radians(limits.pitch_max_deg)
+        self.rate_max = math.radians(limits.rate_deg_s)
+        self.pitch = self.neutral = min(max(math.radians(pitch_deg), self.low), self.high)
+        self.pitch_rate = 0.0  # rad/s
+        self._wanted: float | None = self.pitch  # None: it moves at a rate, to the end of its range
+        self._rate = 0.0  # rad/s, + up, of such a move
+
+    def aim(self, pitch: float) -> None:
+        """Go to a pitch, within the range."""
+        self._wanted = min(max(pitch, self.low), self.high)
+
+    def move(self, rate: float) -> None:
+        """Go on at a rate (rad/s, + up) until another command or the end of the range."""
+        self._wanted, self._rate = None, min(max(rate, -self.rate_max), self.rate_max)
+
+    def advance(self, seconds: float) -> None:
+        """Move for this time."""
+        reach = self.rate_max * seconds
+        wanted = self.pitch + self._rate * seconds if self._wanted is None else self._wanted
+        step = min(max(wanted - self.pitch, -reach), reach)
+        before, self.pitch = self.pitch, min(max(self.pitch + step, self.low), self.high)
+        self.pitch_rate = (self.pitch - before) / seconds
+
+    def attitude(self, body: Quat) -> Quat:
+        """Return the attitude of the camera (its axes → NED) on a body of this attitude (FRD → NED)."""
+        return quat_from_euler(0.0, self.pitch, quat_yaw(body))
