@@ -1,8 +1,9 @@
 """Faults of a link, seeded: loss, delay, reordering and damage of MAVLink frames.
 
-`Channel` is a pure model of one direction: the same seed and the same times give the same result. All random numbers of
-a frame are drawn when it enters, always the same number of draws. So the fate of the n-th frame depends only on the
-seed and on n, and a larger loss loses the same frames and some more.
+`Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
+are drawn for every frame when it enters, whatever the faults are. So whether the n-th frame is lost, delayed, doubled
+or reordered depends only on the seed and on n, and a larger loss loses the same frames and some more. Damaged bytes are
+drawn from a second stream of random numbers, only for frames that are not dropped.
 """
 
 import heapq
@@ -17,7 +18,7 @@ from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import LinkError, UsageError
 from hil.link.transport import Transport
 
-LATE_S = 0.1  # s of delay of a unit out of order: two ticks of the agent, so that others overtake it
+LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that others overtake it
 BITS_A_BYTE = 10  # 8N1: a start bit, eight data bits, a stop bit
 LOST, DOUBLED, REORDERED = (f"{{percent:g}} % of frames {event}" for event in ("lost", "doubled", "out of order"))
 
@@ -28,7 +29,7 @@ def _cut_words(cuts: tuple[tuple[float, float], ...]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Impairment:
-    """The faults of one direction of a link. The defaults are no faults. A unit is a frame."""
+    """The faults of one direction of a link. The defaults are no faults."""
 
     loss: float = number(0.0, "loss", "share of MAVLink frames that never arrive", high=1.0, words=LOST)
     delay_s: float = number(
@@ -79,7 +80,7 @@ class Impairment:
         unit="bytes",
         whole=True,
     )
-    # s since the start of the link, from … to: the cable is pulled
+    # (from, to) in s since the start of the link: the cable is pulled
     cuts: tuple[tuple[float, float], ...] = declared((), Declaration(words=_cut_words))
 
     def __post_init__(self) -> None:
@@ -92,7 +93,7 @@ class Impairment:
 
 @dataclass(slots=True)
 class Counts:
-    """Counts of the fates of the units."""
+    """How many units met each fate. A unit is a MAVLink frame, or a run of bytes between two frames."""
 
     taken: int = 0
     arrived: int = 0  # duplicates count twice
@@ -235,7 +236,7 @@ class OneWay:
     def impair(self, impairment: Impairment, seconds: float) -> None:
         """Have these faults from the next `carry` on for this time, and no faults afterwards.
 
-        Units under way at the start or the end are lost. The first frame then has the seed's first fate.
+        Units under way at the start or the end are lost. The random numbers begin anew with the first frame.
         """
         self._coming = (impairment, seconds)
 

@@ -99,7 +99,8 @@ def run(args: argparse.Namespace) -> int:
     key_of(args.sign)
     if args.sign and (args.autopilot == "px4" or args.hitl):
         raise UsageError(
-            "--sign works with our autopilot only, because a simulated PX4 accepts no key over UDP. Leave --sign out"
+            "--sign cannot be used with --autopilot px4 or --hitl, because PX4 accepts no key from the simulator."
+            " Leave --sign out"
         )
     if args.sign and view:
         raise UsageError("the page of --view reads unsigned telemetry only. Leave --view or --sign out")

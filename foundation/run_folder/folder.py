@@ -35,9 +35,10 @@ def create(
     """Yield a new episode folder in a run folder, with empty logs and the run's run.json, locked until the end.
 
     The run folder is `out`, or a new one named after the time and the pilot. An earlier flight without a score (its
-    verdict is an error, or it was killed) is moved to UNFINISHED. `first` is called when the folder is known to accept
-    this flight, before anything is written or moved; when it raises, a new folder is removed again. Raises UsageError
-    when `out` has another flight of that episode or another configuration, or cannot be written.
+    verdict is an error, or it was killed) is moved to UNFINISHED. `first` is called when the run folder exists and
+    accepts this flight, before logs are written and before an earlier flight is moved; when it raises, a new folder is
+    removed again. Raises UsageError when `out` has another flight of that episode or another configuration, or cannot
+    be written.
     """
     with contextlib.ExitStack() as held:
         try:
@@ -130,7 +131,10 @@ def _unwritable(run: Path, error: OSError) -> str:
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:
-    """Return the keys in which a configuration differs from run.json (`before`), except those of episodes."""
+    """Return the keys in which a configuration differs from run.json (`before`).
+
+    Keys that differ between the episodes of a run, or that may change when it is resumed, do not count.
+    """
     now = json.loads(json.dumps(configuration))  # tuples become lists, as in run.json
     flight, then = now.pop("flight", {}), before.get("flight", {})
     named = [key for key in flight if key not in (*PER_EPISODE, *PER_SITTING) and then.get(key) != flight[key]]
