@@ -149,7 +149,7 @@ def test_the_same_decisions_on_another_vehicle_of_ours_agree(
         said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
         return said
 
-    first = fly("vision", "3", tmp_path / "a")
+    first = fly("oracle", "3", tmp_path / "a")  # which touches nothing: after a contact the paths part
     decisions = Path(first["run_dir"]) / "decisions.jsonl"
     fly(f"recorded:{decisions}", "4", tmp_path / "b")
     seconds = str(math.floor(first["sim_seconds"]) - 2)

@@ -1,7 +1,6 @@
 """`dronecats fly --view` as a person has it: the command, a real browser, and what the run folder says afterwards."""
 
 import json
-import math
 import re
 import socket
 import subprocess
@@ -153,8 +152,15 @@ def test_the_drone_is_where_it_truly_was_and_moves(seen):
             if m["type"] == "SetPositionMessage" and m["name"] == NODE]  # fmt: skip
     assert len(sent) > 100
     poses = [row for row in truth(folder) if isinstance(row, Pose)]
-    passed = [min(math.dist(pose.position_ned, place) for place in sent) for pose in poses]
-    assert float(np.percentile(passed, 95)) < 0.1  # m: at 15 updates a second and 1.2 m/s it is passed within 4 cm
+    # lines between the places: a busy machine sends fewer of them
+    ends = np.array(sent)
+    starts, steps = ends[:-1], np.diff(ends, axis=0)
+    lengths = np.maximum((steps**2).sum(axis=1), 1e-12)
+    off_m = []
+    for pose in poses:
+        along = np.clip(((pose.position_ned - starts) * steps).sum(axis=1) / lengths, 0.0, 1.0)
+        off_m.append(np.linalg.norm(starts + along[:, None] * steps - pose.position_ned, axis=1).min())
+    assert float(np.percentile(off_m, 95)) < 0.1
     before, after = found["canvases"]
     assert (np.abs(before - after).max(axis=2) > 40).mean() > 0.001  # nothing else of it moves
 

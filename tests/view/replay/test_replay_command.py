@@ -29,7 +29,7 @@ def test_the_address_is_told_and_an_interrupt_ends_it(runs):
         late = threading.Timer(120.0, process.kill)
         late.start()
         assert process.stdout is not None
-        lines = [process.stdout.readline(), process.stdout.readline()]
+        lines = [process.stdout.readline() for _ in range(3)]
         address = re.search(r"http://127\.0\.0\.1:\d+/\S+", lines[1])
         assert address, lines
         page = urllib.request.urlopen(address[0])
