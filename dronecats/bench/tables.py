@@ -252,7 +252,8 @@ def broken_pins(latency: LatencyPolicy, decisions: Iterable[Decision]) -> int:
     if [part.kind for part in latency.parts] != [RATE]:  # with anything added, the rate is not pinned
         return 0
     pinned_s = 1.0 / latency.parts[0].numbers[0]
-    return sum(d.latency_s is not None and d.latency_s > pinned_s + CLOSE_S for d in decisions)
+    late = {d.step for d in decisions if d.latency_s is not None and d.latency_s > pinned_s + CLOSE_S}
+    return len(late)  # a joint reply is in the log of each of its drones
 
 
 def bench_rows(scores: Sequence[EpisodeScore], *, drop_stalled: bool = False) -> list[BenchRow]:

@@ -113,7 +113,8 @@ def fly(bench: "Bench", args: argparse.Namespace, *, retry: bool, pages: ExitSta
                     live.say(_cost_line(estimate))
                 live.now(state(), progress.done)
                 pages.enter_context(opened(view_of(args), bench.out, bench.out.name, live.say))
-                ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left))), ended)
+                paid = any(run.entry.flight.accounts.ledger for run in bench.runs)
+                ending = campaign.fly(_engine(args, bench.out, min(jobs, len(left)), paid=paid), ended)
         except KeyboardInterrupt:
             live.close()
             print_note(f"interrupted: {bench.out} has the finished flights. The same command resumes")
@@ -141,8 +142,11 @@ def _cost_line(estimate: "CostEstimate") -> str:
     )
 
 
-def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
-    """Return the engine that flies. Raises UsageError for a cluster that does not answer."""
+def _engine(args: argparse.Namespace, out: Path, jobs: int, *, paid: bool) -> "Engine":
+    """Return the engine that flies; `paid`: some flight asks a model that costs.
+
+    Raises UsageError for a cluster that does not answer.
+    """
     from dronecats.bench.engine import LocalEngine
     from foundation.run_folder.layout import LEDGER
 
@@ -152,7 +156,7 @@ def _engine(args: argparse.Namespace, out: Path, jobs: int) -> "Engine":
         raise UsageError("--cache is a file of this machine, and a cluster cannot read it. Leave it out")
     from dronecats.bench.cluster import ClusterEngine
 
-    return ClusterEngine(jobs, out / LEDGER if args.model else None, args.address)
+    return ClusterEngine(jobs, out / LEDGER if paid else None, args.address)
 
 
 def print_result(
@@ -174,7 +178,8 @@ def print_result(
 def status(result: CampaignResult, verb: str) -> int:
     """Return the exit status, and print on standard error why it is not 0."""
     if result.ending == "budget":
-        reason = next(flight.error for flight in result.broken.values() if flight.reason == "budget")
+        spent = (flight.error for flight in result.broken.values() if flight.reason == "budget")
+        reason = next(spent, "the budget is spent")  # no flight broke off if the last one had already succeeded
         print_note(f"dronecats {verb}: {reason}. The same command resumes")
         return 3
     if result.broken:

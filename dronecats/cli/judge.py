@@ -116,7 +116,7 @@ def _remarks(episode: "JudgedEpisode") -> list[str]:
 
     verdict = episode.judged.verdict
     remarks = [
-        "the flight ended at its first success, so its outcome at this radius is not known"
+        "the flight ended before it could fail at this radius and cap, so its outcome there is not known"
         if verdict.outcome == "censored"
         else None,
         distances_sentence(verdict.distances, verdict.delta_m) if verdict.distances else None,

@@ -59,7 +59,9 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     verdict = judge(declared, last, delta_m, cap_s) if logs.true else Judgement(False, None, None)
     estimated = distances(logs, delta_m, cap_s)
     error = None if verdict.success else _fault(logs, verdict)
-    seen = logs.end is not None and (logs.end.reason == "cap" or logs.end.t >= cap_s)
+    end = logs.end
+    asked_cap_s = max((logs.begin and logs.begin.cap_s) or CAP_S, CAP_S)  # a shorter flight was whole at its own cap
+    seen = end is not None and (end.t >= cap_s or (end.reason == "cap" and cap_s <= asked_cap_s))
     named = "error" if error else _outcome_name(logs, verdict, seen, estimated is not None)
     scored = verdict if named in ("success", "failure") else Judgement(False, None, None)
     claims = finished(logs)
@@ -239,7 +241,9 @@ class JudgedFlight:
         for decision in self.logs.decisions:
             frame = self.logs.frames.get((decision.drone, decision.frame_id))
             is_same = frame is not None and abs(frame.t - decision.t_frame) <= SAME_S
-            is_question, counts = decision.step not in answered_steps, decision.t_decided <= self.cap_s
+            # a confirmation is a reply of the commander, which commander.jsonl has
+            is_question = decision.step not in answered_steps and decision.confirmed_by is UNSET
+            counts = decision.t_decided <= self.cap_s
             answered_steps.add(decision.step)
             steps.append(FlightStep(decision, frame if is_same else None, is_question, counts, decision.go))
         return tuple(steps)

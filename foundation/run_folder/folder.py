@@ -3,6 +3,7 @@
 import contextlib
 import fcntl
 import json
+import os
 import platform
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -20,6 +21,8 @@ from foundation.version import __version__
 
 PER_EPISODE = ("episode", "record")  # may differ between the flights of one run
 PER_SITTING = ("accounts",)  # may differ when a run is resumed
+MEASURED = ("schema", "served_rate_hz", "pace", "firmware")  # keys of run.json that only follow from a flight
+SUITE = "suite"  # key of a benchmark's run, which a flight that is added later keeps
 LOCK = ".lock"  # of a run; the processes that fly it hold it
 PACKAGES = ("numpy", "numba", "opencv-python-headless", "pymavlink", "httpx", "embreex", "scipy")
 
@@ -51,19 +54,39 @@ def create(
                 held.enter_context(hold(folder / layout.DECISIONS, folder))
                 if not _has_no_score(folder):
                     raise UsageError(f"{folder} already has a flight. Choose another folder with --out")
-            before = run_configuration(run)
-            if before is not None and differences(before, configuration):
-                raise UsageError(f"{run} is a run of another pilot or other settings. Choose another folder with --out")
+            _check_settings(run, configuration)
             held.callback(_remove_unused, run)
             first()
             if again:
                 _set_aside(run, folder)
             prepare(folder)
             held.enter_context(hold(folder / layout.DECISIONS, folder))
-            write_run(run, configuration)
+            with _alone(run):
+                _check_settings(run, configuration)  # again: another process may have begun the run during `first`
+                write_run(run, configuration)
         except OSError as error:
             raise UsageError(_unwritable(out or Path("runs"), error)) from None
         yield folder
+
+
+def _check_settings(run: Path, configuration: Mapping[str, Any]) -> None:
+    before = run_configuration(run)
+    if before is not None and (changed := differences(before, configuration)):
+        raise UsageError(
+            f"{run} is a run of another pilot or other settings ({', '.join(changed)}). Choose another folder"
+            " with --out"
+        )
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Wait until no other process is in this block for the folder. Raises OSError."""
+    directory = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(directory, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(directory)
 
 
 def _remove_unused(run: Path) -> None:
@@ -131,14 +154,23 @@ def _unwritable(run: Path, error: OSError) -> str:
 
 
 def differences(before: Mapping[str, Any], configuration: Mapping[str, Any]) -> list[str]:
-    """Return the keys in which a configuration differs from run.json (`before`).
+    """Return the settings and packages in which a configuration differs from run.json (`before`).
 
     Keys that differ between the episodes of a run, or that may change when it is resumed, do not count.
     """
     now = json.loads(json.dumps(configuration))  # tuples become lists, as in run.json
-    flight, then = now.pop("flight", {}), before.get("flight", {})
-    named = [key for key in flight if key not in (*PER_EPISODE, *PER_SITTING) and then.get(key) != flight[key]]
-    return named + [key for key, value in now.items() if before.get(key) != value]
+    now.setdefault(SUITE, before.get(SUITE))
+    parts = (
+        (before.get("flight", {}), now.get("flight", {}), (*PER_EPISODE, *PER_SITTING)),
+        (before, now, ("flight", "versions", *MEASURED)),
+        (comparable_versions(before.get("versions", {})), comparable_versions(versions()), ()),
+    )
+    return [
+        key
+        for then, wanted, free in parts
+        for key in dict.fromkeys([*wanted, *then])
+        if key not in free and then.get(key) != wanted.get(key)
+    ]
 
 
 def of_several(configuration: Mapping[str, Any]) -> dict[str, Any]:
@@ -156,10 +188,22 @@ def write_run(run: Path, configuration: dict[str, Any]) -> None:
     before, flight = run_configuration(run), configuration.get("flight", {})
     if before is not None and any(before.get("flight", {}).get(key) != flight.get(key) for key in PER_EPISODE):
         configuration = of_several(configuration)
-    versions = {"dronecats": __version__, "python": platform.python_version()}
+    kept = {SUITE: before[SUITE]} if before and SUITE in before else {}
+    write_json(run / layout.RUN, {"schema": SCHEMA, **kept, **configuration, "versions": versions()})
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, of DroneCATS, and of the packages that affect results."""
+    found = {"dronecats": __version__, "python": platform.python_version()}
     for package in PACKAGES:
-        try:
-            versions[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            continue
-    write_json(run / layout.RUN, {"schema": SCHEMA, **configuration, "versions": versions})
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            found[package] = metadata.version(package)
+    return found
+
+
+def comparable_versions(recorded: Mapping[str, Any]) -> dict[str, str]:
+    """Return recorded versions without what changes no result: the patch release of Python."""
+    return {
+        package: ".".join(str(version).split(".")[:2]) if package == "python" else str(version)
+        for package, version in recorded.items()
+    }

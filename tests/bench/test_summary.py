@@ -124,7 +124,9 @@ def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
     assert charged_s == pytest.approx(1 / 3)
     kept = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=None, latency_s=round(charged_s, 6))
     assert broken_pins(policy, [kept]) == 0
-    assert broken_pins(policy, [kept, replace(kept, latency_s=0.5)]) == 1
+    late = replace(kept, latency_s=0.5)
+    assert broken_pins(policy, [kept, late]) == 1
+    assert broken_pins(policy, [late, replace(late, drone=1), replace(late, step=1)]) == 2  # a joint reply is one
     assert broken_pins(LatencyPolicy.parse("rate:3+stall:0.1,5"), [kept, replace(kept, latency_s=0.5)]) == 0
     for wrong in ("rate:0", "rate:-1", "rate:21", "rate:nan", "rate:", "rate:1,2"):
         with pytest.raises(UsageError, match="--latency rate:HZ"):

@@ -255,3 +255,7 @@ def test_what_was_decided_after_another_cap_was_seen_to_that_cap():
     assert not judged_flight.outcome(decided, 5.0, 200.0).censored
     assert judged_flight.outcome(decided, 2.0).outcome == "censored"
     assert judged_flight.outcome(decided, 2.0, 200.0).outcome == "failure"
+    to_its_cap = logs(*rows, end={**END, "t": 300.0})
+    assert [judged_flight.outcome(to_its_cap, 2.0, cap_s).outcome for cap_s in (200.0, 300.0, 600.0)] == [
+        "failure", "failure", "censored",
+    ]  # fmt: skip

@@ -24,6 +24,7 @@ from dronecats.judge.metrics.outcomes import oracle_success, success_at_first
 from dronecats.judge.verdict import declarations, judge
 from foundation.errors import UsageError
 from foundation.protocol import CAP_S, RADIUS_M, THINK
+from foundation.run_folder.results import SCORED
 from foundation.run_folder.rows import Decision
 
 AFTER = 3  # steps
@@ -299,18 +300,20 @@ def strictness(flight: JudgedFlight) -> Strictness:
     mended = [d for d in counted if d.mended is not UNSET]
     read = {(d.step, d.drone): strictly(d, group[d.drone]) for d in mended}
     changed = [d for d in mended if read[d.step, d.drone] != d.action]
-    success = flight.verdict.success
+    success = flight.verdict.success if flight.scored else None
     if any(d.declares for d in changed):
         left = tuple(
             replace(d, action=read[d.step, d.drone]) if (d.step, d.drone) in read else d for d in flight.logs.decisions
         )
-        success = outcome(replace(flight.logs, decisions=left), flight.delta_m, flight.cap_s).success
+        strict = outcome(replace(flight.logs, decisions=left), flight.delta_m, flight.cap_s)
+        # an error: the flight ended at the declaration that strict parsing takes away
+        success = strict.success if strict.outcome in SCORED else None
     return Strictness(
         steps=len(counted),
         mended=len(mended),
         changed=len(changed),
         declarations=sum(d.declares for d in changed),
-        success=success if flight.scored else None,
+        success=success,
     )
 
 

@@ -183,27 +183,33 @@ def incomplete(flights: Sequence[Sequence[str]]) -> str | None:
         own = [id for id in ids if id not in catalogue.all_ids()]
         if own:
             return f"{own[0]} is not a shipped episode"
-        if _suite_of(ids) is None:
+        if suite_of(ids) is None:
             containing = (s for s in catalogue.SUITES if set(ids) <= set(catalogue.suite_ids(s)))
             nearest = min(containing, key=_size, default=None)
             if nearest is None:
                 return "the episodes are of several suites"
             absent = [id for id in catalogue.suite_ids(nearest) if id not in ids]
             return f"{len(absent)} of the {_size(nearest)} episodes of suite {nearest} are missing, {absent[0]} first"
-    return None if len({_suite_of(ids) for ids in flights}) == 1 else "the flights are of several suites"
+    return None if len({suite_of(ids) for ids in flights}) == 1 else "the flights are of several suites"
 
 
 def _size(suite: str) -> int:
     return len(catalogue.suite_ids(suite))
 
 
-def _suite_of(ids: Sequence[str]) -> str | None:
+def suite_of(ids: Sequence[str]) -> str | None:
+    """Return the suite that has just these episodes; None: there is none."""
     return next((suite for suite in catalogue.SUITES if sorted(ids) == catalogue.suite_ids(suite)), None)
 
 
-def _suite(runs: Sequence[RecordedRun]) -> str | None:
-    of_each = {_suite_of([episode.name for episode in run.episodes]) for run in runs}
+def common_suite(flights: Sequence[Sequence[str]]) -> str | None:
+    """Return the suite that each of these flights, the ids of each, has whole; None: there is none."""
+    of_each = {suite_of(ids) for ids in flights}
     return of_each.pop() if len(of_each) == 1 else None
+
+
+def _suite(runs: Sequence[RecordedRun]) -> str | None:
+    return common_suite([[episode.name for episode in run.episodes] for run in runs])
 
 
 def _check_one_entry(runs: Sequence[RecordedRun]) -> None:

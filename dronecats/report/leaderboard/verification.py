@@ -14,7 +14,7 @@ from dronecats.agent.prompt import Prompt
 from dronecats.judge.episode import Judged, Rereading, compare, judge_run
 from dronecats.judge.statistics.shares import known_share
 from dronecats.report.leaderboard.archive_file import FileDigest, Manifest, unpack
-from dronecats.report.leaderboard.submission import incomplete
+from dronecats.report.leaderboard.submission import common_suite, incomplete
 from dronecats.report.recorded.run import RecordedRun, recorded_run
 from dronecats.report.results.identity import identity, identity_digest
 from episodes.records import catalogue, record
@@ -147,9 +147,15 @@ class _KeptModel(msgspec.Struct):
     name: str
 
 
+class _KeptOutside(msgspec.Struct):
+    harness: str
+    name: str
+
+
 class _KeptFlight(msgspec.Struct):
     pilot: str | None = None
     model: _KeptModel | None = None
+    outside: _KeptOutside | None = None
     seed: Annotated[int, msgspec.Meta(ge=0, lt=2**62)] = 0
     replay: dict[str, Any] | None = None
     seconds: float = CAP_S
@@ -225,7 +231,10 @@ def _manifest_differences(manifest: Manifest, runs: Sequence[RecordedRun]) -> It
             yield f"{submitted.folder} is a replay of a recorded flight"
     if len({run.seed for run in runs}) != len(runs):
         yield "several of its flights have the same seed"
-    missing = incomplete([run.episodes for run in manifest.runs])
+    flights = [run.episodes for run in manifest.runs]
+    if manifest.suite != (suite := common_suite(flights)):
+        yield f"the entry names the suite {manifest.suite}, but its runs have {suite or 'no whole one'}"
+    missing = incomplete(flights)
     if missing and manifest.partial is None:
         yield f"{missing}, but the entry is not marked as partial"
 

@@ -1,7 +1,7 @@
 """Reads a run folder: its pilot, settings and episodes."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,15 +30,17 @@ class RecordedRun:
 
     @property
     def pilot(self) -> str:
-        """The built-in pilot's name, or PROVIDER/NAME of the model."""
+        """The built-in pilot's name, PROVIDER/NAME of the model, or HARNESS:NAME."""
         flight = self.flight
-        model = flight.get("model")
+        model, outside = flight.get("model"), flight.get("outside")
+        if outside:
+            return f"{outside.get('harness')}:{outside.get('name')}"
         return str(flight.get("pilot") or (f"{model.get('provider')}/{model.get('name')}" if model else "unknown"))
 
     @property
     def is_model(self) -> bool:
-        """Whether a model flew it. A built-in pilot is never reported as a model."""
-        return self.flight.get("model") is not None
+        """Whether a model flew it, or whatever another harness asked. A built-in pilot is never reported as a model."""
+        return self.flight.get("model") is not None or self.flight.get("outside") is not None
 
     @property
     def agent(self) -> str:
@@ -126,6 +128,6 @@ def recorded_runs(paths: Iterable[Path]) -> list[RecordedRun]:
                 " of such folders"
             )
         for run in runs:
-            before = by_folder.get(run.folder)
-            by_folder[run.folder] = run if before is None or len(run.episodes) > len(before.episodes) else before
+            known = by_folder[run.folder].episodes if run.folder in by_folder else ()
+            by_folder[run.folder] = replace(run, episodes=tuple(sorted({*known, *run.episodes})))
     return list(by_folder.values())

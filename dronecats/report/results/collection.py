@@ -154,8 +154,11 @@ def usage_of(folder: Path) -> Usage:
 
 
 def _usage(decisions: Iterable[Decision], folder: Path) -> Usage:
-    """Return the usage; a joint reply is in the log of each of its drones, and counts once."""
-    steps = {decision.step: decision for decision in decisions}.values()
+    """Return the usage; a joint reply is in the log of each of its drones, and counts once.
+
+    A confirmation is a reply of the commander.
+    """
+    steps = {decision.step: decision for decision in decisions if decision.confirmed_by is UNSET}.values()
     try:
         answered = [exchange for exchange in exchanges(folder) if exchange.reply is not None]
     except UsageError:  # commander.jsonl affects no score

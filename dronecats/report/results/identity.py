@@ -16,6 +16,7 @@ from typing import Any
 from dronecats.agent.names import FORMER, agent_name
 from dronecats.report.recorded.run import RecordedRun
 from foundation.run_folder import layout
+from foundation.run_folder.folder import comparable_versions
 from foundation.run_folder.reading import json_object, taken
 from foundation.run_folder.rows import EpisodeIdentity
 
@@ -183,10 +184,8 @@ def _run_values(configuration: Mapping[str, Any]) -> Iterator[tuple[str, frozens
     for name, leaf in _leaves({key: leaf for key, leaf in flight_fields.items() if key not in FREE}):
         yield name, _value(leaf)
     versions = configuration.get("versions")
-    for package, version in (versions if isinstance(versions, dict) else {}).items():
-        # a patch release of Python changes no result
-        value = ".".join(str(version).split(".")[:2]) if package == "python" else version
-        yield f"the version of {package}", _value(value)
+    for package, version in comparable_versions(versions if isinstance(versions, dict) else {}).items():
+        yield f"the version of {package}", _value(version)
 
 
 def _leaves(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:

@@ -81,3 +81,46 @@ def test_a_run_of_other_settings_is_refused_and_nothing_is_moved(tmp_path):
     with pytest.raises(UsageError, match="other settings"), episode(run):
         pass
     assert kept(run) == []
+
+
+def test_a_run_is_not_gone_on_with_under_other_packages(tmp_path):
+    run = tmp_path / "run"
+    with episode(run):
+        pass
+    told = json.loads((run / layout.RUN).read_text())
+    for versions, part in (
+        ({"numpy": "1.0.0"}, "numpy"),
+        ({"python": "3.2.1"}, "python"),
+        ({"dronecats": "0"}, "dronecats"),
+    ):
+        (run / layout.RUN).write_text(json.dumps({**told, "versions": {**told["versions"], **versions}}))
+        for begin in (lambda: create(run, "oracle", "e-02", {"seed": 1}).__enter__(), lambda: Batch(run, {"seed": 1})):
+            with pytest.raises(UsageError, match=part):
+                begin()
+    patch = ".".join([*told["versions"]["python"].split(".")[:2], "99"])
+    (run / layout.RUN).write_text(json.dumps({**told, "versions": {**told["versions"], "python": patch}}))
+    Batch(run, {"seed": 1}).close()
+
+
+def test_a_flight_that_is_added_to_a_benchmark_leaves_it_a_benchmark(tmp_path):
+    of_suite = {"seed": 1, "suite": {"name": "quick"}}
+    Batch(tmp_path / "run", of_suite).close()
+    with episode(tmp_path / "run"):
+        pass
+    Batch(tmp_path / "run", of_suite).close()
+
+
+def test_a_setting_that_the_new_flight_lacks_is_a_difference(tmp_path):
+    Batch(tmp_path / "run", {"seed": 1, "disturbed": "wind"}).close()
+    with pytest.raises(UsageError, match="disturbed"), episode(tmp_path / "run"):
+        pass
+
+
+def test_of_two_flights_that_begin_a_run_together_the_other_kind_is_refused(tmp_path):
+    def meanwhile():
+        with create(tmp_path / "run", "vision", "e-02", {"seed": 2}):
+            pass
+
+    with pytest.raises(UsageError, match="seed"), create(tmp_path / "run", "oracle", "e-01", {"seed": 1}, meanwhile):
+        pass
+    assert json.loads((tmp_path / "run" / layout.RUN).read_text())["seed"] == 2

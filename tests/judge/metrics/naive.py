@@ -90,7 +90,8 @@ class Episode:
         """Of each question, once."""
         told, asked = [], set()
         for d in self.decisions:
-            told.append(None if d["step"] in asked or d["t_decided"] > self.cap_s else d[key])
+            elsewhere = "confirmed_by" in d or d["step"] in asked or d["t_decided"] > self.cap_s
+            told.append(None if elsewhere else d[key])
             asked.add(d["step"])
         return told
 
@@ -309,7 +310,7 @@ METRICS = {
     "latency_s": lambda e: e.questions("latency_s"),
     "tokens_in": lambda e: e.questions("tokens_in"),
     "tokens_out": lambda e: e.questions("tokens_out"),
-    "questions": lambda e: len({d["step"] for d in e.counted}),
+    "questions": lambda e: len({d["step"] for d in e.counted if "confirmed_by" not in d}),
     "decisions": lambda e: len(e.counted),
     "unreadable": lambda e: len([d for d in e.counted if not d["action"]]),
     "refused": lambda e: len([d for d in e.counted if not d["action"] and d["finish"] in ("refusal", "filtered")]),

@@ -132,6 +132,14 @@ def test_mended_declarations_are_lost_under_strict_parsing(reply, mended, change
     assert audit([audit_of(flight)]).strict.lost == changed
 
 
+def test_a_flight_that_ended_at_its_mended_declaration_is_not_lost():
+    """Nobody knows how it would have gone on."""
+    end = {**END, "reason": "decided", "t": 5.5}
+    row = decision(0, 0, 5.0, reply=QUOTED, mended=["single_quotes"])
+    told = audit_of(JudgedFlight(Path("x"), {}, logs([row], [frame(0, 4.5, 4.0)], end=end))).strict
+    assert (told.changed, told.success) == (1, None)
+
+
 def test_the_verb_tells_it_of_runs(tmp_path, capsys):
     write(tmp_path / "run" / "e", [{**decision(0, 0, 5.0), "reply": '{"action": "finished"}'}],
           [BEGIN, frame(0, 4.5, 4.0), END])  # fmt: skip

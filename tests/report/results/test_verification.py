@@ -29,6 +29,7 @@ FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
     (lambda f: line_of(f, "run.json", '"seed": 0', '"seed": 3'), "runs/01 .*seed"),
     (lambda f: line_of(f, "run.json", '"replay": null', '"replay": {}'), "runs/01 .*replay"),
     (lambda f: in_manifest(f, partial=None), "partial"),
+    (lambda f: in_manifest(f, suite="all"), "suite all"),
     (lambda f: in_manifest(f, pilot="openai/gpt-5", is_model=True), "openai/gpt-5.*oracle"),
 ]  # fmt: skip
 

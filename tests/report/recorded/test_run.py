@@ -1,0 +1,22 @@
+"""Which runs and episodes the verbs read, and by whom they say they were flown."""
+
+import pytest
+
+from dronecats.report.recorded.run import RecordedRun, recorded_runs
+from tests.report.results.archives import TWO
+from tests.report.results.synthetic_runs import write_run
+
+
+def test_named_episodes_of_one_run_are_all_read(tmp_path):
+    run = write_run(tmp_path / "run", TWO)
+    (read,) = recorded_runs([run / TWO[1], run / TWO[0]])
+    assert [folder.name for folder in read.episodes] == sorted(TWO)
+    (read,) = recorded_runs([run / TWO[0]])
+    assert [folder.name for folder in read.episodes] == [TWO[0]]
+
+
+@pytest.mark.parametrize("harness", ["inspect", "gymnasium"])
+def test_what_another_harness_asked_is_no_built_in_pilot(tmp_path, harness):
+    flight = {"outside": {"harness": harness, "name": "openai/gpt-5"}}
+    run = RecordedRun(folder=tmp_path, configuration={"flight": flight}, episodes=())
+    assert (run.pilot, run.is_model) == (f"{harness}:openai/gpt-5", True)
