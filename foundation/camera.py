@@ -126,7 +126,10 @@ def decode_depth(data: bytes) -> NDArray[np.uint16] | None:
     """Return the (H, W) depth picture of a 16-bit PNG; None if it is none."""
     import cv2
 
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    try:
+        picture = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
+    except cv2.error:  # a size in the header that no picture has
+        return None
     return np.asarray(picture) if picture is not None and picture.dtype == np.uint16 and picture.ndim == 2 else None
 
 

@@ -8,6 +8,7 @@ HIL_GPS and HIL_ACTUATOR_CONTROLS for a real PX4. A sample is new when its `*_ti
 import numpy as np
 
 MAX_ROTORS = 8
+RANGE_M = (0.1, 12.0)  # m, what the rangefinder measures: TFmini Plus data sheet
 
 # The time (µs since 1970, UTC) that a simulated GPS receiver tells at vehicle time 0: 2026-01-01. It is the same in
 # each flight, so that a flight does not depend on the day on which it is flown.

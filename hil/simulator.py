@@ -21,7 +21,7 @@ from typing import Any
 from foundation.errors import LinkError, UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.sensors import MAX_ROTORS
-from hil.link.transport import Transport, bind_error
+from hil.link.transport import BAUD, Transport, bind_error
 
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
@@ -209,6 +209,7 @@ class SimulatorServer:
 
 RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; with less, a rate controller cannot hold the vehicle
 BITS_PER_BYTE = 10  # start and stop bit included
+USB = "ttyACM"  # in the name of a board on USB itself, which has no rate
 SHARE = 0.5  # share of the link for HIL_SENSOR; the clients need the rest
 HEARTBEAT_S = 1.0  # wall seconds
 REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
@@ -225,10 +226,12 @@ def sensor_period_us(url: str) -> int:
 
     Raises UsageError for a serial line that is too slow.
     """
-    baud = url.rpartition(":")[2]
-    if not url.startswith("serial://") or not baud.isdigit():
+    scheme, _, line = url.partition("://")
+    given = line.rpartition(":")[2]
+    if scheme != "serial" or (not given.isdigit() and USB in line):
         return 1_000_000 // RATE_MAX_HZ
-    carried_hz = SHARE * int(baud) / BITS_PER_BYTE / SENSOR_BYTES
+    baud = int(given) if given.isdigit() else BAUD
+    carried_hz = SHARE * baud / BITS_PER_BYTE / SENSOR_BYTES
     if carried_hz < RATE_LEAST_HZ:
         raise UsageError(
             f"--hitl {url}: {baud} baud carry {carried_hz:.0f} sensor messages a second beside the other traffic,"

@@ -13,7 +13,12 @@ class Gimbal:
         """`pitch_deg`: at boot."""
         self.low, self.high = math.radians(limits.pitch_min_deg), math.radians(limits.pitch_max_deg)
         self.rate_max = math.radians(limits.rate_deg_s)
-        self.pitch = self.neutral = min(max(math.radians(pitch_deg), self.low), self.high)
+        self.neutral = min(max(math.radians(pitch_deg), self.low), self.high)
+        self.restore()
+
+    def restore(self) -> None:
+        """Be as at boot."""
+        self.pitch = self.neutral
         self.pitch_rate = 0.0  # rad/s
         self._wanted: float | None = self.pitch  # None: it moves at a rate, to the end of its range
         self._rate = 0.0  # rad/s, + up, of such a move

@@ -12,6 +12,7 @@ import numpy as np
 from foundation.compiled import Grid, Record, njit
 from foundation.errors import UsageError
 from foundation.frames import Quat
+from foundation.sensors import RANGE_M
 from vehicles.faults import ACCEL, BARO, BIAS, DELAY, FAIL, FREEZE, GPS, GYRO, MAG, RANGE, active
 from vehicles.ground import surface
 from vehicles.records import GPS_QUEUE, STEP_US, RandomStream, ned_to_geodetic, rotate, rotate_inverse
@@ -85,7 +86,7 @@ class Suite:
     gps_speed_accuracy: float = 0.15  # m/s, reported
     gps_satellites: int = 14
     range_period_us: int = 20_000
-    range_max_m: float = 12.0  # 0: not fitted. TFmini Plus data sheet: 0.1 to 12 m
+    range_max_m: float = RANGE_M[1]  # 0: not fitted
     range_noise_m: float = 0.02  # the same: about 1 % below 6 m
 
     def __post_init__(self) -> None:

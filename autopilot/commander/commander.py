@@ -20,7 +20,7 @@ from autopilot.commander.modes.automatic import Descend, Follow, HoldMode, Land,
 from autopilot.commander.modes.flight import FlightContext, Mode, Offboard
 from autopilot.commander.modes.manual import Acro, AltitudeControl, PositionControl, Stabilized
 from autopilot.commander.modes.mission import Mission
-from autopilot.commander.plans import MISSION, PlanItem, home_at, moved
+from autopilot.commander.plans import MISSION, PlanItem, moved
 from autopilot.commander.supervision import (
     QUIET,
     Failsafe,
@@ -177,7 +177,7 @@ class Commander:
         self.supervision.begin(self.flight)
         self._active = None
         self._ramp.arm(now)
-        self.set_home()
+        self.flight.set_home()
         self._send_text(dialect.MAV_SEVERITY_INFO, "Armed")
         self._supervise(now)
         return ACCEPTED
@@ -221,16 +221,23 @@ class Commander:
         self.supervision.overrule()
         self._mode_chosen_disarmed = True
         self.flight.cruise_speed = math.nan
+        if mode != "TAKEOFF":
+            self.takeoff.aim(math.nan)
         if mode != self.intended or self.mode != mode:
             self.intended = mode
             self._active = None
 
     def take_off(self, z_ned: float) -> int:
         """Go to TAKEOFF; nan = to MIS_TAKEOFF_ALT above the ground."""
+        if self.mode == "TAKEOFF" and self.armed:
+            if not self.landed:
+                return ACCEPTED  # the same command repeated: keep the first target
+            self._active = None  # it has not left the ground, and enters the mode again with this height
         self.takeoff.aim(z_ned)
-        if self.mode == "TAKEOFF" and self.armed and not self.landed:
-            return ACCEPTED  # the same command repeated: keep the first target
-        return self.set_mode("TAKEOFF")
+        result = self.set_mode("TAKEOFF")
+        if result != ACCEPTED:
+            self.takeoff.aim(math.nan)
+        return result
 
     def reposition(self, position_ned: Vec3, yaw: float, speed: float) -> int:
         """Fly to a local position in HOLD; nan coordinates keep the present ones."""
@@ -240,7 +247,8 @@ class Commander:
         here = self.flight.state.position_ned
         n, e, z = (w if math.isfinite(w) else h for w, h in zip(position_ned, here, strict=True))
         self.hold.go_to((n, e, z), yaw)
-        self.change_speed(speed)
+        if speed > 0.0:
+            self.change_speed(speed)
         return result
 
     def circle(self, centre_ned: Vec3, radius: float, speed: float, yaw_behaviour: int = 0) -> int:
@@ -278,9 +286,9 @@ class Commander:
         return True
 
     def change_speed(self, speed: float) -> None:
-        """Fly at another horizontal speed (m/s) until the mode changes; not positive or nan = leave it."""
-        if math.isfinite(speed) and speed > 0.0:
-            self.flight.cruise_speed = min(speed, float(self.parameters["MPC_XY_VEL_MAX"]))
+        """Fly at another horizontal speed (m/s) until the mode changes; not positive or nan = MPC_XY_CRUISE again."""
+        limit = float(self.parameters["MPC_XY_VEL_MAX"])
+        self.flight.cruise_speed = min(speed, limit) if 0.0 < speed < math.inf else math.nan
 
     def terminate(self) -> int:
         """End the flight at once: rotors idle until disarmed."""
@@ -290,12 +298,6 @@ class Commander:
         self._active = None
         self._send_text(dialect.MAV_SEVERITY_EMERGENCY, "Flight terminated")
         return ACCEPTED
-
-    def set_home(self, position_ned: Vec3 | None = None) -> bool:
-        """Set the home position, here by default. Returns whether there was a position to set."""
-        home = home_at(self.flight.state, position_ned)
-        self.flight.home = home or self.flight.home
-        return home is not None
 
     # the tick
 
@@ -382,9 +384,10 @@ class Commander:
     def _yield_to_sticks(self) -> None:
         """Give the vehicle to a pilot who moves the sticks in an automatic mode."""
         sticks = self.flight.sticks
-        if self.flight.landed or not self._sticks_fresh():
+        if self.flight.landed or not overridable(self.mode, self.parameters):
+            self._override.forget()
             return
-        if not overridable(self.mode, self.parameters) or (self.in_failsafe and self.supervision.waiting):
+        if not self._sticks_fresh() or (self.in_failsafe and self.supervision.waiting):
             return
         if self._override.moved(self.mode, sticks, self.parameters):
             self._send_text(dialect.MAV_SEVERITY_INFO, "Pilot took over using sticks")
@@ -434,4 +437,4 @@ class Commander:
             return
         self._home_looked_us = now
         if self.flight.home is None or moved(self.flight.home, self.flight.state):
-            self.set_home()
+            self.flight.set_home()

@@ -226,6 +226,10 @@ class StickOverride:
         self._mode = ""
         self._reference: tuple[float, float, float, float] | None = None
 
+    def forget(self) -> None:
+        """Take the next sticks for those with which a mode begins."""
+        self._reference = None
+
     def moved(self, mode: str, sticks: Sticks, parameters: ParameterTable) -> bool:
         """Return whether a fresh stick has moved by more than COM_RC_STICK_OV (% of full deflection) in this mode."""
         now = (sticks.forward, sticks.right, sticks.yaw, 2.0 * sticks.throttle - 1.0)

@@ -14,6 +14,7 @@ from autopilot.mavlink.motion_makers import estimator_flags
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import rotate
+from foundation.sensors import RANGE_M
 
 
 class Readings:
@@ -157,7 +158,7 @@ def _magnetometer(s: Sources) -> tuple[Any, ...]:
 def _distance(s: Sources) -> tuple[Any, ...]:
     # type 0: laser; orientation 25: downward
     distance = s.sensors.range_m
-    return (0.1, 50.0, distance, 100 if math.isfinite(distance) else 0, 0, 25)
+    return (*RANGE_M, distance, 100 if math.isfinite(distance) else 0, 0, 25)
 
 
 def _battery(s: Sources) -> tuple[Any, ...]:

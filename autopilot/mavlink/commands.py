@@ -253,7 +253,7 @@ def _set_home(node: Node, port: Port, c: Command) -> int:
         return int(DENIED)
     place = _place(node, c, relative=False)
     is_given = c.number(1) != 1 and all(math.isfinite(x) for x in place)
-    if commander.set_home(place if is_given else None):
+    if commander.flight.set_home(place if is_given else None):
         node.forget_telemetry()
         for other_port in node.ports:
             other_port.send_telemetry(BY_NAME["HOME_POSITION"].message_id)
@@ -299,8 +299,8 @@ def _mission_start(node: Node, port: Port, c: Command) -> int:
     commander = node.vehicle.commander
     if not commander.flight.plans.mission:
         return int(DENIED)
-    first = c.number(1) or 0
-    if first > 0 and not commander.fly_item(first):
+    first = c.number(1)  # without one the mission goes on where it was
+    if first is not None and first >= 0 and not commander.fly_item(first):
         return int(DENIED)
     result = commander.set_mode("MISSION")
     return result if result != ACCEPTED else commander.arm()
@@ -309,8 +309,8 @@ def _mission_start(node: Node, port: Port, c: Command) -> int:
 def _set_current_item(node: Node, port: Port, c: Command) -> int:
     number, commander = c.number(1), node.vehicle.commander
     if number == -1:
-        number = commander.mission.current  # reset only
-    if number is None or not commander.fly_item(0 if c.number(2) == 1 else number):
+        number = commander.mission.current
+    if number is None or not commander.fly_item(number):  # which counts all jumps anew, asked for or not
         return int(DENIED)
     mission.say_current(node)
     return int(ACCEPTED)

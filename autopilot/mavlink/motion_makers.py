@@ -10,6 +10,7 @@ from autopilot.mavlink.status_makers import TelemetrySource, boot_ms, clamped, h
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
 from foundation.frames import GRAVITY, rotate_inverse
 from foundation.mavlink import dialect
+from foundation.sensors import RANGE_M
 from foundation.wire import Fields
 
 NAN = math.nan
@@ -237,8 +238,8 @@ def distance_sensor(v: TelemetrySource) -> Fields | None:
     if not math.isfinite(distance):
         return None
     return (
-        boot_ms(v), 10, 5000, clamped(distance * 100.0, 0, 65535), dialect.MAV_DISTANCE_SENSOR_LASER, 0,
-        dialect.MAV_SENSOR_ROTATION_PITCH_270, 255,
+        boot_ms(v), *(round(100.0 * limit_m) for limit_m in RANGE_M), clamped(distance * 100.0, 0, 65535),
+        dialect.MAV_DISTANCE_SENSOR_LASER, 0, dialect.MAV_SENSOR_ROTATION_PITCH_270, 255,
     )  # fmt: skip
 
 

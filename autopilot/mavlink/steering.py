@@ -183,7 +183,7 @@ def follow_target(node: Node, port: Port, message: Message) -> None:
 
 
 def _axis(value: int) -> float:
-    return max(-1.0, min(1.0, value / 1000.0)) if value != 32767 else 0.0  # INT16_MAX: axis not fitted
+    return value / 1000.0 if abs(value) <= 1000 else 0.0  # beyond it, such as INT16_MAX: the axis is not fitted
 
 
 def manual_control(node: Node, port: Port, message: Message) -> None:
@@ -193,4 +193,4 @@ def manual_control(node: Node, port: Port, message: Message) -> None:
     sticks = node.vehicle.commander.flight.sticks
     sticks.time_us = node.time_us
     sticks.forward, sticks.right, sticks.yaw = _axis(message.x), _axis(message.y), _axis(message.r)
-    sticks.throttle = max(0.0, _axis(message.z))
+    sticks.throttle = message.z / 1000.0 if 0 <= message.z <= 1000 else 0.5  # not fitted: neither up nor down

@@ -188,7 +188,10 @@ def decoded(data: bytes | Picture) -> Picture | None:
     """Return the picture (BGR); None: the bytes are not a picture."""
     if not isinstance(data, bytes):
         return data
-    return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    try:
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if data else None
+    except cv2.error:  # a size in the header that no picture has
+        return None
 
 
 OPEN_MS, READ_MS = 5000, 5000  # ms of silence after which a stream counts as absent, or as broken

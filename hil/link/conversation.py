@@ -170,6 +170,7 @@ class Conversation:
                 if self.system:
                     self._request_streams()
             self._receive(0.5)
+            self._boots = self.clock.reboots  # a reboot meanwhile ends nothing
             if self._has_telemetry():
                 complete_s = min(complete_s, self._time_s())
             self.on_wait()
@@ -178,7 +179,6 @@ class Conversation:
                 raise LinkError(
                     f"{missing} on {self.transport.url} within {timeout_s:g} s{self._why_unheard() or CHECK}"
                 )
-        self._boots = self.clock.reboots
         # the first heartbeat comes before the clock is known
         self.state = self.state._replace(heartbeat_us=max(self.state.heartbeat_us, self.time_us))
         self._request_streams()

@@ -172,9 +172,9 @@ def _velocity(setpoint: VelocitySetpoint, at: Vec3, yaw: float, limits: Limits) 
 def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limits: Limits) -> Admitted:
     """Return the admitted setpoint for a place.
 
-    A place beyond a limit is moved inside. If a place is in or behind an exclusion, the vehicle's north and east
-    replace its own. If the autopilot would fly to the place faster than the limits allow, a velocity towards it
-    replaces the place.
+    A place beyond a limit is moved inside. If a place or the way to it is in an exclusion or in its margin, the
+    vehicle's north and east replace the place's. If the autopilot would fly to the place faster than the limits
+    allow, a velocity towards it replaces the place.
     """
     limited: list[str] = []
     north, east, down = (p - h for p, h in zip(setpoint.position_ned, home, strict=True))
@@ -186,7 +186,7 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     if distance > reach:
         north, east = north * reach / distance, east * reach / distance
         limited.append("radius")
-    if any(contains(p, (north, east)) or crosses((at[0], at[1]), (north, east), p) for p in limits.exclusions):
+    if any(_is_barred((at[0], at[1]), (north, east), p, limits.margin_m) for p in limits.exclusions):
         north, east = at[0], at[1]
         limited.append("exclusion")
     away = (north - at[0], east - at[1], -height - at[2])
@@ -203,6 +203,16 @@ def _position(setpoint: PositionSetpoint, at: Vec3, home: Vec3, yaw: float, limi
     if not limited:
         return Admitted(setpoint, ())
     return Admitted(replace(setpoint, position_ned=(home[0] + north, home[1] + east, home[2] - height)), _once(limited))
+
+
+def _is_barred(at: Corner, to: Corner, polygon: Sequence[Corner], margin_m: float) -> bool:
+    """Return whether `to` or the line to it is in an exclusion, or in its margin and not on the way out of it."""
+    if contains(polygon, to) or crosses(at, to, polygon):
+        return True
+    edges = list(zip(polygon, (*polygon[1:], polygon[0]), strict=True))
+    here_m, there_m = (min(_edge(place, a, b)[1] for a, b in edges) for place in (at, to))
+    nearest_m = min(there_m, *(_edge(corner, at, to)[1] for corner in polygon))
+    return nearest_m < margin_m and nearest_m < here_m - TOUCHING_M
 
 
 def _towards(room_m: float, margin_m: float) -> float:

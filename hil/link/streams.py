@@ -49,6 +49,7 @@ class Streams:
         self.silenced: set[int] = set()
         self.slowed = 0  # number of doublings of the fast messages' interval
         self._missing = set(ONCE)
+        self._arrived: set[int] = set()  # messages that have arrived at any time
         self._seen: Counter[int] = Counter()
         self._bytes: Counter[int] = Counter()
         self._lost: set[int] = set()  # messages that did not arrive before the last check
@@ -59,6 +60,7 @@ class Streams:
         self._seen[message_id] += 1
         self._bytes[message_id] += size
         self._missing.discard(message_id)
+        self._arrived.add(message_id)
 
     def all(self) -> list[Interval]:
         """Return all intervals to request."""
@@ -82,7 +84,8 @@ class Streams:
         """Return the requests to repeat, at most every three seconds of vehicle time.
 
         Missing messages are requested again. If they are still missing or too slow, the link is full. Then streams that
-        we do not read are stopped, and after that the fast messages are slowed down.
+        we do not read are stopped, and after that the fast messages are slowed down. They are not slowed down for a
+        message that has never come: the autopilot may not have it, as PX4 1.14 has no CURRENT_MODE.
         """
         if self._since_us is None or time_us < self._since_us:
             self._since_us = time_us
@@ -93,16 +96,20 @@ class Streams:
         rates = {i: self._seen[i] * interval_us / span_us for i, interval_us in self.wanted.items()}
         lost = {i for i in rates if span_us >= 2.5 * self.wanted[i] and not self._seen[i]}
         requests = [Interval(i, self.wanted[i]) for i in sorted(lost)]
-        full = min(rates[i] for i in FAST) < SHORT if not lost else bool(lost & self._lost)
-        if full:
-            requests += self._relieve() or ([] if lost else [Interval(i, self.wanted[i]) for i in FAST])
+        unknown = lost & self._lost - self._arrived
+        gone = lost - unknown
+        full = min(rates[i] for i in FAST) < SHORT if not gone else bool(gone & self._lost)
+        if full or unknown:
+            requests += self._relieve(slow=full) or (
+                [] if gone or not full else [Interval(i, self.wanted[i]) for i in FAST]
+            )
         self._lost = lost
         self._seen.clear()
         self._bytes.clear()
         self._since_us = time_us
         return requests
 
-    def _relieve(self) -> list[Interval]:
+    def _relieve(self, *, slow: bool) -> list[Interval]:
         total = self._bytes.total()
         foreign = [
             i for i, n in self._bytes.items()
@@ -111,7 +118,7 @@ class Streams:
         if foreign:
             self.silenced.update(foreign)
             return [Interval(i, -1) for i in sorted(foreign)]
-        if self.slowed >= DOUBLINGS:
+        if not slow or self.slowed >= DOUBLINGS:
             return []
         self.slowed += 1
         for i in FAST:

@@ -330,3 +330,26 @@ def test_what_cannot_be_done_falls_back() -> None:
     assert reaction(back, "HOLD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")
     hold = Failsafe("x", Reaction.HOLD)
     assert reaction(hold, "OFFBOARD", sticks=False, position=False, home=True) == ("LAND", "DESCEND")
+
+
+def test_sticks_that_rest_where_they_were_left_do_not_end_the_next_mode(bench: Bench) -> None:
+    bench.fly()
+    bench.run(1.0, lambda: sticks(bench))
+    bench.run(1.0, lambda: sticks(bench, z=1000))
+    assert bench.commander.mode == "POSCTL"
+    bench.run(0.5, lambda: sticks(bench, z=900))
+    bench.client.mode(4, 3)
+    bench.run(1.0, lambda: sticks(bench, z=900))
+    assert bench.commander.mode == "HOLD"
+    bench.run(1.0, lambda: sticks(bench, z=200))
+    assert bench.commander.mode == "POSCTL"
+
+
+def test_a_throttle_that_is_not_fitted_is_neither_up_nor_down(bench: Bench) -> None:
+    bench.fly(20.0)
+    sticks(bench, z=32767)
+    bench.client.mode(3, 0)
+    height = bench.height
+    bench.run(3.0, lambda: sticks(bench, z=32767))
+    assert bench.commander.mode == "POSCTL"
+    assert bench.height == pytest.approx(height, abs=0.3)

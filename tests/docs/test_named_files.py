@@ -5,6 +5,7 @@ import re
 import pytest
 
 from tests.docs.pages import PAGES, ROOT
+from tests.support.unused_parameters import section
 
 ROOMS = ("autopilot", "benchmarks", "docs", "dronecats", "episodes", "foundation", "hil", "tests", "vehicles")
 NAMED = re.compile(rf"(?<![\w/.])((?:{'|'.join(ROOMS)})(?:/[\w.-]*\w)+)")  # a path of ours, from the root
@@ -50,3 +51,7 @@ def test_every_page_that_the_code_names_is_there():
 )
 def test_what_is_not_there_is_found(text, wrong):
     assert missing(text) == wrong
+
+
+def test_the_page_names_every_parameter_without_effect():
+    assert section() in (ROOT / "docs" / "compatibility.md").read_text(encoding="utf-8")

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, field
 
-from autopilot.commander.plans import Fence, FenceArea, Home, Plans, breach, mission_failures
+from autopilot.commander.plans import Fence, FenceArea, Home, Plans, breach, home_at, mission_failures
 from autopilot.estimator.estimated_state import EstimatedState
 from autopilot.parameters import ParameterTable
 from autopilot.records import FREE, KIND_TRAJECTORY, CascadeSetpoint
@@ -77,6 +77,12 @@ class FlightContext:
             return distance
         ground = self.home.position_ned[2] if self.home is not None else 0.0
         return ground - self.state.position_ned[2]
+
+    def set_home(self, position_ned: Vec3 | None = None) -> bool:
+        """Set the home position (m, local frame), here by default. Returns whether there was a position to set."""
+        home = home_at(self.state, position_ned)
+        self.home = home or self.home
+        return home is not None
 
     def fence_areas(self) -> tuple[FenceArea, ...]:
         """Return the areas of the geofence in force; none before the local frame's origin is known."""

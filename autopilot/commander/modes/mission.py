@@ -23,7 +23,7 @@ class Mission(Mode):
         self.begun = False
         self.reached: list[int] = []
         self._jumps: dict[int, int] = {}  # item → jumps made
-        self._leg = "fly"  # climb, fly, stay, land
+        self._leg = "fly"  # climb, fly, stay, hold, land
         self._start: Vec3 = (0.0, 0.0, 0.0)
         self._target: Vec3 = (0.0, 0.0, 0.0)
         self._yaw = 0.0
@@ -86,6 +86,9 @@ class Mission(Mode):
 
     def _advance(self, flight: FlightContext) -> None:
         self.reached.append(self.current)
+        if not flight.plans.mission[self.current].autocontinue:
+            self._leg = "hold"  # until another item is ordered
+            return
         self.current += 1
         self._seek(flight)
 
@@ -97,6 +100,10 @@ class Mission(Mode):
         """Do what takes no time; return the number of the item that follows."""
         if item.command == plans.CHANGE_SPEED:
             self._set_speed(flight, item.p[1])
+        elif item.command == plans.SET_HOME and flight.parameters["COM_HOME_EN"]:
+            place = plans.local_place(item, flight.state, flight.home)
+            is_given = item.p[0] != 1 and all(map(math.isfinite, place))
+            flight.set_home(place if is_given else None)
         elif item.command == plans.JUMP:
             made = self._jumps.get(self.current, 0)
             if item.p[1] < 0 or made < item.p[1]:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from dataclasses import replace
 
+from foundation.errors import UsageError
 from foundation.mavlink import dialect
 from vehicles.faults import Fault, script
 from vehicles.multirotor import Multirotor
@@ -66,8 +67,12 @@ class Failures:
                 else fault
                 for fault in self._scripted
             )
-        self._faults = changed
-        self._write()
+        before, self._faults = self._faults, changed
+        try:
+            self._write()
+        except UsageError:  # a fix cannot be later still: --gps-delay has used up what a vehicle remembers
+            self._faults = before
+            return False
         return True
 
     def _parts_of(self, unit: int, instance: int) -> list[str]:

@@ -275,6 +275,8 @@ class SimulatedVehicle(Vehicle):
         former = self.autopilot
         former.close()
         self.plant.restore()
+        if self.gimbal:
+            self.gimbal.restore()
         self._boot()
         self.autopilot.adopt(former)  # with a file or without
         for port in self._ports:

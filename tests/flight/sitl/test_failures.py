@@ -7,6 +7,7 @@ from foundation.mavlink import dialect as d
 from vehicles import airframe
 from vehicles.faults import Fault
 from vehicles.multirotor import Multirotor
+from vehicles.sensors import Suite
 
 
 @pytest.fixture
@@ -71,3 +72,10 @@ def test_a_script_stays_in_force_beside_what_is_injected_and_can_be_mended():
     plant.advance(1000)
     assert int(plant.sensors["gps_time_us"]) > 1_300_000
     assert int(plant.sensors["mag_time_us"]) < 500_000
+
+
+def test_a_delay_that_no_vehicle_remembers_is_refused_and_leaves_nothing(plant):
+    plant.sense(Suite().worsened(gps_delay_s=1.4))
+    failures = Failures(plant)
+    assert not failures.inject(d.FAILURE_UNIT_SENSOR_GPS, d.FAILURE_TYPE_DELAYED, 0)
+    assert failures.inject(d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 1)

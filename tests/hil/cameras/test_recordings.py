@@ -8,7 +8,7 @@ import pytest
 
 from foundation.errors import CameraError, UsageError
 from hil.cameras.open import open_camera
-from hil.cameras.stream import size_of
+from hil.cameras.stream import decoded, size_of
 from tests.hil.cameras import picture_code
 from tests.hil.cameras.host_clock import host_us
 from tests.hil.cameras.http_cameras import jpeg
@@ -118,3 +118,10 @@ def test_a_camera_of_this_computer():
 def test_the_size_of_a_camera_is_width_and_height():
     assert size_of("1280x720") == size_of("1280X720") == (1280, 720)
     assert size_of(None) is None
+
+
+def test_a_picture_of_an_impossible_size_is_no_picture():
+    data = bytearray(jpeg(1))
+    header = data.index(b"\xff\xc0")  # of the frame: its height and width are five bytes on
+    data[header + 5 : header + 9] = b"\xff\x00\xff\x00"
+    assert decoded(bytes(data)) is None

@@ -4,12 +4,12 @@ import itertools
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from foundation.errors import LinkError
 from foundation.polygon import contains
-from hil.link.envelope import Limits, admit, crosses, placed, unwatched
+from hil.link.envelope import Limits, _edge, admit, crosses, placed, unwatched
 from hil.link.offboard import PositionSetpoint, VelocitySetpoint
 from hil.link.telemetry import VehicleState
 
@@ -157,3 +157,24 @@ def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
 def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, told, said):
     what = unwatched(state((0, 0, -2), battery_remaining=told), Limits(battery_min=least))
     assert what is None if said is None else (what or "").startswith(said)
+
+
+@settings(max_examples=200)
+@given(*[st.floats(-10.0, 14.0)] * 4, st.sampled_from([SQUARE, NOOK]))
+def test_no_place_leads_into_the_margin_of_an_exclusion(at_n, at_e, to_n, to_e, polygon):
+    """A vehicle that is outside the margin stays there, and one within it gets no nearer."""
+
+    def room(place):
+        corners = zip(polygon, (*polygon[1:], polygon[0]), strict=True)
+        return -1.0 if contains(polygon, place) else min(_edge(place, a, b)[1] for a, b in corners)
+
+    limits = Limits(exclusions=(polygon,), speed=100.0, climb=100.0)
+    asked = PositionSetpoint((to_n + HOME[0], to_e + HOME[1], -2.5 + HOME[2]), 0.0)
+    got = admit(asked, state((at_n, at_e, -2.5)), HOME, limits, 0)
+    assume(room((at_n, at_e)) > 0.0)
+    assert isinstance(got.setpoint, PositionSetpoint)
+    to = got.setpoint.position_ned[0] - HOME[0], got.setpoint.position_ned[1] - HOME[1]
+    least = min(limits.margin_m, room((at_n, at_e))) - 0.01
+    for share in (0.1, 0.3, 0.5, 0.7, 0.9, 1.0):
+        way = tuple(a + share * (b - a) for a, b in zip((at_n, at_e), to, strict=True))
+        assert room(way) >= least

@@ -112,3 +112,18 @@ def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
     link.close()
     given_back = {int(named) for command, named, interval, _ in vehicle.commands if (command, interval) == (511, 0)}
     assert given_back == {*link.streams.wanted, *OFFERED, ODOMETRY}
+
+
+def test_a_message_that_an_autopilot_does_not_have_slows_nothing_down():
+    streams = Streams()
+    for begin_us in range(0, 30_000_000, 3_000_000):
+        asked = streams.check(begin_us)
+        assert {r.message_id for r in asked} <= {dialect.MAVLINK_MSG_ID_CURRENT_MODE}
+        for message_id, interval_us in WATCHED.items():
+            if message_id != dialect.MAVLINK_MSG_ID_CURRENT_MODE:
+                for _ in range(3_000_000 // interval_us):
+                    streams.saw(message_id, 40)
+    assert streams.slowed == 0
+    for begin_us in (40_000_000, 43_000_000, 46_000_000):  # and a full wire is still seen
+        receive(streams, 0.4, begin_us)
+    assert streams.slowed > 0

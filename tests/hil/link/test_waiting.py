@@ -5,7 +5,8 @@ import pytest
 from foundation.errors import LinkError
 from foundation.mavlink import Packer, dialect
 from hil.link.link import Link
-from hil.link.transport import Transport
+from hil.link.transport import MemoryTransport, Transport
+from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 class SerialLine(Transport):
@@ -42,3 +43,27 @@ def test_small_pieces_do_not_shorten_the_wait_for_a_heartbeat(patience_s):
     with pytest.raises(LinkError, match=f"within {patience_s:g} s"):
         link.connect(patience_s)
     assert line.now_s - began_s == pytest.approx(patience_s, abs=0.1)
+
+
+class BootsAnew(ScriptedVehicle):
+    """Has no position, boots anew after two seconds, and then has one."""
+
+    def __init__(self):
+        super().__init__()
+        self.time_ms, self.now_s = 60_000, 0.0
+        self.silent = {dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED}
+
+    def transport(self):
+        return MemoryTransport("memory://", self.take, self.give, self.step, lambda: self.now_s)
+
+    def step(self):
+        self.now_s += 0.02
+        if self.silent and self.now_s > 2.0:
+            self.silent, self.time_ms = set(), 1000
+        super().step()
+
+
+def test_a_vehicle_that_boots_anew_while_it_is_waited_for_is_connected():
+    link = Link(BootsAnew().transport())
+    link.connect(30.0)
+    assert link.state.position_ned == (0.0, 0.0, -2.5)

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 
 from tests.support.command_line import last_object
+from tests.support.unused_parameters import section
 from tests.system.compatibility.example_table import EXAMPLES, Example
 
 pytestmark = [pytest.mark.compatibility, pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -215,13 +216,7 @@ There is a [script for each client](sitl.md#connect-a-client).
 
 ## Differences from PX4
 
-Clients can set and read these parameters, but they have no effect:
-
-| parameter | what the simulator does instead |
-| --- | --- |
-| `GF_SOURCE` | the geofence uses the estimated position, as in PX4's default |
-| `GF_PREDICT` | a breach begins when the vehicle is outside, as in PX4's default |
-| `COM_FLTT_LOW_ACT` | the remaining flight time is not estimated; `COM_FLT_TIME_MAX` and the battery levels act |
+{section()}
 
 | subject | difference or rule |
 | --- | --- |

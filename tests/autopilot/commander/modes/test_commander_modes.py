@@ -194,3 +194,26 @@ def test_ground_station_loss(bench: Bench) -> None:
 def test_shown_modes_have_numbers() -> None:
     assert MODES["HOLD"].custom_mode == 50593792
     assert MODES["OFFBOARD"].custom_mode == 393216
+
+
+def test_the_height_of_a_repeated_take_off_is_not_that_of_a_later_flight(bench: Bench) -> None:
+    nan = math.nan
+    assert bench.client.arm() == 0
+    for height in (518.0, 518.0):  # m above sea level: 30 m; the second as if the first answer was lost
+        assert bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, nan, nan, nan, height) == 0
+    bench.until(lambda: bench.commander.mode == "HOLD", 60)
+    assert bench.height == pytest.approx(30.0, abs=1.0)
+    bench.client.command(dialect.MAV_CMD_NAV_LAND)
+    bench.until(lambda: not bench.commander.armed, 120)
+    bench.client.mode(4, 2)
+    assert bench.client.arm() == 0
+    bench.until(lambda: bench.commander.mode == "HOLD", 60)
+    assert bench.height == pytest.approx(2.5, abs=0.5)
+
+
+def test_a_speed_that_is_not_positive_is_the_usual_one_again(bench: Bench) -> None:
+    bench.fly()
+    usual = bench.commander.flight.cruise()
+    for speed, cruise in ((3.0, 3.0), (-2.0, usual), (3.0, 3.0), (-1.0, usual)):
+        assert bench.client.command(dialect.MAV_CMD_DO_CHANGE_SPEED, 1, speed, -1) == 0
+        assert bench.commander.flight.cruise() == cruise

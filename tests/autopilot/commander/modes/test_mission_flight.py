@@ -137,3 +137,35 @@ def test_missions_that_would_leave_are_refused(bench: Bench, far: bool) -> None:
     assert bench.client.command(dialect.MAV_CMD_MISSION_START) == dialect.MAV_RESULT_TEMPORARILY_REJECTED
     assert not bench.commander.armed
     assert any(("too far" if far else "geofence") in text for text in bench.client.texts())
+
+
+def test_a_mission_sets_home_and_returns_there(bench: Bench) -> None:
+    home = item(1, dialect.MAV_CMD_DO_SET_HOME, frame=5, p=(0, 0, 0, 0), north=30.0, z=488.0)
+    start(bench, [item(0, 22, z=5.0), home, item(2, north=20.0, z=5.0), item(3, 20, frame=2, z=0)])
+    bench.until(lambda: bench.commander.mode == "RETURN", 60)
+    assert bench.commander.flight.home is not None
+    assert bench.commander.flight.home.position_ned[:2] == pytest.approx((30.0, 0.0), abs=0.5)
+
+
+def test_an_item_without_autocontinue_is_held_until_another_is_ordered(bench: Bench) -> None:
+    items = [item(0, 22, z=5.0), item(1, north=10.0, z=5.0), item(2, north=30.0, z=5.0)]
+    items[1].autocontinue = 0
+    start(bench, items)
+    bench.run(40.0)
+    assert (bench.commander.mode, reached(bench)) == ("MISSION", [0, 1])
+    assert place(bench)[0] == pytest.approx(10.0, abs=1.0)
+    assert bench.client.command(dialect.MAV_CMD_DO_SET_MISSION_CURRENT, 2, 0) == 0
+    bench.until(lambda: bench.commander.mode == "HOLD", 60)
+    bench.run(15.0)
+    assert place(bench)[0] == pytest.approx(30.0, abs=1.0)
+
+
+def test_orders_go_to_the_item_that_they_name(bench: Bench) -> None:
+    assert upload(bench.client, [item(k, north=20.0 * k) for k in range(4)]) == 0
+    current, begin = dialect.MAV_CMD_DO_SET_MISSION_CURRENT, dialect.MAV_CMD_MISSION_START
+    for command, numbers, there in (
+        (current, (3, 0), 3), (current, (-1, 1), 3), (current, (2, 1), 2),
+        (begin, (math.nan, 0), 2), (begin, (0, 0), 0),
+    ):  # fmt: skip
+        assert bench.client.command(command, *numbers) == 0
+        assert bench.commander.mission.current == there
