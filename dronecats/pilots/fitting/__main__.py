@@ -18,6 +18,7 @@ from pathlib import Path
 import msgspec
 
 from dronecats.pilots.fitting import colors, shapes, vision_errors
+from foundation.errors import UsageError
 from dronecats.pilots.oracle import noisy
 from dronecats.pilots.vision import color_detector
 
@@ -49,7 +50,11 @@ def main() -> None:
     if args.out is not None:
         args.out.mkdir(parents=True, exist_ok=True)
     if args.fit == "vision-errors":
-        data = msgspec.json.format(msgspec.json.encode(vision_errors.fit_run(args.run)), indent=2) + b"\n"
+        try:
+            fitted = vision_errors.fit_run(args.run)
+        except UsageError as error:
+            parser.error(str(error))
+        data = msgspec.json.format(msgspec.json.encode(fitted), indent=2) + b"\n"
         (args.out / noisy.FILE.name).write_bytes(data)
         print(data.decode(), end="")
         return

@@ -20,6 +20,7 @@ from dronecats.pilots.oracle import noisy
 from dronecats.pilots.oracle.noisy import BANDS_M, Attention, DetectionErrors, NamedBy, VisionErrors, distance_band
 from dronecats.pilots.vision import search
 from foundation.camera import CameraModel
+from foundation.errors import UsageError
 from foundation.protocol import FINISHED, NEAR_M, POINT_SPAN, RADIUS_M
 from foundation.run_folder import reading
 
@@ -149,12 +150,14 @@ def _spread(values: Sequence[float]) -> float:
 
 
 def fit_run(run: Path) -> VisionErrors:
-    """Return the errors of a run folder's flights. Raises UsageError if it is damaged."""
+    """Return the errors of a run folder's flights. Raises UsageError if it is damaged or has no scored flight."""
     flights: dict[NamedBy, list[OneDroneFlight]] = defaultdict(list)
     for folder in reading.episodes(run):
         flight = JudgedFlight.read(folder)
         if flight.scored:
             flights[noisy.named_by(str(flight.record.get("instruction", "")))].append(one_drone(flight))
+    if not flights:
+        raise UsageError(f"{run} has no scored flight. Name the run folder, which is inside the benchmark's")
     code = str((reading.run_configuration(run) or {}).get("code_sha256", ""))
     return VisionErrors(
         fitted_to=run.resolve().name, code_sha256=code, eyes={name: errors_of(group) for name, group in flights.items()}
