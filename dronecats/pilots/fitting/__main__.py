@@ -18,9 +18,9 @@ from pathlib import Path
 import msgspec
 
 from dronecats.pilots.fitting import colors, shapes, vision_errors
-from foundation.errors import UsageError
 from dronecats.pilots.oracle import noisy
 from dronecats.pilots.vision import color_detector
+from foundation.errors import UsageError
 
 
 def main() -> None:
