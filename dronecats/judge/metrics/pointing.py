@@ -128,8 +128,8 @@ METRICS = (
     ),
     Metric(
         name="rescaled", title="Rescaled copy", unit="share", level="step", better="less",
-        definition="for a go after a go: the point repeats, to half a unit, the pixels that the history shows for the"
-        " previous point; for a point (x, y) the history shows (1.28 x, 0.72 y)",
+        definition="for a go with a go among the last five actions: the point repeats, to half a unit, the pixels that"
+        " the history shows for the previous point; for a point (x, y) the history shows (1.28 x, 0.72 y)",
         paper=EXECUTION, of=rescaled,
     ),
     Metric(

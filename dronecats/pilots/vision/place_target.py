@@ -25,9 +25,9 @@ NEAREST_M = 25.0  # … and for nearest to
 _CIRCLE = 5  # turns of a sweep that show everything around
 _ARRIVED_M = 4.6  # from the body, in plan; the verifier's radius is 5 m in space
 _STOP_M = 4.1  # the distance from the target at which the last stride shall end
-_CLOSER_M = 3.4  # to the thing's edge: from farther off, the second declaration is made from nearer
+_CLOSER_M = 2.2  # to the thing's edge: from farther off, the second declaration is made from nearer
 _CAREFUL_M = 9.0  # within this, only short strides
-_SURE, _LIKELY = 0.3, -0.9  # log odds from which a thing is chosen, and from which a chosen thing is kept
+_SURE = 0.3  # log odds from which a thing is chosen; a chosen thing is kept from shape_detector.LEAST_ODDS on
 _FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # off the nose: where the chosen thing must be
 _FOLLOWS_LOG = 0.45  # log of the ratio of the distances, likewise
 _MARK_BONUS = 0.7  # log odds added to a landmark's: it need not be as sure as the target
@@ -36,6 +36,9 @@ _VISITED_M = 6.5  # a thing nearer than this is not chosen anew
 _LEAVE_DEG = 75.0  # of the turn away from a wrong target
 _ASIDE_DEG = 44.0  # off the direct way, to pass an obstacle
 _BLOCKED_AFTER = 3  # strides without progress
+_UNSEEN_V = 502.0  # row of a `go` to a chosen thing that is not detected: it tells such strides apart in the history
+_UNSEEN_PX = 720.0 * _UNSEEN_V / 1000.0  # the same in the history's pixels
+_UNSEEN_STRIDES = 3  # of a search, at most, one after another; a target of the first picture is there for sure
 _KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # kinds of a word that has several
 
 
@@ -62,12 +65,17 @@ def _away_m(detection: PlacedThing) -> float:
 
 
 def _after_declaration(picture: Picture, wanted: list[PlacedThing], past: tuple[PastAction, ...]) -> str:
-    """Come closer once and declare again; after that, turn away."""
+    """Come closer once and declare again; after that, turn away.
+
+    A near thing that fills the picture may not be detected.
+    """
     again = len(past) > 1 and past[-2].kind == GO and past[-2].depth_m <= actions.SHORTEST_DEPTH_M + 0.1
     here = [t for t in wanted if _away_m(t) < _VISITED_M and abs(t.right_m) < _FOLLOWS_M]
-    if not again and here:
+    if not again and not here:
+        return actions.go(500.0, 500.0, actions.SHORTEST_DEPTH_M)
+    if not again:
         nearest = min(here, key=_away_m)
-        if _away_m(nearest) - shape_detector.half_width_m(nearest.kind) > _CLOSER_M - 0.6:
+        if _away_m(nearest) - shape_detector.half_width_m(nearest.kind) > _CLOSER_M:
             return _go(nearest, actions.SHORTEST_DEPTH_M)
     return actions.rotate(math.copysign(_LEAVE_DEG, _picture_number(picture) % 2 - 0.5))
 
@@ -94,9 +102,7 @@ def _follow(
     near = [
         t
         for t in wanted
-        if t.odds >= _LIKELY
-        and abs(math.atan2(t.right_m, t.depth_m)) < reach
-        and abs(math.log(t.depth_m / expected)) < _FOLLOWS_LOG
+        if abs(math.atan2(t.right_m, t.depth_m)) < reach and abs(math.log(t.depth_m / expected)) < _FOLLOWS_LOG
     ]
     if near:
         best = max(near, key=lambda t: t.odds - 3.0 * abs(math.log(t.depth_m / expected)))
@@ -104,9 +110,18 @@ def _follow(
         return _stride_round(picture) if _blocked(past, away) else _approach(best, away)
     if expected <= _ARRIVED_M:
         return actions.finished()
+    unseen = sum(1 for _ in itertools.takewhile(_is_unseen, reversed(past)))
+    most = _UNSEEN_STRIDES if expression.needs_search else math.inf
+    if expected > _CAREFUL_M and unseen < most and not _blocked(past, expected):
+        # far things are missed in single pictures: the last stride has put the chosen one straight ahead
+        return actions.go(500.0, _UNSEEN_V, search.avoid_wander_depth(expected + ranging.CAMERA_AHEAD_M))
     if expected <= _CAREFUL_M:
         return _go(PlacedThing(expression.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
     return _choose(picture, wanted, past, expression, detections)
+
+
+def _is_unseen(action: PastAction) -> bool:
+    return action.kind == GO and abs(action.y_px - _UNSEEN_PX) < 0.6
 
 
 def _blocked(past: tuple[PastAction, ...], away_m: float) -> bool:
