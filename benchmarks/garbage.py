@@ -28,13 +28,13 @@ from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.stages.stage import SIMULATOR
 from foundation.mavlink import Packer, Parser, dialect
 
-EPISODE = "blocks-commanding-01"  # the map that is built at once
+EPISODE = "blocks-commanding-01"  # on a map that is built quickly
 LOOPBACK = "127.0.0.1"
 SECONDS = 8.0
-PREPARED = 64  # datagrams of each kind, sent again and again
-LONGEST = 60_000  # bytes of a datagram
-PING_S = 0.05
-ANSWER_S = 1.0
+PREPARED = 64  # datagrams of each kind, sent repeatedly
+LONGEST = 60_000  # bytes, upper limit of a datagram
+PING_S = 0.05  # s between two PINGs
+ANSWER_S = 1.0  # s; a later answer does not count
 
 Making = Callable[[random.Random], bytes]
 
@@ -63,18 +63,18 @@ def truncated(draw: random.Random) -> bytes:
 
 
 def concatenated(draw: random.Random) -> bytes:
-    """Return packets one behind another, some of them cut, in a datagram of any size."""
+    """Return a datagram of random size with packets in a row, of which about half are truncated."""
     packets = [_cut(draw, packet) if draw.random() < 0.5 else packet for packet in _packets(draw, 1500)]
     return b"".join(packets)[: draw.randrange(1, LONGEST)]
 
 
 def version_1(draw: random.Random) -> bytes:
-    """Return the shortest frames of MAVLink 1, none of them intact."""
+    """Return MAVLink 1 frames of the shortest length, all with an invalid checksum."""
     return b"\xfe\x00" * draw.randrange(1, LONGEST // 2)
 
 
 def pings(draw: random.Random) -> bytes:
-    """Return a datagram of intact messages, each of which is answered."""
+    """Return a datagram of intact PINGs. The simulator answers each of them."""
     ping = dialect.MAVLink_ping_message(draw.randrange(1 << 40), draw.randrange(1 << 30), 0, 0)
     return Packer(9, 9).pack(ping) * draw.randrange(1, 30)
 
@@ -91,7 +91,7 @@ ROWS: dict[str, Sequence[Making]] = {
 
 
 def send(makers: Sequence[Making], ports: Sequence[int], seconds: float, seed: int, sent: Any) -> None:
-    """Send for so long to the ports in turn, and note datagrams and bytes in `sent`."""
+    """Send datagrams to the ports in turn for `seconds`, and store their number and total bytes in `sent`."""
     draw = random.Random(seed)
     prepared = [make(draw) for make in makers for _ in range(PREPARED)]
     draw.shuffle(prepared)
@@ -105,7 +105,7 @@ def send(makers: Sequence[Making], ports: Sequence[int], seconds: float, seed: i
 
 
 class Client:
-    """Sends PINGs and notes how long each answer took."""
+    """Sends PINGs and records how long each answer took."""
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -115,7 +115,7 @@ class Client:
         self.answers_s: list[float] = []
 
     def ping(self, seconds: float) -> None:
-        """Send pings for so many seconds, and note the answers."""
+        """Send PINGs for `seconds`, and record the answers."""
         ends_s, due_s, number = time.monotonic() + seconds, time.monotonic(), 0
         while time.monotonic() < ends_s + ANSWER_S:
             if due_s <= time.monotonic() < ends_s:
@@ -146,7 +146,7 @@ class Client:
 
 
 def measure(name: str, seconds: float, seed: int) -> dict[str, Any]:
-    """Return the figures of a row."""
+    """Return the figures of the row `name`."""
     with tempfile.TemporaryDirectory() as folder:
         supervisor = Supervisor(Path(folder))
         try:
@@ -191,7 +191,7 @@ def line(figures: dict[str, Any]) -> str:
 
 
 def main() -> None:
-    """Measure the rows and print a line for each."""
+    """Measure the rows, and print a line for each."""
     parser = benchmark_parser(__doc__, short="send one second of two rows, to check that it runs")
     parser.add_argument("--only", nargs="+", metavar="NAME", choices=list(ROWS), help=", ".join(ROWS))
     parser.add_argument(

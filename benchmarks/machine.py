@@ -1,11 +1,11 @@
-"""The speed of the machine of a benchmark, processor times, and the output of figures.
+"""Measures the speed of a benchmark's machine and processor times, and prints figures.
 
-`python_loop_ms` is the processor time of a million turns of an empty Python loop. It is measured before and after the
-benchmark, since the speed of a machine varies. Two figures follow from it, which are equal on a machine three times
-slower:
+`python_loop_ms` is the processor time of one loop: a million turns of an empty `for` in Python. It is measured before
+and after the benchmark, because the speed of a machine varies. Two kinds of figures are relative to it. They would be
+the same on a machine that is three times slower:
 
-    rtf × loop   how many milliseconds of flight pass in the time of one such loop; more is faster
-    ms ÷ loop    how many such loops a frame lasts; less is faster
+    …_rtf_x_loop   milliseconds of flight in the time of one loop; more is faster
+    …_per_loop     processor time in loops; less is faster
 """
 
 import argparse
@@ -19,11 +19,11 @@ from typing import Any
 import psutil
 
 TURNS = 1_000_000
-SAMPLES = 5  # at a time
+SAMPLES = 5  # loops per `look`
 
 
 class Machine:
-    """The machine of a benchmark. Call `look` before and after the timed part."""
+    """The machine of a benchmark. Create it before the timed part, and call `look` after it."""
 
     def __init__(self) -> None:
         self._loops_ms: list[float] = []
@@ -39,7 +39,7 @@ class Machine:
         return statistics.median(self._loops_ms)
 
     def rtf_x_loop(self, rtf_cpu: float) -> float:
-        """Return the milliseconds of flight in the time of one loop, of vehicle seconds per processor second."""
+        """Return the ms of flight in the time of one loop. `rtf_cpu`: vehicle seconds per processor second."""
         return round(rtf_cpu * self.loop_ms)
 
     def per_loop(self, cpu_ms: float) -> float:
@@ -47,7 +47,7 @@ class Machine:
         return round(cpu_ms / self.loop_ms, 2)
 
     def figures(self) -> dict[str, Any]:
-        """Return python_loop_ms, processors, load and the version of Python."""
+        """Return python_loop_ms, the number of processors, the load and the version of Python."""
         return {
             "python_loop_ms": round(self.loop_ms, 1),
             "cpus": os.cpu_count(),
@@ -57,7 +57,7 @@ class Machine:
 
 
 def python_loop_ms() -> float:
-    """Return the processor milliseconds of a million turns of an empty loop."""
+    """Return the processor milliseconds of one loop."""
     began = time.process_time()
     for _ in range(TURNS):
         pass
@@ -65,13 +65,13 @@ def python_loop_ms() -> float:
 
 
 def children_cpu_s() -> float:
-    """Return the processor seconds of all children that have ended, and of their children."""
+    """Return the processor seconds of all child processes that have ended, and of their children."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 def total_cpu_s() -> float:
-    """Return the processor seconds of this process and of all children that have ended."""
+    """Return the processor seconds of this process and of all child processes that have ended."""
     times = os.times()
     return times.user + times.system + children_cpu_s()
 
@@ -91,7 +91,7 @@ def benchmark_parser(description: str | None, *, short: str) -> argparse.Argumen
 
 
 def print_figures(figures: dict[str, Any], as_json: bool) -> None:
-    """Print the figures as one JSON object, or one on each line."""
+    """Print the figures as one JSON object, or each figure on a line."""
     if as_json:
         print(json.dumps(figures))
         return

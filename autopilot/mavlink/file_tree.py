@@ -1,16 +1,16 @@
-"""The files that MAVLink FTP shows: the vehicle's memory card and logs at PX4's places, and the parameters as a file.
+"""The files of MAVLink FTP: the vehicle's memory card and logs at the paths of PX4, and a file of the parameters.
 
-    /@PARAM/param.pck      made at the moment it is opened
-    /fs/microsd/…          the memory card; clients may make, rename and remove files and folders in it
+    /@PARAM/param.pck      the parameters; created each time it is opened
+    /fs/microsd/…          the memory card; clients may create, rename and remove files and folders in it
     /fs/microsd/log/…      the log folder; clients may do the same there
-    /@MAV_LOG/…            another name for the log folder, which does not depend on the autopilot
+    /@MAV_LOG/…            another name for the log folder, the same for every autopilot
 
-Clients cannot name anything outside these two folders: not with `..`, not through a link. What they store is limited.
+Clients cannot leave the card and the log folder, neither with `..` nor through a link. What they store is limited.
 
-MAVProxy and pymavlink ask for the parameters' file before anything else. Source of its format: ArduPilot, AP_Filesystem
-documentation of param.pck. A record is type, name and value; a name tells only what differs from the one before.
+MAVProxy and pymavlink first ask for the file of parameters. Source of its format: ArduPilot, AP_Filesystem
+documentation of param.pck. A record is type, name and value; the name lacks the letters that begin the previous one.
 
-A session is a file that a client holds open, and the last answer to it, in case it was lost.
+A session is a file that a client holds open. The last answer to each client is kept in case it was lost.
 """
 
 import errno
@@ -32,7 +32,7 @@ INT32, FLOAT = 3, 4
 
 
 def packed(parameters: ParameterTable) -> bytes:
-    """Return the file: head with the count, then every parameter in the order of its name."""
+    """Return the content of the file: a header with the count, then all parameters, sorted by name."""
     count = len(parameters)
     records = [struct.pack("<HHH", MAGIC, count, count)]
     before = ""
@@ -55,9 +55,9 @@ CARD = ("fs", "microsd")
 LOGS = (*CARD, "log")
 LOGS_ANYWHERE = "@MAV_LOG"
 PARAMETERS = ("@PARAM", "param.pck")
-LARGEST = 64 << 20  # bytes: what a client may write into one file
-CARD_BYTES = 1 << 30  # bytes on the card and in the log folder, from which on a client may not begin to write
-CARD_ENTRIES = 4096  # files and folders, likewise
+LARGEST = 64 << 20  # bytes, upper limit of a file that a client writes
+CARD_BYTES = 1 << 30  # bytes on the card and in the log folder; from this on, clients cannot create or open to write
+CARD_ENTRIES = 4096  # the same for the number of files and folders
 
 
 class Refusal(Exception):  # noqa: N818 - not an error of ours: the answer to a request
@@ -70,7 +70,7 @@ class Refusal(Exception):  # noqa: N818 - not an error of ours: the answer to a 
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One line of a directory."""
+    """One entry of a folder."""
 
     name: str
     size: int | None  # bytes; None for a folder
@@ -78,7 +78,7 @@ class Entry:
 
 
 def checksum(file: BinaryIO) -> int:
-    """Return MAVLink FTP's CRC-32: the polynomial of zlib, begun with 0 and not inverted."""
+    """Return MAVLink FTP's CRC-32: the polynomial of zlib, but with start value 0 and without inversion."""
     crc = 0xFFFFFFFF  # zlib inverts before and after
     while data := file.read(1 << 16):
         crc = zlib.crc32(data, crc)
@@ -86,12 +86,12 @@ def checksum(file: BinaryIO) -> int:
 
 
 class FileTree:
-    """Turns names of the protocol into files. Every method raises Refusal, or OSError from the disk."""
+    """Accesses files by their names in the protocol. Every method may raise Refusal, and OSError from the disk."""
 
     def __init__(
         self, logs: LogDirectory | None, parameter_file: Callable[[], bytes], card: Path | None = None
     ) -> None:
-        """`logs` and `card` are folders that exist; None: there is nothing at their places."""
+        """`logs` and `card` are existing folders; None: clients see no such folder."""
         self._logs = logs
         self._parameter_file = parameter_file
         self._card = card
@@ -127,7 +127,7 @@ class FileTree:
         return path.open("rb"), path.stat().st_size
 
     def open_to_write(self, name: bytes, *, empty: bool) -> BinaryIO:
-        """Return a file open for writing, made when it does not exist; `empty` discards what was in it."""
+        """Return a file open for writing. A missing file is created. `empty`: discard its content."""
         path = self._changeable(name)
         if path.is_dir():
             raise Refusal(FILE_PROTECTED)
@@ -135,7 +135,7 @@ class FileTree:
         return path.open("wb" if empty or not path.exists() else "r+b")
 
     def truncate(self, name: bytes, size: int) -> None:
-        """Cut a file, or extend it with zeros."""
+        """Set the size of a file: cut it, or extend it with zeros."""
         path = self._changeable(name)
         if not path.is_file():
             raise Refusal(FILE_NOT_FOUND)
@@ -153,7 +153,7 @@ class FileTree:
         path.unlink()
 
     def make_folder(self, name: bytes) -> None:
-        """Make a folder in one that exists."""
+        """Create a folder in an existing folder."""
         path = self._changeable(name)
         self._check_space()
         path.mkdir()
@@ -166,7 +166,7 @@ class FileTree:
         path.rmdir()
 
     def rename(self, old: bytes, new: bytes) -> None:
-        """Give a file or folder another name that is not taken."""
+        """Rename a file or folder. The new name must be free."""
         source, target = self._changeable(old), self._changeable(new)
         if not source.exists():
             raise Refusal(FILE_NOT_FOUND)
@@ -204,7 +204,7 @@ class FileTree:
         return path
 
     def _check_space(self) -> None:
-        """Raise Refusal when card and log folder together are full."""
+        """Raise Refusal when card and log folder together have reached CARD_BYTES or CARD_ENTRIES."""
         size = entries = 0
         for folder in (self._card, self._logs.folder if self._logs is not None else None):
             for root, folders, files in os.walk(folder) if folder is not None else ():
@@ -215,7 +215,7 @@ class FileTree:
 
 
 def _segments(name: bytes) -> tuple[str, ...]:
-    """Return the folders and the file of a name, without the options that some clients add after a question mark."""
+    """Return the parts of a path, without the options after a ? that some clients add to paths with @."""
     try:
         text = name.decode()
     except UnicodeDecodeError:
@@ -228,9 +228,9 @@ def _segments(name: bytes) -> tuple[str, ...]:
     return LOGS + segments[1:] if segments[:1] == (LOGS_ANYWHERE,) else segments
 
 
-MOST = 16
-IDLE_US = 30_000_000  # a session unused for so long makes room for another
-REMEMBERED = 32  # clients
+MOST = 16  # open sessions
+IDLE_US = 30_000_000  # µs; an unused session of this age is closed if another needs room
+REMEMBERED = 32  # clients whose last answer is kept
 
 Client = Hashable  # a port and the sender's ids
 
@@ -245,7 +245,7 @@ class FileSession:
 
 
 class FileSessions:
-    """Sessions by client and number."""
+    """The sessions of all clients, and the last answer to each client."""
 
     def __init__(self) -> None:
         self._open: dict[tuple[Client, int], FileSession] = {}
@@ -255,7 +255,7 @@ class FileSessions:
         return len(self._open)
 
     def make_room(self, now_us: int) -> None:
-        """Make sure that another session can be opened. Raises Refusal."""
+        """Make sure that another session can be opened; close an idle one if necessary. Raises Refusal."""
         if len(self._open) < MOST:
             return
         key, oldest = min(self._open.items(), key=lambda item: item[1].used_us)
@@ -264,7 +264,7 @@ class FileSessions:
         self._close(key)
 
     def open(self, client: Client, wish: int, file: BinaryIO, writable: bool, now_us: int) -> int:
-        """Keep a file open and return the number of its session: the one the client wishes, if it is free."""
+        """Keep a file open, and return the number of its session: `wish`, or the next free number."""
         number = wish
         while (client, number) in self._open:
             number = (number + 1) % 256
@@ -291,7 +291,7 @@ class FileSessions:
             self._close(key)
 
     def answered(self, client: Client, request: bytes) -> bytes | None:
-        """Return the answer already given, when a client repeats its last request."""
+        """Return the previous answer if a client repeats its last request, None otherwise."""
         last, answer = self._answers.get(client, (b"", b""))
         return answer if last == request else None
 

@@ -23,7 +23,7 @@ from foundation.run_folder.writing import as_json
 
 
 class Bench:
-    """An open benchmark folder. An existing one is resumed, and keeps its other runs."""
+    """An open benchmark folder. An existing folder is resumed, and keeps its other runs."""
 
     def __init__(
         self,
@@ -37,11 +37,12 @@ class Bench:
         first: Callable[[], None] = lambda: None,
         report: Callable[[str], None] = lambda line: None,
     ) -> None:
-        """`limit` and `shard` select the episodes that this process flies. Raises UsageError, InfrastructureError.
+        """`limit` and `shard` select the episodes that this process flies. `retry`: fly again what did not move.
 
-        Existing run folders are opened and checked first. Then each model with flights left gets one small test
-        question; `report` takes the lines about it. Then `first` is called and bench.json is written, and only then are
-        new run folders created, so that after a kill bench.json names every run folder.
+        First, existing run folders are opened and checked. Second, each model with flights left gets one small test
+        question; `report` gets the lines about it. Third, `first` is called and bench.json is written. New run folders
+        are created last, so that bench.json names every run folder even after a kill. Raises UsageError, ModelError,
+        InfrastructureError.
         """
         self.out = out
         self._opened = ExitStack()
@@ -85,7 +86,7 @@ class Bench:
         ]
 
     def scores(self, broken: Callable[[OpenRun, str], Result | None]) -> list[EpisodeScore]:
-        """Return the scores of the selected episodes; `broken` returns the error of a flight that broke."""
+        """Return the scores of the selected episodes. `broken` returns the error result of a failed flight."""
         scores = []
         stored = {(run.entry.name, episode): result for run, episode, result in self.stored()}
         for run in self.runs:
@@ -98,7 +99,7 @@ class Bench:
 
     @staticmethod
     def _has_left(batch: Batch | None, entry: BenchEntry, part: Collection[str], retry: bool) -> bool:
-        """Return whether flights of a run remain; `batch` None: it was not begun."""
+        """Return whether flights of a run remain to be flown. `batch` None: the run has not begun."""
         episodes = [episode for episode in entry.episodes if episode in part]
         return bool(episodes if batch is None else batch.left(episodes, retry=retry))
 
@@ -108,7 +109,7 @@ class Bench:
         return batch
 
     def _with_other_runs(self, now: dict[str, Any]) -> dict[str, Any]:
-        """Return the contents of bench.json: these runs, then the other runs of the existing file."""
+        """Return the contents of bench.json: the runs of `now`, then the other runs of the existing file."""
         try:
             before = json_object(self.out / layout.BENCH)
             paths = self.out.iterdir() if self.out.exists() else ()
@@ -138,7 +139,7 @@ def _unwritable(folder: Path, error: OSError) -> UsageError:
 
 
 def setting_of(entry: BenchEntry) -> str:
-    """Return the name of a run without its flight number: flights of one setting are pooled."""
+    """Return the name of a run without its flight number. Flights of one setting are pooled."""
     return entry.name.rpartition("-f")[0]
 
 
@@ -146,7 +147,7 @@ def _configurations(suite: ChosenSuite, entries: Sequence[BenchEntry]) -> list[t
     """Return the contents of each run.json. Raises UsageError."""
     configurations = []
     for entry in entries:
-        spec = entry.flight  # looked up without its ledger, which is made with the folder
+        spec = entry.flight  # without the ledger: `look_up` would open it, but its folder may not exist yet
         flight = look_up(replace(spec, accounts=replace(spec.accounts, ledger=None)))
         configuration = {**settings(flight, flight.camera), "flight": as_kept(spec), "suite": as_json(suite.identity)}
         configurations.append((entry, configuration))

@@ -1,7 +1,7 @@
-"""The engine of a Ray cluster: one actor per core. Flights and episode folders travel by value.
+"""The engine for a Ray cluster: one actor per core.
 
-No disk is shared. A node has dronecats installed and, for a model, its key in the environment. Needs the extra
-`cluster`.
+Flights and the files of episode folders are sent as values, so the nodes share no disk. Each node needs dronecats and,
+for a model, the model's key in the environment. Needs the extra `cluster`.
 """
 
 import contextlib
@@ -25,8 +25,8 @@ from dronecats.flight.spec.flight_spec import ON_CLUSTER
 from dronecats.flight.spec.spec_file import as_json
 from foundation.errors import InfrastructureError, UsageError
 
-FLIGHTS_MAX = 64  # at a time per actor: threads, which mostly wait for a model
-GONE_S = 30.0  # wall s within which a killed actor is gone
+FLIGHTS_MAX = 64  # at a time per actor; each is a thread, which mostly waits for a model
+GONE_S = 30.0  # wall s to wait until a killed actor is gone
 LOOK_S = 30.0  # wall s between two checks of the workers while nothing lands
 CONNECT_S = 10.0  # wall s for the head of a cluster to accept a connection
 STARTED_S = 300.0  # wall s for a worker to start and compile
@@ -35,7 +35,7 @@ GONE = (ray.exceptions.RayActorError, ray.exceptions.ObjectLostError, ray.except
 
 
 class ClusterWorker:
-    """The actor: flies in a folder of its node, and returns the files of that folder."""
+    """The actor: flies in a temporary folder of its node, and returns the files of that folder."""
 
     def __init__(self) -> None:
         self._folders: dict[str, Path] = {}  # of the flights in the air
@@ -64,13 +64,13 @@ class ClusterWorker:
         return outcome, files
 
     def written(self) -> dict[str, int]:
-        """Return the bytes in the logs of each flight in the air, by its folder's name."""
+        """Return the size in bytes of the logs of each flight in the air, by the name of the flight's folder."""
         return {folder.name: sum(log_sizes(folder)) for folder in list(self._folders.values())}
 
 
 @dataclass(slots=True)
 class _Actor:
-    """An actor, and the number of its flights in the air."""
+    """A worker, and the number of its flights in the air."""
 
     handle: Any
     load: int = 0
@@ -80,17 +80,18 @@ class _Actor:
 class _Flying:
     sortie: Sortie
     worker: _Actor
-    written: int = -1  # bytes, …
-    since_s: float = field(default_factory=time.monotonic)  # … and since when there are no more
+    written: int = -1  # bytes in its logs at the last check; -1: not checked yet
+    since_s: float = field(default_factory=time.monotonic)  # wall time of the last change of `written`
 
 
 class ClusterEngine:
-    """Flies on a Ray cluster. A flight that goes wrong raises nothing: its result has the error."""
+    """Flies on a Ray cluster. The failure of a flight raises nothing: its result has the error."""
 
     def __init__(self, jobs: int, ledger: Path | None, address: str | None = None) -> None:
-        """`jobs`: flights at a time. `ledger`: the file on this machine for the cost of models, None for free pilots.
+        """`jobs`: flights at a time. `ledger`: file on this machine for the cost of models, None for free pilots.
 
-        `address`: of the cluster, None for one on this machine alone. Raises UsageError, InfrastructureError.
+        `address`: HOST:PORT of the cluster; None: a cluster of this machine only. Raises UsageError,
+        InfrastructureError.
         """
         os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage statistics to Ray
         self._own = not ray.is_initialized()
@@ -124,7 +125,7 @@ class ClusterEngine:
         self._flying[reference] = _Flying(sortie, worker)
 
     def landed(self) -> Landed:
-        """Wait for the next flight that is over, and write its folder."""
+        """Wait until a flight ends, write its files to its folder, and return it."""
         ready: list[Any] = []
         while not ready:
             ready, _ = ray.wait(list(self._flying), num_returns=1, timeout=LOOK_S)
@@ -147,11 +148,11 @@ class ClusterEngine:
         return landed_with(outcome, sortie)
 
     def close(self) -> None:
-        """Abort the flights in the air; a cluster that was running before goes on."""
+        """Abort the flights in the air. A cluster that was already running continues to run."""
         actors = [worker.handle for worker in self._workers] + ([self._keeper] if self._keeper is not None else [])
         for actor in actors:
             ray.kill(actor)
-        for actor in actors:  # a kill is only a request, and is lost if we end before the cluster takes it
+        for actor in actors:  # a kill is only a request, which is lost if this process ends too early
             with contextlib.suppress(ray.exceptions.RayError):
                 ray.get(actor.__ray_ready__.remote(), timeout=GONE_S)
         self._workers, self._flying = [], {}
@@ -159,11 +160,11 @@ class ClusterEngine:
             ray.shutdown()
 
     def _look(self) -> None:
-        """End the workers that do not answer, and those with a flight that hangs: their flights land."""
+        """Kill the workers that do not answer or have a flight that hangs. Their flights then end with an error."""
         for worker in self._workers:
             try:
                 written = ray.get(worker.handle.written.remote(), timeout=ANSWER_S)
-            except ray.exceptions.RayError:  # gone, or as good as gone
+            except ray.exceptions.RayError:  # gone, or no answer within ANSWER_S
                 ray.kill(worker.handle)
                 continue
             now_s = time.monotonic()
@@ -175,9 +176,9 @@ class ClusterEngine:
                     break
 
     def _hire(self) -> _Actor | None:
-        """Return another worker, None when the cluster has no core for it. Raises DronecatsError."""
+        """Start a worker and return it; None: the cluster has no core for it. Raises DronecatsError."""
         options = {"num_cpus": 1, "max_concurrency": FLIGHTS_MAX, "scheduling_strategy": "SPREAD"}
-        nodes = len(ray.nodes())  # a lost node counts until the cluster notices: try another node
+        nodes = len(ray.nodes())  # a lost node is listed until the cluster notices, so try once per node
         for attempt in range(1, nodes + 1):
             handle = ray.remote(ClusterWorker).options(**options).remote()
             try:
@@ -203,9 +204,9 @@ class ClusterEngine:
         return self._workers[-1]
 
     def _starts(self, ready: Any) -> bool:
-        """Wait for a worker, and return whether it started: its node may be lost meanwhile.
+        """Wait until a worker has started; return False if the cluster has no core for it, for example after a loss.
 
-        Raises RayError when it has not started in `STARTED_S`.
+        Raises RayError when the worker has not started within `STARTED_S`.
         """
         ends_s = time.monotonic() + STARTED_S
         while not ray.wait([ready], timeout=LOOK_S)[0]:
@@ -221,7 +222,7 @@ def _cores_of(nodes: list[dict[str, Any]]) -> int:
 
 
 def _check_reachable(address: str) -> None:
-    """Raise UsageError when nothing listens at HOST:PORT; Ray itself would wait for minutes."""
+    """Raise UsageError when nothing listens at HOST:PORT. Ray itself would wait for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not port.isdigit():
         raise UsageError(f"--address must be HOST:PORT of the cluster's head node, got '{address}'")
@@ -232,7 +233,7 @@ def _check_reachable(address: str) -> None:
 
 
 def _keeper(ledger: Path) -> tuple[Any, str]:
-    """Return the actor that keeps a ledger on this node, and its name."""
+    """Start an actor that keeps a ledger on this node; return the actor and its name."""
     name = f"dronecats-ledger-{uuid4().hex}"
     here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=False)
     keeper = ray.remote(LedgerKeeper).options(name=name, num_cpus=0, scheduling_strategy=here).remote(str(ledger))
@@ -248,7 +249,7 @@ def _files(folder: Path) -> list[Path]:
 
 
 def _write_files(files: Mapping[str, bytes], folder: Path) -> None:
-    """Write an episode's files. Raises InfrastructureError."""
+    """Write the files of an episode, by their paths in its folder. Raises InfrastructureError."""
     try:
         for name, data in files.items():
             inside = PurePosixPath(name)

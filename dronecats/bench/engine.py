@@ -1,4 +1,4 @@
-"""The protocol of engines, which fly the flights of a campaign, and the engine of one machine."""
+"""The protocol of engines, which fly the flights of a campaign, and the engine for one machine."""
 
 import math
 import os
@@ -23,31 +23,31 @@ from foundation.run_folder.results import SCORED, Result
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sortie:
-    """One flight, and where its files go."""
+    """One flight to be flown, and the folder for its files."""
 
     flight: FlightSpec  # with the record of its episode
-    folder: Path  # the episode's, prepared: it exists, and holds only empty logs
+    folder: Path  # of the episode; it exists and has only empty logs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Landed:
-    """A flight that is over."""
+    """A flight that has ended."""
 
     sortie: Sortie
     result: Result  # with the outcome `error` when the infrastructure failed
 
 
 class Engine(Protocol):
-    """Flies the flights that a campaign begins. The campaign limits how many are in the air."""
+    """Flies the flights of a campaign. The campaign limits how many are in the air at a time."""
 
     def begin(self, sortie: Sortie) -> None:
-        """Begin a flight. Never waits for one. Raises DronecatsError when nothing can be flown any more."""
+        """Begin a flight, without waiting for any flight. Raises DronecatsError when no flight is possible any more."""
         ...
 
     def landed(self) -> Landed:
-        """Wait for the next flight that is over, in the order in which they end.
+        """Wait until a flight ends, and return it. Flights are returned in the order in which they end.
 
-        A worker that dies or hangs loses only its flights in the air. Raises DronecatsError as `begin`, and lets
+        If a worker dies or hangs, only its flights in the air are lost. Raises DronecatsError as `begin` does, and lets
         KeyboardInterrupt through.
         """
         ...
@@ -60,19 +60,19 @@ class Engine(Protocol):
 class WorkerSlots:
     """Assigns flights to the workers of one machine, by number.
 
-    A worker loads each map once: seconds, and 200 MB. Flights of one map go to one worker, as far as all workers stay
-    equally busy.
+    A worker loads each map once, which takes seconds and 200 MB. So flights on one map go to one worker, unless that
+    worker would get more than its share of the flights.
     """
 
     def __init__(self, jobs: int, workers: int) -> None:
-        """`jobs`: flights in the air at a time, at most the flights that exist; `workers`: at most so many, from 1."""
+        """`jobs`: most flights in the air, not more than there are; `workers`: most workers, at least 1."""
         self._most = max(1, min(jobs, workers))
-        self._room = math.ceil(jobs / self._most)  # of a worker, when all are equally busy
+        self._room = math.ceil(jobs / self._most)  # flights per worker when all are equally busy
         self._flights: list[set[Path]] = []
         self._maps: list[set[str]] = []
 
     def take(self, flight: Path, map_name: str) -> int:
-        """Return the worker that flies it: one with room and its map, else an idle or new one, else the least busy."""
+        """Return the worker for a flight: one with its map and room, else an idle one, a new one, or the least busy."""
         loaded = [
             k for k, maps in enumerate(self._maps) if map_name in maps and len(self._flights[k]) < self._room
         ]  # fmt: skip
@@ -89,7 +89,7 @@ class WorkerSlots:
         return chosen
 
     def leave(self, flight: Path) -> None:
-        """Free the slot of a flight that is over."""
+        """Free the slot of a flight that has ended."""
         for flights in self._flights:
             flights.discard(flight)
 
@@ -98,12 +98,13 @@ class WorkerSlots:
 
 
 WORKER = ChildKind("worker", "dronecats.bench.worker", WorkerConfig, needs_keys=True)
-ANSWER_S = 120.0  # wall s for a worker to answer whether a flight is over; it takes less than 1 s
-# wall s without a new byte in any log of a flight, after which it hangs. The longest pause of a sound flight is a
-# question that is given up: 300 s, retries included. A flight that has written nothing waits for its first turn
+ANSWER_S = 120.0  # wall s that a worker has to answer a command; it usually takes less than 1 s
+# wall s without a new byte in any file of a flight, after which the flight counts as hanging. The longest pause of a
+# flight that does not hang is a question that is given up after 300 s, with all retries
 HANG_S = 900.0
 LOGS = (layout.DECISIONS, layout.TRUTH, layout.TLOG, layout.COMMANDER)
-# files of a flight; its record comes first, so that a flight whose map never finishes loading has begun, too
+# files that show the progress of a flight; its record is written first, so a flight has begun even if its map never
+# finishes loading
 WRITTEN = (layout.EPISODE, *LOGS)
 
 
@@ -116,7 +117,7 @@ class _InFlight:
     since_s: float = field(default_factory=time.monotonic)
 
     def silent_s(self) -> float:
-        """Return for how many wall seconds no log of it has grown."""
+        """Return the wall seconds since a call of this method last found a file of the flight changed."""
         sizes, now_s = _sizes(self.sortie.folder, WRITTEN), time.monotonic()
         if sizes != self.sizes:
             self.sizes, self.since_s = sizes, now_s
@@ -124,20 +125,20 @@ class _InFlight:
 
     @property
     def begun(self) -> bool:
-        """Whether it had written anything when `silent_s` last looked."""
+        """Whether the flight had written anything at the last call of `silent_s`."""
         return any(self.sizes)
 
 
 class LocalEngine:
     """Flies in worker processes, at most one per core, each with several flights in the air.
 
-    A flight that goes wrong raises nothing: its result has the error.
+    The failure of a flight raises nothing: its result has the error.
     """
 
     def __init__(
         self, log: Path, jobs: int, *, workers: int | None = None, answer_s: float = ANSWER_S, hang_s: float = HANG_S
     ) -> None:
-        """`log`: file of the workers' output; `jobs`: flights at a time; `workers`: at most so many, None: cores."""
+        """`log`: file for the workers' output; `jobs`: flights at a time; `workers`: most workers (None: cores)."""
         self._log, self._answer_s, self._hang_s = log, answer_s, hang_s
         self._landed: queue.SimpleQueue[Landed | DronecatsError] = queue.SimpleQueue()
         self._inboxes: list[queue.SimpleQueue[Sortie | None]] = []
@@ -156,7 +157,7 @@ class LocalEngine:
         self._inboxes[chosen].put(sortie)
 
     def landed(self) -> Landed:
-        """Wait for the next flight that is over. Raises DronecatsError when no worker can be started."""
+        """Wait until a flight ends, and return it. Raises DronecatsError when no worker can be started."""
         ended = self._landed.get()
         if isinstance(ended, DronecatsError):
             raise ended
@@ -164,7 +165,7 @@ class LocalEngine:
         return ended
 
     def close(self) -> None:
-        """Stop every worker, and abort its flights."""
+        """Stop all workers, and abort their flights."""
         with self._lock:
             self._stopped = True
             workers = list(self._workers)
@@ -183,7 +184,7 @@ class LocalEngine:
         thread.start()
 
     def _work(self, number: int) -> None:
-        """Begin flights from the inbox and pass on those that landed. One thread per worker."""
+        """Begin the flights from the inbox, and pass on those that end. Each worker has one thread that runs this."""
         inbox = self._inboxes[number]
         flying: dict[str, _InFlight] = {}  # by folder
         worker: ChildProcess | None = None
@@ -201,7 +202,7 @@ class LocalEngine:
                     worker = None
                     self._lose(flying, str(death))
         except DronecatsError as fault:
-            if not self._stopped:  # else `close` ended the worker
+            if not self._stopped:  # otherwise `close` has ended the worker, which causes this error
                 self._landed.put(fault)
         except OSError as full:
             self._landed.put(InfrastructureError(f"the run folder cannot be written: {full.strerror}"))
@@ -213,7 +214,7 @@ class LocalEngine:
             self._end(worker)
 
     def _turn(self, worker: ChildProcess | None, fresh: list[Sortie], flying: dict[str, _InFlight]) -> None:
-        """Begin fresh flights, and check once for a landed one.
+        """Begin the flights in `fresh`, and ask once for a flight that has ended.
 
         Raises InfrastructureError when the worker is gone or hangs.
         """
@@ -231,7 +232,7 @@ class LocalEngine:
             )
 
     def _lose(self, flying: dict[str, _InFlight], fault: str) -> None:
-        """Give up the flights of a dead worker."""
+        """Report the flights of a dead worker as lost."""
         if not self._stopped:
             for flight in flying.values():
                 self._landed.put(lost(flight.sortie, fault))
@@ -245,7 +246,7 @@ class LocalEngine:
         with self._lock:
             self._workers.add(worker)
             late = self._stopped
-        if late:  # `close` did not see it
+        if late:  # `close` ran before the worker was registered
             worker.kill()
         worker.ready()
         return worker
@@ -259,15 +260,15 @@ class LocalEngine:
 
 
 def landed_with(outcome: dict[str, Any], sortie: Sortie) -> Landed:
-    """Return a flight that is over, from what `worker.fly_flight` returned."""
+    """Return the ended flight for an outcome of `worker.fly_flight`."""
     fault = outcome.get("fault")
     return lost(sortie, fault) if fault is not None else Landed(sortie=sortie, result=result_of(outcome["result"]))
 
 
 def lost(sortie: Sortie, fault: str) -> Landed:
-    """Return a flight that has no result, because of a fault of it or of its worker.
+    """Return a flight that has no result of its own, because it or its worker failed.
 
-    It is not scored, even if its logs are complete. The next run flies it again.
+    It is not scored, even if its logs are complete. When the campaign resumes, it is flown again.
     """
     verdict = write_verdict(sortie.folder)
     if verdict.outcome in SCORED:
@@ -277,7 +278,7 @@ def lost(sortie: Sortie, fault: str) -> Landed:
 
 
 def log_sizes(folder: Path) -> tuple[int, ...]:
-    """Return the size in bytes of each log of a flight, 0 for a missing one."""
+    """Return the size in bytes of each log of a flight, 0 for a missing log."""
     return _sizes(folder, LOGS)
 
 
@@ -287,9 +288,9 @@ def cores() -> int:
 
 
 def _hanging(flying: Sequence[_InFlight], hang_s: float) -> _InFlight | None:
-    """Return a flight of a worker that has stopped writing, None while there is none.
+    """Return one flight that hangs among the flights of a worker; None: no flight hangs.
 
-    A flight that has not begun may wait as long as another one writes.
+    A flight that has not begun waits for its turn to compute. It hangs only if all flights of the worker are silent.
     """
     silent = [flight for flight in flying if flight.silent_s() > hang_s]
     begun = next((flight for flight in silent if flight.begun), None)
@@ -297,7 +298,7 @@ def _hanging(flying: Sequence[_InFlight], hang_s: float) -> _InFlight | None:
 
 
 def _taken(inbox: "queue.SimpleQueue[Sortie | None]", *, wait: bool) -> list[Sortie]:
-    """Return all sorties in the inbox; with `wait` at least one, unless the inbox ends."""
+    """Return all sorties in the inbox. `wait`: wait for the first one; a None in the inbox ends the wait."""
     taken: list[Sortie] = []
     try:
         while True:

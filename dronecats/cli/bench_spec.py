@@ -43,21 +43,21 @@ MATRIX = (
 )  # fmt: skip
 DROP_STALLED = Option(name="drop_stalled", kind=bool, help="leave flights unscored that the host delayed")
 EPISODES = Option(name="episodes", many=True, help="by id or file")
-# the keys of a file
+# the valid keys of a file
 FILE_OPTIONS = {
     option.name: option
     for option in (EPISODES, *SELECTION, *PILOTS, *MATRIX, NO_RETRY, *DISTURBANCES, *PLACE, DROP_STALLED)
 }
-# keys of a model that is a table; `reasoning` is short for reasoning_effort
+# valid keys of a model that is a table; `reasoning` is a short name of reasoning_effort
 ROW = ("name", "called", "reasoning", *(option.name for option in MODEL))
 DEFAULTS: dict[str, Any] = {"flights": 1, "seed": 0, "parser": "strict", "speed": "max"}
 MOST = {"flights": 1000, "jobs": 1024, "limit": 1_000_000}
 
 
 def with_file(args: argparse.Namespace) -> argparse.Namespace:
-    """Return the arguments, with the values of a .toml file among them for the options that are absent.
+    """Return the arguments. An absent option has the value of the .toml file among the episodes, or its default.
 
-    Raises UsageError for a file that cannot be read, and for an unknown key in it.
+    Raises UsageError for a file that cannot be read or has an unknown key.
     """
     files = [Path(name) for name in args.episodes if name.endswith(".toml")]
     values: dict[str, Any] = {}
@@ -71,7 +71,7 @@ def with_file(args: argparse.Namespace) -> argparse.Namespace:
 
 
 def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespace:
-    """Return the arguments, with `values` for the options that are absent. Raises UsageError for an invalid count."""
+    """Return the arguments. An absent option has its value in `values`. Raises UsageError for an invalid count."""
     for name, value in values.items():
         if not is_set(getattr(args, name)):
             is_path = name in FILE_OPTIONS and FILE_OPTIONS[name].kind is Path
@@ -84,9 +84,9 @@ def filled(args: argparse.Namespace, values: dict[str, Any]) -> argparse.Namespa
 
 
 def checked(path: Path, table: dict[str, Any], names: Sequence[str], more_names: Sequence[str] = ()) -> dict[str, Any]:
-    """Return a file's values by option. `names` are the valid keys; a suggestion may also be one of `more_names`.
+    """Return the values of a file by option. `names` are the valid keys.
 
-    Raises UsageError with the file, the key and the wanted value.
+    Raises UsageError with the file and the key, and a suggestion from `names` and `more_names` or the valid values.
     """
     values: dict[str, Any] = {}
     for key, value in table.items():
@@ -116,7 +116,7 @@ def suite(args: argparse.Namespace) -> "ChosenSuite":
 
 
 def runs(args: argparse.Namespace, chosen: "ChosenSuite", out: Path) -> "list[BenchEntry]":
-    """Return every run of the benchmark in folder `out`. Raises UsageError."""
+    """Return all runs of the benchmark in the folder `out`. Raises UsageError."""
     from dronecats.bench.matrix import entries
 
     return entries(
@@ -135,7 +135,7 @@ def shard(args: argparse.Namespace) -> tuple[int, int] | None:
 
 
 def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
-    """Return the latency policies: those of --latency, or one for each --rate."""
+    """Return the latency policies: those of --latency, or one per value of --rate, or the default."""
     from dronecats.flight.spec.flight_spec import LATENCY as DEFAULT
     from dronecats.flight.spec.flight_spec import latency_policy
 
@@ -147,7 +147,7 @@ def _latencies(args: argparse.Namespace) -> "list[LatencyPolicy]":
 
 
 def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]":
-    """Return the name and the flight of each pilot with each agent, without episode, command and latency."""
+    """Return (name, flight) for each pair of pilot and agent. The flights have no episode, command or latency yet."""
     from dronecats.agent.names import PAPER
     from dronecats.cli.fly_spec import commanded_by, template_of
     from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
@@ -188,7 +188,7 @@ def pilots(args: argparse.Namespace, out: Path) -> "list[tuple[str, FlightSpec]]
 
 
 def _model(row: Any, args: argparse.Namespace) -> tuple[str, dict[str, Any]]:
-    """Return a model's name for folders, and its field of a flight. `row` is its name, or a table of a file."""
+    """Return a model's name for folders, and its field of a flight. `row`: the model's name, or its table in a file."""
     if isinstance(row, str):
         model = model_of(row, args)
         return model.title, {"model": model}

@@ -1,7 +1,7 @@
-"""Tolerant JSON reader: accepts the deviations of `mends.WRITTEN`, and records each one that it meets.
+"""Tolerant JSON reader: accepts the deviations of `mends.WRITTEN` except `escaped`, and records those that it meets.
 
-It guesses nothing: text with any other deviation is not a value. The work is bounded: a value is read from left to
-right once, and characters read without finding a value are counted.
+It guesses nothing: text with any other deviation is not a value. The work is bounded: each attempt reads from left to
+right once, and the search ends after too many characters without a value.
 """
 
 import re
@@ -13,8 +13,8 @@ from unicodedata import normalize
 from dronecats.agent.reply.mends import Mend
 from dronecats.agent.reply.strict import MAX_REPLY_CHARS, MAX_TRIES
 
-MAX_VAIN_CHARS = MAX_REPLY_CHARS  # as in the strict parser; here each character takes longer
-MAX_DEPTH = 40  # brackets within brackets; an action has three
+MAX_VAIN_CHARS = MAX_REPLY_CHARS  # a fifth of the strict parser's limit, because a character takes longer here
+MAX_DEPTH = 40  # of nested brackets; the actions of a fleet have three levels
 MAX_DIGITS = 60
 _WORD = re.compile(r"[A-Za-z_][\w-]*")
 _NUMBER = re.compile(r"[+\-\u2212\uff0b\uff0d]?(?:\d+[.\uff0e]?\d*|[.\uff0e]\d+)(?:[eE][+-]?\d+)?")
@@ -42,7 +42,7 @@ CUT = Cut()
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A number with its unit, unquoted: 12 m."""
+    """An unquoted number with its unit, for example: 12 m."""
 
     number: float
     unit: str
@@ -52,12 +52,12 @@ class Quantity:
 class ReadValue:
     """A value in a text."""
 
-    # as `json` returns it, with Quantity, and with CUT where the text ends: in an object's unread rest under the key ""
+    # as `json` returns it, plus Quantity, and CUT where the text ends: an object's unread rest is CUT under the key ""
     value: Any
     begin: int
     end: int
     mends: frozenset[Mend]
-    inner: bool  # it stands in text that is not a value itself
+    inner: bool  # it begins inside a value that is broken or cut off
 
     @property
     def cut(self) -> bool:
@@ -70,9 +70,9 @@ class _BrokenError(Exception):
 
 
 def read_values(text: str, openings: str) -> list[ReadValue]:
-    """Return the outermost values that begin with one of `openings`, in order, cut ones included.
+    """Return the outermost values that begin with one of `openings`, in order, with those that are cut off.
 
-    Where text is not a value, or is cut off, the next value may begin inside it.
+    After a broken or cut-off value, the search continues inside it.
     """
     text, found_values, at, vain, reached = text[:MAX_REPLY_CHARS], [], 0, 0, 0
     opening = re.compile("[" + re.escape(openings + "".join(chr(ord(c) + 0xFEE0) for c in openings)) + "]")
@@ -150,7 +150,7 @@ class _Reader:
         return members
 
     def _items(self, closing: str) -> Iterator[None]:
-        """Yield before each member, until the brackets are closed or the text ends."""
+        """Yield before each member, until the closing bracket or the end of the text."""
         first = True
         while True:
             here = self._peek()
@@ -213,7 +213,7 @@ class _Reader:
         if len(number.group()) > MAX_DIGITS:
             raise _BrokenError
         if self.at == len(self.text):
-            return self._cut()  # more digits may be missing
+            return self._cut()  # digits may be missing
         digits = number.group()
         plain = _JSON_NUMBER.fullmatch(digits) is not None
         if not plain:
@@ -246,7 +246,7 @@ class _Reader:
         return name
 
     def _peek(self) -> str:
-        """Return the next character after spaces and comments, full-width as ASCII; "" at the end."""
+        """Return the next character after spaces and comments, as ASCII if it is full-width; "" at the end."""
         text = self.text
         while True:
             self.at = _past(_SPACE, text, self.at)
@@ -279,7 +279,7 @@ def _past(pattern: re.Pattern[str], text: str, at: int) -> int:
 
 
 def number_in(text: str) -> float:
-    """Return the number in digits of any script. Raises ValueError."""
+    """Return the number that a text of digits, in any script, stands for. Raises ValueError."""
     return float(normalize("NFKC", text).replace("\u2212", "-"))
 
 

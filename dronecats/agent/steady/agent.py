@@ -1,4 +1,4 @@
-"""The steady agent: its drones keep flying while the next question is asked, and a go is a place, not a direction."""
+"""The steady agent: drones keep flying while a question is under way, and a go names a place, not a direction."""
 
 import math
 from collections import deque
@@ -17,31 +17,31 @@ from foundation.protocol import NEAR_M, STEP_S, STRIDE_MAX_M
 from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
 
-TURNS_FIRST = math.radians(30.0)  # off the nose; beyond it the drone turns on the spot first, else on the way
-SHORT_M = 0.3  # m by which a stride may have come out too short
-STREAMED_S = 0.5  # s that one setpoint of a leg is valid without the next
+TURNS_FIRST = math.radians(30.0)  # off the nose; beyond it the drone turns on the spot before it flies
+SHORT_M = 0.3  # m that may be missing from a stride when the next picture is taken
+STREAMED_S = 0.5  # s for which a setpoint of a leg is valid if no new one follows
 
 
 class SteadyDrone(Drone):
-    """Flies the last action until the next decision is there. It advances at every tick."""
+    """Flies the last action until the next decision. It advances at every tick."""
 
     def __init__(self, index: int, aircraft: Aircraft, camera_model: CameraModel) -> None:
         super().__init__(index, aircraft, camera_model)
         self.period_s = 0.0  # s from one decision to the next, estimated
         self._pursuit = Pursuit()
-        self._seen_s = 0.0  # s of the aircraft's clock, when the picture was taken
-        self._place: SeenPlace | None = None  # the destination
+        self._seen_s = 0.0  # s of the aircraft's clock at which the picture was taken
+        self._place: SeenPlace | None = None  # destination of a go
         self._leg: Leg | None = None
-        self._course: float | None = None  # rad, of the leg
-        self._resting = False  # the leg ended before the next decision
+        self._course: float | None = None  # rad, on the leg
+        self._resting = False  # the goal was reached or the leg ended, without a new decision
 
     def see(self, time_us: int) -> None:
-        """Remember where and when its picture was taken."""
+        """Remember where and when the picture was taken."""
         super().see(time_us)
         self._seen_s = time_us / 1e6
 
     def plan(self, action: Action | None) -> None:
-        """Plan an action, None for an unreadable reply. `begin` flies it."""
+        """Plan an action (None: the reply was unreadable). `begin` flies it."""
         self._leg = self._course = self._place = None
         self._resting = False
         if not isinstance(action, Go):
@@ -59,11 +59,11 @@ class SteadyDrone(Drone):
         here = self.aircraft.sight(self.aircraft.time_us)
         off = wrap_pi(self._course_of(seen, here.position_ned) - here.heading)
         if abs(off) > TURNS_FIRST:
-            self._counts_from = here  # the turn counts from the present heading, the place from its picture
+            self._counts_from = here  # `off` counts from the present heading
             self._segments = [turn(off)]
 
     def begin(self, now_s: float) -> None:
-        """Start to fly the plan."""
+        """Start to fly the planned action."""
         if self._segments:
             super().begin(now_s)
         elif self._place is not None:
@@ -72,7 +72,7 @@ class SteadyDrone(Drone):
             self.aircraft.fly(Hold())
 
     def advance(self, now_s: float) -> None:
-        """Steer, or start the leg after a turn."""
+        """Steer on the leg, or start the leg after a turn."""
         if self._segments:
             super().advance(now_s)
             if not self._segments and self._place is not None:
@@ -81,10 +81,11 @@ class SteadyDrone(Drone):
             self._steer(now_s)
 
     def wants_picture(self, now_s: float, age_s: float) -> bool:
-        """Return whether it is time for the next picture; its reply comes `age_s` later.
+        """Return whether it is time for the next picture; its reply is expected `age_s` later.
 
-        Never during a turn, whose purpose is the view after it, and not before the vehicle has flown a stride from
-        where the last picture was taken, as the history says of the last action.
+        No picture is taken during a turn, because the model wants the view after it. A hold allows one `age_s` before
+        its end. A leg allows one when its decision is due, and at most `age_s` earlier if a stride has been flown
+        since the last picture, because the history says so. A short stride is flown to its end.
         """
         if self._segments:
             last = self._segments[-1]
@@ -96,13 +97,13 @@ class SteadyDrone(Drone):
         return now_s >= self._leg.due_s or self._stride_m() >= STRIDE_MAX_M - SHORT_M
 
     def _stride_m(self) -> float:
-        """Return the distance from where the picture of its action was taken, m."""
+        """Return the distance (m) from the place where the last picture was taken."""
         assert self._place is not None
         return math.dist(self.aircraft.sight(self.aircraft.time_us).position_ned, self._place.from_ned)
 
     @property
     def _careful(self) -> bool:
-        """True when the reply asked for a short stride, at whose end the next picture is taken."""
+        """True for a short stride (depth below NEAR_M). The next picture is taken at its end."""
         return self._place is not None and self._place.depth_m < NEAR_M
 
     def _place_now(self, seen: SeenPlace) -> tuple[Vec3, Vec3]:
@@ -112,12 +113,12 @@ class SteadyDrone(Drone):
         velocity = believed.velocity_ned if believed else (0.0, 0.0, 0.0)
         if believed and seen.depth_m >= NEAR_M:
             return believed.place_ned, velocity
-        old_s = now_s - self._seen_s  # the depth of a short stride is a distance to fly, not to the object
+        old_s = now_s - self._seen_s  # the depth of a short stride is the way to fly, not the object's distance
         north, east, down = seen.place_ned
         return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
 
     def _course_of(self, seen: SeenPlace, here: Vec3) -> float:
-        """Return the course (rad) to the place that was pointed at; of a short stride the course in its picture."""
+        """Return the course (rad) to the place that was pointed at; for a short stride, the course at capture."""
         place, origin = (seen.place_ned, seen.lens_ned) if self._careful else (self._place_now(seen)[0], here)
         return math.atan2(place[1] - origin[1], place[0] - origin[0])
 
@@ -131,10 +132,11 @@ class SteadyDrone(Drone):
         self._steer(now_s)
 
     def _goal(self, seen: SeenPlace) -> tuple[Vec3, Vec3]:
-        """Return the goal and its velocity (m, m/s, local frame): the share of the way that may be flown.
+        """Return the goal of the leg and its velocity (m, m/s, local frame).
 
-        The goal moves with a moving target. A short stride goes no farther than to where the place was, since a pilot
-        that names the same small depth again and again would otherwise be carried along ever faster.
+        The goal lies at the share `reach` of the way to the place, and moves with the target. The goal of a short
+        stride does not move and is at most as far as the place in the picture. Otherwise a drone would fly faster and
+        faster if its pilot named the same small depth again and again.
         """
         old_s = self.aircraft.time_us / 1e6 - self._seen_s
         place, velocity = self._place_now(seen)
@@ -163,11 +165,11 @@ class SteadyDrone(Drone):
         self.aircraft.fly(steered.setpoint, min(STREAMED_S, steered.valid_s), steered.seen)
 
 
-AGES_KEPT = 5  # replies by which the age of the next one is estimated
+AGES_KEPT = 5  # last replies from which the age of the next picture is estimated
 
 
 class SteadyDecider(Decider):
-    """Asks one question at a time, like the paper's decider, but the next one while the last action is being flown."""
+    """Asks one question at a time, like the paper's decider, but asks it while the last action is being flown."""
 
     def __init__(
         self,
@@ -183,7 +185,7 @@ class SteadyDecider(Decider):
 
     @property
     def age_s(self) -> float:
-        """Expected age of a picture at its reply, s of vehicle time: the median of the last ones."""
+        """Expected age of a picture at its reply, s of vehicle time: the median over the last AGES_KEPT replies."""
         return median(self._ages) if self._ages else 0.0
 
     def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
@@ -201,7 +203,7 @@ class SteadyDecider(Decider):
 
 
 class SteadyAgent(PaperAgent):
-    """Flies one episode with steady drones, grouped as those of `PaperAgent`."""
+    """Flies one episode with steady drones, in the same groups as `PaperAgent`."""
 
     drone_type, decider_type = SteadyDrone, SteadyDecider
 

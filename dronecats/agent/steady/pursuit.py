@@ -1,7 +1,8 @@
-"""Track of the target from the places that replies have named: a constant-velocity Kalman filter.
+"""Tracks the target by the places that replies name, with a constant-velocity Kalman filter.
 
-State: place and velocity in the local frame. Between sightings x' = F x with white acceleration; a sighting measures
-the place, well across the line of sight and badly along it, since a depth is judged and a pixel is pointed at.
+State: place and velocity in the local frame. Between sightings x' = F x, with random acceleration. A sighting measures
+the place: well across the line of sight, because the pilot points at a pixel, and badly along it, because the pilot
+estimates the depth.
 """
 
 from dataclasses import dataclass
@@ -13,19 +14,19 @@ from numpy.typing import NDArray
 
 from foundation.frames import Vec3
 
-ACROSS_M, ACROSS = 0.3, 0.02  # m, and m per m of distance: 1 σ across the line of sight
-ALONG_M, ALONG = 0.3, 0.2  # likewise along it
-SPEED_STD = 0.4  # m/s, 1 σ an axis after one sighting
-ACCELERATION = 0.02  # m/s², 1 σ: what walks and drives keeps its course for a while
-GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: a sighting farther off begins a new track
+ACROSS_M, ACROSS = 0.3, 0.02  # m, and m per m of distance: 1 σ of a sighting across the line of sight
+ALONG_M, ALONG = 0.3, 0.2  # the same along the line of sight
+SPEED_STD = 0.4  # m/s, 1 σ per axis after one sighting
+ACCELERATION = 0.02  # m/s², 1 σ: people and vehicles keep their velocity for a while
+GATE = 16.27  # χ² of three degrees of freedom, 99.9 %: a sighting beyond it begins a new track
 FORGET_S = 60.0  # s without a sighting after which the track ends
 LEAST = 3  # sightings needed for a velocity
-SPEED_MAX = 1.5  # m/s: a faster estimate is an error of the depths
+SPEED_MAX = 1.5  # m/s: estimates are reduced to it, because faster ones come from errors of the depths
 
 
 @dataclass(frozen=True, slots=True)
 class _Belief:
-    """The state of the filter before a sighting."""
+    """The state of the filter before its last sighting."""
 
     state: NDArray[np.float64]  # (6, 1): place and velocity, m, m/s
     covariance: NDArray[np.float64]  # (6, 6)
@@ -35,23 +36,23 @@ class _Belief:
 
 @dataclass(frozen=True, slots=True)
 class Pursued:
-    """The estimated target at a time."""
+    """The estimated place and velocity of the target at a time."""
 
     place_ned: Vec3  # m, local frame
-    velocity_ned: Vec3  # m/s, level; scaled down by its uncertainty
+    velocity_ned: Vec3  # m/s, horizontal; the more uncertain it is, the more it is reduced
 
 
 class Pursuit:
     """The track of one target. A sighting that does not belong to it begins a new track.
 
-    A second sighting at the same time replaces the first: it is another reply on the same picture.
+    A second sighting at the same time replaces the first, because it is another reply to the same picture.
     """
 
     def __init__(self) -> None:
         self._filter: KalmanFilter | None = None
         self._time_s = 0.0
-        self._before: _Belief | None = None  # without the last sighting; None: there was no track
-        self.sightings = 0  # of this track
+        self._before: _Belief | None = None  # before the last sighting; None: there was no track
+        self.sightings = 0  # number in this track
 
     def see(self, time_s: float, lens_ned: Vec3, place_ned: Vec3) -> bool:
         """Add a place (m, local frame) seen at a time from a lens; return whether it belongs to the track."""
@@ -85,7 +86,7 @@ class Pursuit:
         self._time_s, self.sightings = belief.time_s, belief.sightings
 
     def at(self, time_s: float) -> Pursued | None:
-        """Return the estimate at a time not before the last sighting; None without a track."""
+        """Return the estimate at a time, which must not be before the last sighting; None without a track."""
         if self._filter is None or time_s - self._time_s > FORGET_S:
             return None
         velocity = self._velocity()
@@ -97,7 +98,7 @@ class Pursuit:
         assert self._filter is not None
         velocity = self._filter.x[3:5, 0]
         speed = float(np.hypot(*velocity))
-        if speed**2 == 0.0 or self.sightings < LEAST:  # the square of the smallest numbers is 0
+        if speed**2 == 0.0 or self.sightings < LEAST:  # a tiny speed has a square of 0
             return (0.0, 0.0, 0.0)
         along = velocity / speed
         doubt = float(along @ self._filter.P[3:5, 3:5] @ along) / speed**2
@@ -112,20 +113,20 @@ class Pursuit:
 
 
 def transition(seconds: float) -> NDArray[np.float64]:
-    """Return F over some seconds, (6, 6), of place and velocity."""
+    """Return F over some seconds, (6, 6), for place and velocity."""
     step = np.eye(6)
     step[:3, 3:] = seconds * np.eye(3)
     return step
 
 
 def process_noise(seconds: float) -> NDArray[np.float64]:
-    """Return Q over some seconds, (6, 6): an acceleration that is white from sighting to sighting."""
+    """Return Q over some seconds, (6, 6): a random acceleration that is constant between two sightings."""
     made = Q_discrete_white_noise(2, seconds, ACCELERATION**2, block_size=3, order_by_dim=False)
     return np.asarray(made, float)
 
 
 def sighting_noise(lens_ned: Vec3, place_ned: Vec3) -> NDArray[np.float64]:
-    """Return R of a sighting, (3, 3) m²: σ∥² u uᵀ + σ⊥² (1 − u uᵀ), u the line of sight."""
+    """Return R of a sighting, (3, 3) m²: σ∥² u uᵀ + σ⊥² (1 − u uᵀ), u: unit vector of the line of sight."""
     offset = np.array(place_ned) - np.array(lens_ned)
     distance = float(np.linalg.norm(offset))
     line = offset / distance if distance else np.array([1.0, 0.0, 0.0])

@@ -1,4 +1,4 @@
-"""The way of all drones from the ground to their start poses, the same for every autopilot."""
+"""Brings all drones from the ground to their start poses, in the same way for every autopilot."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -16,29 +16,32 @@ from hil.link.telemetry import VehicleState
 from hil.preflight.failsafes import read_failsafe
 
 READY_S = 90.0  # s of vehicle time to become ready to arm; a real PX4 needs about 36
-AVERAGE_S = 3.0  # s over which the place on the ground is averaged
+AVERAGE_S = 3.0  # s over which place and range are averaged on the ground
 ARRIVAL_S = 60.0  # s to settle at the start pose
-RANGED_S = 1.0  # s over which the height over the ground is averaged
-LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; an error of the height above ground between these is corrected
-LEVELLINGS = 4
+RANGED_S = 1.0  # s over which place and range are averaged at the start pose
+LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; height errors between these two are corrected
+LEVELLINGS = 4  # most corrections of the height
 
 
 @dataclass(frozen=True, slots=True)
 class StartOffset:
-    """The start of a drone's episode, relative to its place at boot."""
+    """The start pose of a drone, relative to its place on the ground before take-off."""
 
     offset_ned: Vec3  # m, from the body's origin on the ground to the start pose
     yaw: float | None  # rad; None: the heading on the ground
 
 
 def start_of(record_start: Any, ground_down: float, clearance_m: float = 0.0) -> StartOffset:
-    """Return the start of a record's drone; `clearance_m`: height of its body's origin when it is on the ground."""
+    """Return the start offset of one drone of a record.
+
+    `ground_down`: ground at the start (m, NED); `clearance_m`: height of the body's origin of a drone on the ground.
+    """
     height_m = ground_down - clearance_m - record_start.position_ned[2]
     return StartOffset((0.0, 0.0, -height_m), math.radians(record_start.yaw_deg))
 
 
 def unchecked(links: Sequence[Link]) -> None:
-    """Check nothing, because the truth is not known."""
+    """Check nothing. For vehicles whose true pose is unknown."""
 
 
 def ascend(
@@ -51,8 +54,8 @@ def ascend(
 
     `check` is called when all are ready to arm. It raises if one of them may not take off.
 
-    If the heading matters, every drone makes a full turn on the way. Only a full turn shows the iron that turns with
-    the compass, which causes an error of up to two degrees.
+    A drone whose start has a heading makes a full turn on the way. From this turn the estimator finds the hard iron of
+    the compass, which otherwise causes a heading error of up to two degrees.
     """
     for link in links:
         link.connect()
@@ -64,7 +67,7 @@ def ascend(
     notify("waiting until the autopilot is ready to arm …")
     for link in links:
         link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
-    for link in links[:1]:  # the others are kept up with
+    for link in links[:1]:  # while it waits, its `on_wait` serves the other links
         link.wait(AVERAGE_S)
     grounds = [_ground(link) for link in links]
     check(links)
@@ -90,10 +93,10 @@ def ascend(
 
 @dataclass(frozen=True, slots=True)
 class _Ground:
-    """The place of a drone before it takes off."""
+    """The place of a drone on the ground before it takes off."""
 
     position_ned: Vec3  # m, local frame
-    range_m: float | None  # m, by its rangefinder
+    range_m: float | None  # m, of its rangefinder; None: it has none
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,13 +126,13 @@ def _send(link: Link, ground: _Ground, start: StartOffset) -> _Sent:
 
 
 def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _Sent:
-    """Correct the height of a drone by its rangefinder, if it has one, because a barometer drifts."""
+    """Correct the height of a drone by its rangefinder, if it has one, because a barometer drifts; return its goal."""
     range_m = link.track.mean_range(RANGED_S)
     place = link.track.mean_place(RANGED_S)
     if range_m is None or ground.range_m is None or place is None or start.yaw is None:
         return sent
     low_m = -start.offset_ned[2] - (range_m - ground.range_m)
-    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # beyond: the ground below is not the ground of take-off
+    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # more: the ground here is not at the height of take-off
         return sent
     north, east, _ = sent.position_ned
     position_ned = (north, east, place[2] - low_m)
@@ -146,7 +149,7 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 
 
 def _on_the_ground(link: Link) -> None:
-    """Raise LinkError if we may not arm the vehicle. A vehicle that flies or is armed has another pilot."""
+    """Raise LinkError if the vehicle is armed or in the air, so has another pilot, or if its battery is too low."""
     if link.state.armed or link.state.landed is False:
         condition = "is already armed" if link.state.armed else "is in the air"
         raise LinkError(

@@ -1,4 +1,4 @@
-"""Writes a flight's spec as JSON, and reads it from a file or from the folder of a flight."""
+"""Converts a flight's spec to JSON, and reads it from a file or from the folder of a flight."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -25,7 +25,7 @@ DEPTH_MAX = 40  # levels of brackets
 
 
 def as_json(spec: FlightSpec) -> dict[str, Any]:
-    """Return the whole spec as JSON values, only for a pipe: an address in it may have a key."""
+    """Return the complete spec as JSON values. Never store them: an address may contain a key (see `as_kept`)."""
     latency = {"latency": str(spec.latency), "latency_trace": spec.latency.trace}
     fields: dict[str, Any] = {}
     for name, value in msgspec.to_builtins(spec).items():
@@ -34,7 +34,7 @@ def as_json(spec: FlightSpec) -> dict[str, Any]:
 
 
 def as_kept(spec: FlightSpec) -> dict[str, Any]:
-    """Return the spec as JSON values for a file, without possible keys and passwords in addresses."""
+    """Return the spec as JSON values for a file. Possible keys and passwords in addresses are hidden."""
     model, commander, connected = spec.model, spec.commander, spec.connected
     if model and model.base_url:
         model = replace(model, base_url=redacted_url(model.base_url))
@@ -46,7 +46,7 @@ def as_kept(spec: FlightSpec) -> dict[str, Any]:
 
 
 def from_json(value: Any, where: str) -> FlightSpec:
-    """Return the spec of JSON values; `where` names them in errors. Raises UsageError for an invalid spec."""
+    """Return the spec in JSON values. `where` is their source, for errors. Raises UsageError for an invalid spec."""
     try:
         spec = _flight(value)
     except (msgspec.ValidationError, UsageError) as wrong:
@@ -57,7 +57,7 @@ def from_json(value: Any, where: str) -> FlightSpec:
 
 
 def _flight(value: Any) -> FlightSpec:
-    """Return the spec of JSON values. Its latency is a text, with the numbers of a recorded latency beside it."""
+    """Return the spec in JSON values. `latency` is a text; `latency_trace` has the numbers of a recorded latency."""
     if not isinstance(value, dict) or not {"latency", "latency_trace"} & value.keys():
         return msgspec.convert(value, FlightSpec)
     text = msgspec.convert(value.get("latency", LATENCY), str)
@@ -68,7 +68,7 @@ def _flight(value: Any) -> FlightSpec:
 
 
 def read(path: Path) -> FlightSpec:
-    """Return the spec in a file: a run.json, or only a spec. Raises UsageError with the file and the reason."""
+    """Return the spec in a file, which is a run.json or has only a spec. Raises UsageError with the file and reason."""
     where = f"--spec {path}"
     value = json_of(file_bytes(path, where, BYTES_MAX), where, BYTES_MAX, DEPTH_MAX)
     if isinstance(value, dict) and "versions" in value and "flight" not in value:
@@ -77,7 +77,7 @@ def read(path: Path) -> FlightSpec:
 
 
 def hidden(spec: FlightSpec) -> list[str]:
-    """Return the options of the addresses that were hidden when the spec was written."""
+    """Return the options whose addresses have a part that was hidden when the spec was written."""
     addresses = {
         "--base-url": spec.model.base_url if spec.model else None,
         "--commander-url": spec.commander.base_url if spec.commander else None,
@@ -87,7 +87,7 @@ def hidden(spec: FlightSpec) -> list[str]:
 
 
 def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
-    """Return the first key of `value` that is not in `allowed`, with its place."""
+    """Return the first key of `value` that is not in `allowed`, with the keys that lead to it."""
     if not (isinstance(value, dict) and isinstance(allowed, dict)):
         return None
     for key, inner in value.items():
@@ -100,9 +100,9 @@ def _unknown(value: Any, allowed: Any, path: str = "") -> str | None:
 
 
 def recorded(path: Path) -> FlightSpec:
-    """Return the flight of an episode folder, or of a run's only one, with its recording instead of the pilot.
+    """Return the spec that repeats the flight in an episode folder, or in a run folder with one episode.
 
-    Raises UsageError if it is not a simulated flight, or if its settings are missing.
+    The replies are those of the recording. Raises UsageError if the flight is not simulated or lacks its settings.
     """
     folder = episode_folder(path).resolve()
     configuration = run_configuration(folder.parent)
@@ -119,10 +119,10 @@ def recorded(path: Path) -> FlightSpec:
 
 def _recording(folder: Path) -> FlightRecording:
     steps: dict[int, LoggedReply] = {}
-    questions: Counter[int] = Counter()  # by the first drone of a common question
-    served: dict[int, str] = {}  # likewise; a decision has it only when it changes
+    questions: Counter[int] = Counter()  # number of questions so far, by their first drone
+    served: dict[int, str] = {}  # by the same drone; a decision has it only if it has changed
     for decision in rows(folder / layout.DECISIONS, Decision):
-        if decision.confirmed_by is not UNSET:  # the commander's; its exchange has the reply
+        if decision.confirmed_by is not UNSET:  # a decision of the commander, whose exchange has the reply
             continue
         if decision.reply is UNSET:
             raise UsageError(
@@ -130,7 +130,7 @@ def _recording(folder: Path) -> FlightRecording:
             )
         if decision.served is not UNSET:
             served[decision.drone] = str(decision.served)
-        if decision.step not in steps:  # only the first drone of a common question
+        if decision.step not in steps:  # a question has the reply in each drone's decision: take the first
             steps[decision.step] = LoggedReply(
                 step=questions[decision.drone],
                 drone=decision.drone,
@@ -159,8 +159,8 @@ def _recording(folder: Path) -> FlightRecording:
 
 
 def _of_commander(commanded: Sequence[Exchange]) -> Iterator[LoggedReply]:
-    """Yield the replies of the exchanges that have one."""
-    served: str | None = None  # an exchange has it only when it changes
+    """Yield the replies of the commander. Some exchanges have none."""
+    served: str | None = None  # an exchange has it only if it has changed
     for exchange in commanded:
         served = served if exchange.served is UNSET else str(exchange.served)
         if exchange.reply is not None:

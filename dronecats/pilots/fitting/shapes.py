@@ -1,9 +1,9 @@
-"""Fits the network of `shape_detector` to pictures of campuses that do not exist.
+"""Fits the network of `shape_detector` to pictures of random campuses.
 
-A campus has halls and the catalogue's things at random places. None stands at its place on the shipped campus: halls,
-trees and fixtures have other places, plants have another seed than any record, and the sun is elsewhere. A first
-network is fitted to random windows of the first pictures. Then windows that it mistakes join the examples, and the
-shipped network is fitted to all of them.
+A random campus has the ground of the shipped campus and its halls, which swap places. The catalogue's things stand at
+random places, the plants have random shapes, and the time of the sun is random. A first network is fitted to windows
+of the first pictures: all with a thing, and random ones without. Then windows that it mistakes for a thing join the
+examples, and the shipped network is fitted to all examples.
 """
 
 import math
@@ -28,30 +28,30 @@ from episodes.maps.scene import Instance, Mesh, Scene, sun_at
 from foundation.camera import CameraPose
 from foundation.frames import Vec3, quat_from_euler
 
-EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: the area of the things
+EXTENT = ((-80.0, 46.0), (-50.0, 52.0))  # m, north and east: the area where things stand
 COPIES = {"bench": 12, "bin": 8, "lamp": 12, "person": 26, "tree": 18, "bollard": 8, "conifer": 8, "shrub": 20}
 DISTRACTORS = 11  # copies of every other kind
-APART_M = 2.6  # between the middles of two things
+APART_M = 2.6  # least distance between the middles of two things
 HEIGHTS_M = (1.0, 2.4)  # of the camera over the ground
-FARTHEST_M = 50.0
-TILT_RAD = 0.025  # standard deviation of pitch and roll: a drone that has just braked
+FARTHEST_M = 50.0  # greatest depth of a thing that counts as visible
+TILT_RAD = 0.025  # standard deviation of pitch and roll in half of the pictures, as after braking
 
 
 @dataclass(frozen=True, slots=True)
 class VisibleThing:
-    """A thing in a picture."""
+    """A thing that is visible in a picture."""
 
     kind: str
     depth_m: float  # along the optical axis, to the thing's middle
     right_m: float  # right of the optical axis
     below_m: float  # the thing's foot below the camera
     box: tuple[int, int, int, int]  # px, left, top, right, bottom of its pixels
-    pixels: int
-    box_pixels: float  # px of the box around the thing, unobstructed
+    pixels: int  # visible ones
+    box_pixels: float  # px, area of the box around the complete thing
 
 
 def makers(rng: np.random.Generator) -> dict[str, Mesh]:
-    """Return a mesh per kind, with the catalogue's looks."""
+    """Return a mesh per kind; plants have random shapes."""
     made = {kind: maker() for kind, maker in assets.FIXTURES.items()}
     made["tiered-fountain"] = campus_fixtures.fountain(3)
     made["person"] = people.passer_by(0)
@@ -65,7 +65,7 @@ def makers(rng: np.random.Generator) -> dict[str, Mesh]:
 
 
 def build(seed: int) -> Scene:
-    """Return a campus with random places."""
+    """Return the random campus of a seed."""
     rng = np.random.default_rng((seed, 4711))
     terrain = campus_ground.terrain()
     instances: list[Instance] = []
@@ -112,7 +112,7 @@ def build(seed: int) -> Scene:
 
 
 def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
-    """Return a person with a random garment and gait; another kind unchanged."""
+    """Return a person with random clothes and posture instead of `mesh`; the mesh of another kind is unchanged."""
     if kind != "person":
         return mesh
     paint = str(rng.choice(assets.PAINTS))
@@ -124,7 +124,7 @@ def _dressed(kind: str, mesh: Mesh, rng: np.random.Generator) -> Mesh:
 def photograph(
     scene: Scene, renderer: Renderer, seed: int, count: int
 ) -> Iterator[tuple[NDArray[np.uint8], tuple[VisibleThing, ...]]]:
-    """Yield pictures (360, 640, 3) RGB from random places of a campus, at the benchmark's heights, and their things."""
+    """Yield `count` pictures (360, 640, 3) RGB from random places of a campus, each with its visible things."""
     rng = np.random.default_rng((seed, 815))
     instances = [i for i in scene.instances if i.kind not in ("ground", "wood", "hall")]
     halls = [i for i in scene.instances if i.kind == "hall"]
@@ -169,26 +169,27 @@ FIRST_SCENES, FIRST_ROUNDS = 8, 14  # of the first network
 SHORT_PICTURES = 4
 CHECK_SCENES, CHECK_PICTURES = 4, 24
 
-# Examples. A window holds a thing near its middle: log of the distance, m aside, m of height. Another window within
-# NEAR of the thing is no example. A mistaken window within PARTS of it shows a part, and is no counter-example.
+# Limits of the offset from a window to a thing: log of the ratio of distances, m aside, m of height. A window within
+# HOLDS is an example of the thing. Another window within NEAR is no example. Another window within PARTIAL shows a part
+# of the thing and is no mistake, but DISPLACED_WINDOWS of them are examples of nothing.
 HOLDS = (0.10, 0.36, 0.17)
 NEAR = (0.26, 0.90, 0.40)
 PARTIAL = (0.60, 1.6, 0.80)
-WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}  # NEAR, aside
-SEEN = (0.15, 0.40)  # visible share of a thing: under the first it is absent, under the second no example
+WIDE_M = {"fountain": 1.8, "tiered-fountain": 1.8, "clock-tower": 1.8, "kiosk": 1.3, "bike-rack": 1.3}  # for NEAR[1]
+SEEN = (0.15, 0.40)  # visible share of a thing: below the first it counts as absent, below the second as no example
 NO_EXAMPLE = -1
-RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # windows of a picture that hold nothing
-DISPLACED_WINDOWS = 12  # windows of a picture that show a thing from a wrong place
-MOST_MISTAKES = 6  # of one distance and height
-USUAL_WINDOWS = 5000.0  # of a picture
+RANDOM_WINDOWS, MISTAKEN_WINDOWS = 50, 45  # empty windows per picture: random ones, mistaken ones
+DISPLACED_WINDOWS = 12  # windows per picture that show a part of a thing
+MOST_MISTAKES = 6  # mistaken windows per picture, distance and height
+USUAL_WINDOWS = 5000.0  # usual number of windows per picture
 USUAL_PERCENTILE, USUAL_WITHIN_M = 85.0, 30.0
 
-HIDDEN = 80
-DECAY = 2e-4  # of the weights
-COVERED = 0.2  # share of the cells that are hidden in a step
-DIM = 0.25  # standard deviation of the log of the light: halls and trees throw shadows
+HIDDEN = 80  # units of the hidden layer
+DECAY = 2e-4  # weight decay
+COVERED = 0.2  # share of a window's cells that are blanked in a step
+DIM = 0.25  # standard deviation of the log of a random brightness, because halls and trees cast shadows
 
-CHECKED_M = (3.2, 20.0, 40.0)
+CHECKED_M = (3.2, 20.0, 40.0)  # m, limits of near and far
 PLAINLY = 0.5  # visible share from which a thing must be detected
 ODDS = (-0.9, 0.3, 1.5)  # log odds from which a thing counts as detected
 
@@ -197,14 +198,14 @@ CampusJpeg = tuple[bytes, tuple[VisibleThing, ...]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowExamples:
-    """Windows and what they hold."""
+    """Windows and the kinds of things that they hold."""
 
     windows: NDArray[np.float16]  # (N, rows · columns · CHANNELS)
     kinds: NDArray[np.int8]  # (N,) index into KINDS
 
 
 def join(examples: Iterable[WindowExamples]) -> WindowExamples:
-    """Return all examples as one."""
+    """Return all examples as one object."""
     batches = list(examples)
     return WindowExamples(np.concatenate([e.windows for e in batches]), np.concatenate([e.kinds for e in batches]))
 
@@ -221,7 +222,7 @@ def decoded(jpegs: Iterable[CampusJpeg]) -> Iterator[tuple[Picture, tuple[Visibl
 
 
 def usual_fill(jpegs: Iterable[CampusJpeg]) -> dict[str, float]:
-    """Return for each kind the share of its box that an unobstructed thing fills."""
+    """Return for each kind the share of its box that an unobstructed thing usually fills."""
     shares: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for _, items in jpegs:
         for item in items:
@@ -240,7 +241,10 @@ def labels(
     fill: dict[str, float],
     near: tuple[float, float, float] = NEAR,
 ) -> NDArray[np.int8]:
-    """Return for each window of a strip the index of its kind, 0 for nothing, or NO_EXAMPLE."""
+    """Return for each window of a strip the index of its kind, 0 for nothing, or NO_EXAMPLE.
+
+    `height`: index of HEIGHTS_M; `fill`: from `usual_fill`.
+    """
     right = strip.rights_m()
     kinds = np.zeros(len(right), np.int8)
     offsets = np.full(len(right), np.inf)
@@ -248,7 +252,7 @@ def labels(
         if item.kind not in KINDS:
             continue
         share = item.pixels / (item.box_pixels * fill[item.kind])
-        # at another distance the same direction is farther aside, and the same row farther below
+        # at another distance, the same direction is at another distance aside
         depth_off = abs(np.log(item.depth_m / strip.depth_m))
         aside = np.abs(right - item.right_m * strip.depth_m / item.depth_m)
         height_off = abs(item.below_m - shape_detector.HEIGHTS_M[height])
@@ -273,9 +277,9 @@ def examples_of(
     empty_windows: int,
     network: ShapeNetwork | None = None,
 ) -> WindowExamples:
-    """Return windows of one picture: all that hold a thing, and `empty_windows` that hold nothing.
+    """Return windows of one picture: all that hold a thing, and at most `empty_windows` that hold nothing.
 
-    With a network, the empty ones are those that it mistakes most, and DISPLACED_WINDOWS join them.
+    The empty windows are random. With a network they are those that it mistakes most, plus DISPLACED_WINDOWS.
     """
     windows, kinds = list[NDArray[np.float16]](), list[NDArray[np.int8]]()
     empty, rank, displaced = list[NDArray[np.float16]](), list[NDArray[np.float64]](), list[NDArray[np.float16]]()
@@ -311,13 +315,13 @@ def examples_of(
 def collect(
     jpegs: list[CampusJpeg], fill: dict[str, float], seed: int, empty: int, network: ShapeNetwork | None = None
 ) -> WindowExamples:
-    """Return the examples of all pictures."""
+    """Return the examples of all pictures. `empty`: windows per picture that hold nothing."""
     rng = np.random.default_rng((seed, 77))
     return join(examples_of(*picture, fill, rng, empty, network) for picture in decoded(jpegs))
 
 
 def fit_scenes(scenes: int, pictures: int, rounds: int) -> ShapeNetwork:
-    """Return the network fitted to so many pictures of so many campuses."""
+    """Return the network fitted to `pictures` pictures of each of `scenes` campuses in `rounds` rounds."""
     jpegs = list(draw(FIT_SEED, scenes, pictures))
     fill = usual_fill(jpegs)
     random = collect(jpegs[: min(FIRST_SCENES, scenes) * pictures], fill, 1, RANDOM_WINDOWS)
@@ -326,7 +330,7 @@ def fit_scenes(scenes: int, pictures: int, rounds: int) -> ShapeNetwork:
 
 
 def fit(examples: WindowExamples, rounds: int, seed: int) -> ShapeNetwork:
-    """Return the network after so many rounds over the examples; equal arguments give the same network."""
+    """Return a network fitted in `rounds` passes over the examples. Equal arguments give the same network."""
     rng = np.random.default_rng((seed, 31))
     cells = examples.windows[:: max(1, len(examples.windows) // 4000)].astype(np.float32)
     channels = cells.reshape(-1, shape_detector.CHANNELS)
@@ -337,13 +341,13 @@ def fit(examples: WindowExamples, rounds: int, seed: int) -> ShapeNetwork:
     weights = training.initial_weights(rng, length, HIDDEN, len(KINDS))
     steps = rounds * (len(examples.kinds) // BATCH)
     training.train(weights, _batches(examples, rounds, mean, deviation, rng), steps, DECAY, rng)
-    # the network takes raw features: their mean and deviation go into the weights
+    # the weights include mean and deviation, so the network takes raw features
     hidden = weights[0] / deviation[:, None]
     return ShapeNetwork(hidden, weights[1] - mean @ hidden, weights[2], weights[3])
 
 
 def mirrored(windows: Floats) -> Floats:
-    """Return windows (N, rows · columns · CHANNELS) as a mirror shows them: the two diagonal directions swap."""
+    """Return windows (N, rows · columns · CHANNELS) with left and right swapped, and so the two diagonal gradients."""
     cells = windows.reshape(-1, *shape_detector.WINDOW, shape_detector.CHANNELS)[:, :, ::-1]
     return np.ascontiguousarray(cells[..., [0, 1, 2, 3, 4, 7, 6, 5]]).reshape(windows.shape)
 
@@ -366,7 +370,7 @@ def _batches(
 
 
 def cross_entropy_gradient(kinds: NDArray[np.int8]) -> OutputGradient:
-    """Return the gradient of the mean cross-entropy by the network's outputs."""
+    """Return the gradient of the mean cross-entropy with respect to the network's outputs."""
 
     def gradient(outputs: NDArray[np.floating]) -> NDArray[np.floating]:
         error: NDArray[np.floating] = np.exp(outputs - outputs.max(axis=1, keepdims=True))
@@ -381,9 +385,9 @@ def cross_entropy_gradient(kinds: NDArray[np.int8]) -> OutputGradient:
 def evaluate(
     network: ShapeNetwork, jpegs: list[CampusJpeg]
 ) -> dict[str, tuple[list[tuple[float, float]], list[float]]]:
-    """Return for each kind the (distance, log odds) of every plainly visible thing, and the log odds of false ones.
+    """Return for each kind (distance, log odds) of every plainly visible thing, and log odds of false detections.
 
-    A visible thing that is not detected has -inf.
+    A visible thing that is not detected has log odds of -inf.
     """
     fill = usual_fill(jpegs)
     present: dict[str, list[tuple[float, float]]] = defaultdict(list)
@@ -407,13 +411,13 @@ def _is(detection: shape_detector.PlacedThing, item: VisibleThing, ratio_log: fl
 
 
 def check(folder: Path, short: bool) -> None:
-    """Print a line per kind: detected of visible things, near and far, and false detections per picture."""
+    """Print a line per kind: detected and visible things, near and far, and false detections per picture."""
     jpegs = list(draw(CHECK_SEED, *((1, SHORT_PICTURES) if short else (CHECK_SCENES, CHECK_PICTURES))))
     _print_table(shape_detector.load_network(folder / FILE), jpegs)
 
 
 def fit_and_check(scenes: int, pictures: int, rounds: int, out: Path | None, short: bool) -> None:
-    """Fit a network, write it to a folder if there is one, and print how it does."""
+    """Fit a network, write it to the folder `out` unless it is None, and print the table of `check`."""
     network = fit_scenes(scenes, pictures, rounds)
     if out is not None:
         training.save_network(network, out / FILE)

@@ -1,4 +1,4 @@
-"""Queries runs with SQL in a read-only database in memory, and writes their tables to files.
+"""Queries the tables of runs with SQL, in a read-only database in memory, and writes these tables to files.
 
 Needs the extra `query`.
 """
@@ -21,7 +21,7 @@ from foundation.errors import UsageError
 from foundation.files import whole_file
 from foundation.wording import did_you_mean, nearest, suggestion
 
-# A query cannot read or write files, load code, see this process's variables, or change these settings
+# With these a query cannot read or write files, load code, see variables of this process, or change a setting
 LOCKED = (
     "temp_directory = ''",
     "python_enable_replacements = false",
@@ -31,7 +31,7 @@ LOCKED = (
     "enable_external_access = false",
     "lock_configuration = true",
 )
-HEAD = re.compile(r"^(?:[\w ]+ Error: )?")  # the database's name of the kind of an error
+HEAD = re.compile(r"^(?:[\w ]+ Error: )?")  # the kind of error before a message of DuckDB
 LEAST, GREATEST = -(2**63), 2**63 - 1
 DTYPES: dict[str, Any] = {"BOOLEAN": np.bool_, "BIGINT": np.int64, "DOUBLE": np.float64}
 TableFormat = Literal["csv", "parquet"]
@@ -50,20 +50,20 @@ class Selected:
 
 @dataclass(slots=True)
 class Loaded:
-    """Tables of runs in a database."""
+    """A database with tables of runs."""
 
     connection: duckdb.DuckDBPyConnection
     damage: list[str] = field(default_factory=list)
 
 
 def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) -> Selected:
-    """Return the result of one SELECT; `parquet` writes it to a file too, completely or not at all.
+    """Return the result of one SELECT. `parquet`: also write it to this file, completely or not at all.
 
-    Only the tables that the text names are read, and exist. Raises UsageError with the error in the SQL.
+    The database has only the tables that the query names. Raises UsageError with the error in the SQL.
     """
     loaded = load(runs, named(sql))
     with contextlib.closing(loaded.connection), whole_file(parquet) if parquet else contextlib.nullcontext() as draft:
-        if draft is not None:  # the only file that it may write
+        if draft is not None:  # the only file that the query may write
             loaded.connection.execute(f"SET allowed_paths = [{literal(str(draft))}]")
         for setting in LOCKED:
             loaded.connection.execute(f"SET {setting}")
@@ -71,12 +71,12 @@ def query(sql: str, runs: Sequence[RecordedRun], parquet: Path | None = None) ->
 
 
 def named(sql: str) -> list[str]:
-    """Return the tables whose names occur in a text; no other can be queried."""
+    """Return the tables whose names occur in a query."""
     return [table for table in TABLES if re.search(rf"(?<!\w){table}(?!\w)", sql, re.IGNORECASE)]
 
 
 def load(runs: Sequence[RecordedRun], wanted: Collection[str]) -> Loaded:
-    """Return a database in memory with these tables of the runs."""
+    """Return a database in memory with the `wanted` tables of the runs."""
     loaded = Loaded(duckdb.connect(":memory:"))
     for name in wanted:
         columns = ", ".join(f'"{c.name}" {c.type}' for c in TABLES[name].columns)
@@ -121,7 +121,7 @@ def _answer(loaded: Loaded, sql: str, parquet: Path | None) -> Selected:
 
 
 def sentence(message: str) -> str:
-    """Return the first sentence of a database error and its hint, on one line."""
+    """Return the first line of a database error, with the hint that follows if there is one, as one line."""
     first, *more = [line.strip() for line in message.strip().splitlines()]
     first = HEAD.sub("", first, count=1)
     if table := re.match(r"Table with name (\S+) does not exist", first):
@@ -135,7 +135,7 @@ def sentence(message: str) -> str:
 
 
 def _unique_names(columns: Sequence[str]) -> tuple[str, ...]:
-    """Return the names with a number after those that repeat."""
+    """Return the names, with a number appended to each repetition."""
     unique: list[str] = []
     for name in columns:
         n = 2
@@ -154,10 +154,10 @@ def table_file(kind: TableFormat, table: str, out: Path) -> Path:
 def write_tables(
     kind: TableFormat, runs: Sequence[RecordedRun], out: Path, column_name: ColumnNames = lambda table, column: column
 ) -> tuple[dict[str, int], list[str]]:
-    """Write every table into a folder, which is created if it is missing; a file is complete or absent.
+    """Write every table to a file in a folder. A missing folder is created. A file is written completely or not at all.
 
-    Returns the number of rows of each table, and a sentence for each damaged episode. Raises UsageError when it cannot
-    be written.
+    Returns the number of rows of each table, and a sentence for each damaged episode. Raises UsageError when a file
+    cannot be written.
     """
     loaded = load(runs, tuple(TABLES))
     try:
@@ -183,7 +183,7 @@ def _write(
 
 
 def array(values: Sequence[Any], sql_type: str) -> NDArray[Any]:
-    """Return values of one SQL type as an array; None is masked, in texts kept. Integers beyond 64 bits become None."""
+    """Return values of one SQL type as an array. None is masked, or kept in texts. Integers over 64 bits are None."""
     if sql_type not in DTYPES:
         texts = np.empty(len(values), dtype=object)
         texts[:] = [None if value is None else _text(value) for value in values]
@@ -196,5 +196,5 @@ def array(values: Sequence[Any], sql_type: str) -> NDArray[Any]:
 
 
 def _text(value: str) -> str:
-    """Return a text with lone surrogates, which UTF-8 cannot encode, escaped."""
+    """Return a text with its lone surrogates escaped, because UTF-8 cannot encode them."""
     return value if value.isascii() else value.encode("utf-8", "backslashreplace").decode()

@@ -1,4 +1,7 @@
-"""The results of a study: every flight with its levels, and shares and means at each level (unit: the episode)."""
+"""The results of a study: every flight with its levels, and shares and means at each level.
+
+The statistical unit is the episode.
+"""
 
 import statistics
 from collections.abc import Iterator, Sequence
@@ -10,9 +13,9 @@ from dronecats.judge.statistics.differences import KnownMean, known_mean
 from dronecats.judge.statistics.shares import KnownShare, known_share
 from dronecats.report.results.collection import ScoredEpisode
 
-StudiedLevel = float | str  # of a factor: a number in its unit, or a word
+StudiedLevel = float | str  # value of a factor: a number in the factor's unit, or a word
 ALL = "all cells"
-MANY = 12  # levels of a factor; of more, as in a Latin hypercube, neighbours are grouped
+MANY = 12  # most levels reported singly; a factor with more, as in a Latin hypercube, is reported in groups
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,32 +23,32 @@ class StudiedFactor:
     """A factor that the study varies."""
 
     name: str  # latency, wind, …
-    unit: str  # of its levels; empty: a ratio, a count or words
+    unit: str  # of the levels; empty for a ratio, a count or words
     levels: tuple[StudiedLevel, ...]  # in the order of study.json
     reference: StudiedLevel  # the level that all others are compared with
 
     @property
     def numeric(self) -> bool:
-        """Whether its levels are numbers, along which a line can be fitted."""
+        """Whether the levels are numbers, so that a curve of success over level can be fitted."""
         return all(isinstance(level, float) for level in self.levels)
 
     @property
     def words(self) -> str:
-        """Its name in words: frame delay."""
+        """The name in words, for example: frame delay."""
         return self.name.replace("_", " ")
 
     @property
     def title(self) -> str:
-        """Its name as a heading, with its unit: Latency (s)."""
+        """The name as a heading, with the unit, for example: Latency (s)."""
         name = self.words.replace(".", " ")
         return f"{name[:1].upper()}{name[1:]}{f' ({self.unit})' if self.unit else ''}"
 
     def label(self, level: StudiedLevel) -> str:
-        """Return a level with its unit: 0.5 s."""
+        """Return a level with its unit, for example: 0.5 s."""
         return level if isinstance(level, str) else f"{self.short(level)}{f' {self.unit}' if self.unit else ''}"
 
     def short(self, level: float) -> str:
-        """Return a level without its unit; with three digits if there are many levels, as drawn from a range."""
+        """Return a level without its unit; with three digits if there are more than MANY levels, as in a range."""
         return f"{float(f'{level:.3g}') if len(self.levels) > MANY else level:g}"
 
 
@@ -60,7 +63,7 @@ class StudiedFlight:
 
     @property
     def pair(self) -> tuple[str, int]:
-        """The key of paired flights at other levels or of other entrants: the episode and the number."""
+        """(episode, number): the key that pairs this flight with flights at other levels and of other entrants."""
         return self.scored.episode, self.number
 
 
@@ -72,9 +75,9 @@ class StudyResults:
     design: str
     factors: tuple[StudiedFactor, ...]
     entrants: tuple[str, ...]  # labels, in the order in which they were flown
-    cells: tuple[str, ...]  # that were flown, in the grid's order
+    cells: tuple[str, ...]  # cells flown, in the order of the grid
     flights: tuple[StudiedFlight, ...]
-    planned: int  # flights of the plan; fewer may be flown
+    planned: int  # number of flights in the plan; fewer may have been flown
     notes: tuple[str, ...] = ()  # limits of the comparison between entrants, a sentence each
 
     @cached_property
@@ -84,7 +87,7 @@ class StudyResults:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups that numbers are reported for: all cells together if there are several, and each cell."""
+        """The groups with figures of their own: all cells together if there are several, and each cell."""
         return (ALL, *self.cells) if len(self.cells) > 1 else self.cells
 
     def of(self, entrant: str, cell: str = ALL) -> tuple[StudiedFlight, ...]:
@@ -100,10 +103,12 @@ class StudyResults:
 
 
 def comparable(flights: Sequence[StudiedFlight], factor: int) -> list[StudiedFlight]:
-    """Return the flights whose levels of the other factors were flown at several levels of this one; all if none were.
+    """Return the flights that can be compared over the levels of the factor with this index.
 
-    In a full design these are all flights, with one factor at a time those at the base of the others. In a fraction or
-    a Latin hypercube they are all flights, since the design or chance balances the other factors.
+    A flight is kept if its levels of the other factors were flown at several levels of this factor. If none is kept,
+    all are returned. With one factor at a time, these are the flights with all other factors at the base. In a full
+    design these are all flights, and also in a fraction or a Latin hypercube: design or chance balances the other
+    factors.
     """
     levels_at: dict[tuple[StudiedLevel, ...], set[StudiedLevel]] = {}
     for flight in flights:
@@ -118,21 +123,21 @@ def levels_besides(flight: StudiedFlight, factor: int) -> tuple[StudiedLevel, ..
 
 
 def by_episode(flights: Sequence[StudiedFlight]) -> dict[str, list[StudiedFlight]]:
-    """Return the flights of each episode, by its id, episodes by name and flights by number."""
+    """Return the flights of each episode, by its id. Episodes are sorted by id, their flights by number."""
     episodes: dict[str, list[StudiedFlight]] = {}
     for flight in sorted(flights, key=lambda flight: (*flight.pair, str(flight.levels))):
         episodes.setdefault(flight.scored.episode, []).append(flight)
     return episodes
 
 
-STEPS = 6  # groups that many levels are put into
+STEPS = 6  # number of groups for a factor with more than MANY levels
 
 
 @dataclass(frozen=True, slots=True)
 class LevelMeasure:
-    """A metric of a flight that is reported beside success, as a mean."""
+    """A metric whose mean over flights is reported beside the success rate."""
 
-    metric: str  # its name in the registry
+    metric: str  # name in the registry of metrics
     title: str
     unit: str
     better: Better
@@ -150,13 +155,13 @@ class LevelStep:
     """Levels that are reported together: one, or neighbours of a factor with many levels."""
 
     title: str  # 0.5 s, or 0.2–0.4 s
-    at: float | None  # its place on an axis, the mean of its levels; None: they are words
+    at: float | None  # its place on an axis, the mean of its levels; None: the levels are words
     members: frozenset[StudiedLevel]
 
 
 @dataclass(frozen=True, slots=True)
 class LevelResult:
-    """Success and measures of one entrant in one cell, or in all, at a level."""
+    """Success and measures of one entrant at one step, in one cell or in all."""
 
     entrant: str
     cell: str
@@ -182,18 +187,18 @@ def level_steps(factor: StudiedFactor) -> tuple[LevelStep, ...]:
 
 
 def level_results(results: StudyResults, factor: int) -> list[LevelResult]:
-    """Return the result of every entrant and cell at each level of a factor, pooled over the other factors."""
+    """Return the result of every entrant and cell at each step of a factor, pooled over the other factors."""
     steps = level_steps(results.factors[factor])
     return [_level_result(results, factor, entrant, cell, step) for entrant, cell in results.lines() for step in steps]
 
 
 def successes(flights: Sequence[StudiedFlight]) -> KnownShare:
-    """Return the share of successes with its interval; the episode is the unit."""
+    """Return the share of successes with its interval. The episode is the statistical unit."""
     return known_share([[flight.scored.success for flight in group] for group in by_episode(flights).values()])
 
 
 def metric_mean(flights: Sequence[StudiedFlight], metric: str) -> KnownMean:
-    """Return the mean of a metric over episodes; the value of an episode is the mean of its flights that have one."""
+    """Return the mean of a metric over episodes. An episode's value is the mean of its flights with a known value."""
     means = []
     for group in by_episode(flights).values():
         if values := known_values(flight.scored.values.get(metric) for flight in group):

@@ -11,15 +11,15 @@ from episodes.records.record import HIDDEN, MOVING, EpisodeRecord
 from foundation.errors import UsageError
 from foundation.frames import Vec3
 
-OFF_M = 0.005  # how far a path may leave the ground between two of its waypoints
-STEP_M = 0.25  # between samples of the ground
+OFF_M = 0.005  # greatest height of a path above or below the ground between two waypoints
+STEP_M = 0.25  # distance between samples of the ground
 
 Knot = tuple[float, float]  # m north, m east
-Knots = tuple[Knot, ...]  # a path as it was clicked
+Knots = tuple[Knot, ...]  # the clicked points of a path
 
 
 def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> tuple[Vec3, ...]:
-    """Return waypoints (m, NED) through knots, with more where the ground leaves the straight line between two."""
+    """Return waypoints (m, NED) on the ground: the knots, and more where the ground between two is not straight."""
     points = [on_ground(*knots[0])]
     for a, b in itertools.pairwise(knots):
         count = max(1, math.ceil(math.dist(a, b) / STEP_M))
@@ -34,9 +34,9 @@ def draped(knots: Sequence[Knot], on_ground: Callable[[float, float], Vec3]) -> 
 
 
 def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
-    """Return the points that keep a line, seen from above, within `off_m` of all its points.
+    """Return the points of a line, seen from above, without those that are within `off_m` of the remaining line.
 
-    Two millimetres keep the shape, since positions are rounded to one. Source: Douglas and Peucker, 1973.
+    The default of 2 mm keeps the shape, because positions are rounded to 1 mm. Source: Douglas and Peucker, 1973.
     """
 
     def off(a: int, b: int, k: int) -> float:
@@ -50,7 +50,7 @@ def corners(points: Sequence[Knot], off_m: float = 0.002) -> Knots:
 
 
 def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> list[int]:
-    """Return the indices of the points to keep, so that no point k between two of them is `off(a, b, k)` > `most`."""
+    """Return the indices of the points to keep: `off(a, b, k)` ≤ `most` for each point k between two kept, a and b."""
     kept = {0, count - 1}
     waiting = [(0, count - 1)]
     while waiting:
@@ -62,14 +62,14 @@ def _needed(count: int, off: Callable[[int, int, int], float], most: float) -> l
     return sorted(kept)
 
 
-LANE_OFF_M = 0.25  # distance of a suggested path from its lane, which leaves few points to drag
+LANE_OFF_M = 0.25  # greatest distance of a suggested path from its lane; the path has few points to drag
 
 
 def way(scene: Scene, record: EpisodeRecord, here: Knot, yaw: float, length_m: float) -> Knots:
-    """Return a first path: the nearest lane that is long enough, or straight ahead to the end of the ground."""
+    """Return a first path: the nearest lane of `length_m` or more, or straight ahead until the ground ends."""
     try:
         lanes = [lane for lane in maps.places(record.map, record.map_seed).lanes if lane.length_m >= length_m]
-    except UsageError:  # a user's map lists none
+    except UsageError:  # the map of a user has no lanes
         lanes = []
     if lanes:
         nearest = min(lanes, key=lambda lane: math.dist(lane.waypoints_ned[0][:2], here))

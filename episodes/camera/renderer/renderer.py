@@ -1,4 +1,4 @@
-"""The renderer: pictures of a scene from a pose."""
+"""The renderer: draws pictures of a scene from the pose of a camera."""
 
 import threading
 from collections.abc import Callable
@@ -28,7 +28,7 @@ NOTHING_MOVED: Moved = MappingProxyType({})
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """The camera's view at one instant. Depth and ids belong to the exact middle of each pixel."""
+    """The camera's view at one instant. Depth and id of a pixel are those at its exact middle."""
 
     rgb: NDArray[np.uint8]  # (H, W, 3) sRGB
     depth: NDArray[np.float32]  # (H, W) m along the optical axis; inf = sky
@@ -38,8 +38,9 @@ class View:
 class Renderer:
     """Draws one scene through one camera.
 
-    The picture depends on scene, camera, pose and `moved` alone: every thread owns whole rows, so the bytes are the
-    same for any number of threads. `render` may be called from several Python threads; they take turns.
+    The bytes of a picture depend only on scene, camera, `shadow_cells`, `grain`, pose and `moved`. The number of
+    threads has no effect, because every thread draws whole rows. `render` may be called from several Python threads;
+    they take turns.
     """
 
     def __init__(
@@ -47,8 +48,8 @@ class Renderer:
     ) -> None:
         """Lay out the scene and draw the shadows of static instances.
 
-        `shadow_cells` is the number of cells per side of the shadow map, `grain` that of the samples of a pixel per
-        direction, an even number. Raises UsageError for an impossible camera or a scene whose ids repeat.
+        `shadow_cells` is the number of cells per side of the shadow map. `grain`, an even number, is the number of
+        samples per pixel in each direction. Raises UsageError for an impossible camera or a scene with repeated ids.
         """
         if camera.width < 1 or camera.height < 1 or not 0.0 < camera.hfov_deg < 180.0:
             raise UsageError(
@@ -86,22 +87,22 @@ class Renderer:
     def render(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> View:
         """Return the view of the camera at `pose`.
 
-        `moved` has the position (m, NED) and yaw (rad) or attitude of movable instances at this instant, or None to
-        leave one out; instances without an entry keep their pose of the scene. Raises UsageError when it names an
-        instance that cannot be moved.
+        `moved` maps the id of a movable instance to its position (m, NED) and its yaw (rad) or attitude. None instead
+        of a pose omits the instance. Instances without an entry keep their pose in the scene. Raises UsageError for
+        the id of an instance that cannot be moved.
         """
         shape = (self.camera.height, self.camera.width)
         depth, ids = np.empty(shape, np.float32), np.empty(shape, np.int32)
         return View(self._draw(pose, moved, (depth, ids)), depth, ids)
 
     def picture(self, pose: CameraPose, moved: Moved = NOTHING_MOVED) -> NDArray[np.uint8]:
-        """Return only the picture, (H, W, 3) sRGB, that `render` returns. Raises UsageError as it does."""
+        """Return only the picture of `render`, (H, W, 3) sRGB. Raises UsageError as `render` does."""
         return self._draw(pose, moved, None)
 
     def _draw(
         self, pose: CameraPose, moved: Moved, measures: tuple[NDArray[np.float32], NDArray[np.int32]] | None
     ) -> NDArray[np.uint8]:
-        """Return the picture; fill `measures`, depth and ids."""
+        """Return the picture; fill `measures` (depth and ids) unless it is None."""
         eye = eye_of(pose, self.camera, self._grain)
         rgb = np.empty((self.camera.height, self.camera.width, 3), np.uint8)
         with self._sheet.turn:
@@ -127,7 +128,7 @@ class Renderer:
         return rgb
 
     def _nearest_first(self, eye: Eye) -> NDArray[np.int64]:
-        """Return the chunks of cut-out triangles by their distance: near leaves spare the work of those behind."""
+        """Return the chunks of cut-out triangles, nearest first: leaves behind nearer ones then cost less work."""
         away = self._layout.triangles.chunk_center[self._cut_chunks] - eye.position
         return self._cut_chunks[np.argsort(np.einsum("ij,ij->i", away, away), kind="stable")]
 
@@ -147,16 +148,16 @@ class Renderer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sheet:
-    """The buffers of a picture, used by one renderer at a time."""
+    """The buffers of a picture. One renderer at a time uses them."""
 
-    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) which triangle
-    light: NDArray[np.float32]  # (H, W, 3)
+    samples: NDArray[np.int32]  # (grain · H + 1, grain · W + 1) triangle that each sample sees
+    light: NDArray[np.float32]  # (H, W, 3) linear
     turn: threading.Lock = field(default_factory=threading.Lock)
 
 
 @once(2)
 def _sheet(camera: CameraModel, grain: int) -> _Sheet:
-    """Return the buffers that all renderers of this process share for such a camera: 26 MB at 1280×720."""
+    """Return the buffers that all renderers of this process share for one camera and grain: 26 MB at 1280×720."""
     height, width = camera.height, camera.width
     return _Sheet(
         samples=np.empty((grain * height + 1, grain * width + 1), np.int32),
@@ -166,7 +167,7 @@ def _sheet(camera: CameraModel, grain: int) -> _Sheet:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Still:
-    """What is computed once from the things of a map that never move."""
+    """Data that is computed once from the static instances of a scene."""
 
     shadows: Shadows
     contacts: ContactShadows
@@ -175,7 +176,7 @@ class _Still:
 
 
 def _still(scene: Scene, layout: SceneArrays, cells: int) -> _Still:
-    """Return what does not move in a scene; that of its map is shared where the map is laid out."""
+    """Return the data of a scene's static instances. Scenes of one map share the map's part if `_of_map` has it."""
     own = layout.static_count
     if scene.base is not None and not any(i.movable for i in scene.base.instances):
         own = sum(len(i.mesh.triangles) for i in scene.base.instances)
@@ -193,7 +194,7 @@ def _still(scene: Scene, layout: SceneArrays, cells: int) -> _Still:
 
 
 def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns, Occlusion]:
-    """Return what stands on the ground in triangles 0 … stop - 1, and the open sky between."""
+    """Return the columns of triangles 0 … stop - 1 on the ground, and the open share of the sky between them."""
     columns = columns_of(layout, stop, _ground(scene), mean_of(layout.surfaces, layout.atlas))
     return columns, occlusion_of(columns, scene.terrain)
 
@@ -202,7 +203,7 @@ def _surroundings(scene: Scene, layout: SceneArrays, stop: int) -> tuple[Columns
 def _of_map(
     scene: Scene, cells: int
 ) -> tuple[tuple[SunMap, threading.Lock], Columns, Occlusion, threading.Lock] | None:
-    """Return what `_still` shares between the scenes of a map; None where the map is not laid out by itself."""
+    """Return what `_still` shares between the scenes of a map; None for a map with movable instances."""
     laid = laid_out(scene)
     if laid is None:
         return None

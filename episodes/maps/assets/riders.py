@@ -1,4 +1,4 @@
-"""Riders with what they ride: a bicycle, a touring motorcycle. The paint is the colour of their jacket."""
+"""Meshes of a cyclist and a motorcyclist with their vehicles. The paint is the colour of vehicle and helmet."""
 
 import itertools
 from dataclasses import replace
@@ -13,7 +13,7 @@ from episodes.maps.assets.vehicles import about_y, plates
 from episodes.maps.geometry import MeshPart
 from episodes.maps.scene import Material, Mesh
 
-MOTORCYCLE_SIZE = 1.06  # of the drawing below: 2.4 m long, as the largest tourers are
+MOTORCYCLE_SIZE = 1.06  # scale of the dimensions below: 2.4 m long, like the largest touring motorcycles
 SADDLE = materials.plain("saddle", (30, 28, 28), 0.15)
 ALLOY = materials.plain("alloy", (150, 153, 158), 0.6)
 FORWARD = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0))
@@ -33,14 +33,14 @@ BIKER_OUTFIT = Outfit(shoes=(30, 30, 32), legs=(34, 35, 38))
 
 
 def tyre(radius: float, thick: float, material: Material = materials.RUBBER, segments: int = 28) -> MeshPart:
-    """Return a ring of round section about the y axis through the origin."""
+    """Return a ring with a round cross-section about the y axis, with its middle at the origin."""
     turn = np.linspace(0.0, 2.0 * np.pi, 9)
     middle = radius - thick / 2
     return about_y(g.lathe([(middle + thick / 2 * np.cos(a), thick / 2 * np.sin(a)) for a in turn], material, segments))
 
 
 def _spoked(x: float, radius: float, spokes: int) -> list[MeshPart]:
-    """Return a bicycle wheel that touches the ground at x."""
+    """Return the wheel of a bicycle. It touches the ground at x."""
     solids = [tyre(radius, 0.045), tyre(radius - 0.035, 0.028, ALLOY, 24)]
     for k in range(spokes):
         a = 2 * np.pi * k / spokes
@@ -53,7 +53,7 @@ def _spoked(x: float, radius: float, spokes: int) -> list[MeshPart]:
 
 @cache
 def cyclist(paint: str) -> Mesh:
-    """Return a bicycle and its rider: frame, helmet and jacket in a paint. Raises UsageError for an unknown paint."""
+    """Return a bicycle and its rider. `paint`: of frame, helmet and jacket. Raises UsageError for an unknown paint."""
     frame, radius = materials.paint(paint), 0.345
     rear, front = -0.52, 0.53
     crank, seat, head = (-0.07, 0.0, 0.29), (-0.24, 0.0, 0.84), (0.40, 0.0, 0.86)
@@ -99,7 +99,7 @@ def _motor_wheel(x: float, radius: float, thick: float) -> list[MeshPart]:
 
 @cache
 def motorcycle(paint: str, plate: str) -> Mesh:
-    """Return a touring motorcycle with panniers and its rider: tank, fairing, cases and helmet in a paint.
+    """Return a touring motorcycle with panniers and its rider. `paint`: of tank, fairing, cases and helmet.
 
     Raises UsageError for an unknown paint.
     """
@@ -115,7 +115,7 @@ def motorcycle(paint: str, plate: str) -> Mesh:
         solids.append(g.rod((-0.35, y, 0.28), (-1.0, y, 0.40), (0.05, 0.06), materials.CHROME, 10))
         solids.append(g.rod((0.42, y * 0.42, 0.98), (front, y * 0.42, 0.31), (0.032, 0.036), ALLOY, 8))
         solids.append(g.rod((rear, y * 0.5, 0.32), (-0.15, y * 0.5, 0.42), (0.035, 0.035), materials.TRIM, 6))
-    # tank, seat, tail, fairing with its screen, mudguard
+    # tank, seat, tail, fairing with windscreen, mudguard
     solids.append(g.ball((0.10, 0.0, 0.82), (0.34, 0.20, 0.17), shell, 2))
     solids.append(g.profile([(-0.62, 0.74), (-0.08, 0.72), (-0.06, 0.80), (-0.34, 0.84), (-0.66, 0.92)], -0.17, 0.17,
                            SADDLE))  # fmt: skip
@@ -139,7 +139,7 @@ def motorcycle(paint: str, plate: str) -> Mesh:
     guard = np.array([[(front + r * np.cos(a), y, 0.31 + r * np.sin(a)) for a in arc] for y, r in
                       ((-0.09, 0.34), (-0.05, 0.365), (0.05, 0.365), (0.09, 0.34))])  # fmt: skip
     solids += [g.grid(guard, shell, 50.0), g.grid(guard[::-1] - (0, 0, 0.004), materials.TRIM, 50.0)]
-    # panniers, top case, and the panels that keep the wind off the rider's legs
+    # panniers, top case, and panels that shield the rider's legs from the wind
     for s in (-1.0, 1.0):
         y0, y1 = sorted((s * 0.24, s * 0.53))
         solids.append(g.box((-1.16, y0, 0.40), (-0.54, y1, 0.86), shell))
@@ -162,5 +162,5 @@ def motorcycle(paint: str, plate: str) -> Mesh:
     large = [
         replace(p, corners=p.corners * MOTORCYCLE_SIZE) for p in [*solids, *body(BIKER, "black", BIKER_OUTFIT, shell)]
     ]
-    rear_plate = plates(plate, (-1.195 * MOTORCYCLE_SIZE, 0.62), (0.0, 0.0))[0]  # its letters have a size of their own
+    rear_plate = plates(plate, (-1.195 * MOTORCYCLE_SIZE, 0.62), (0.0, 0.0))[0]  # not scaled: fixed letter size
     return g.assemble([*large, rear_plate])
