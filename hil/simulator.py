@@ -1,12 +1,13 @@
-"""PX4's simulator interface: HIL messages from our sensors, rotor commands from PX4's answers, and their two links.
+"""PX4's simulator interface: HIL messages from our sensors, rotor commands from PX4's answers, and two kinds of link.
 
-PX4 takes a group of HIL_SENSOR only when every bit of it is set. Specific forces are in m/s², rates in rad/s, fields in
-gauss, pressures in hPa, vectors in FRD; HIL_GPS carries centimetres and 1e-7 degrees. Source: PX4 SimulatorMavlink.cpp.
+PX4 uses a group of HIL_SENSOR's fields only if all of its bits are set. Specific forces are in m/s², rates in rad/s,
+magnetic fields in gauss, pressures in hPa, vectors in FRD. HIL_GPS has 1e-7 degrees, altitude in mm, speeds
+in cm/s and course in 0.01°. Source: PX4 SimulatorMavlink.cpp.
 
 A PX4 in software connects over TCP (`SimulatorServer`). A board in hardware-in-the-loop mode uses one link for HIL and
 other MAVLink messages (`BoardLine`). There is no lockstep with a board, because it stamps messages with its own clock.
 It decodes HIL messages only in HIL mode (SYS_HITL), which its heartbeat shows. It would use HIL_STATE_QUATERNION as its
-estimate, so that is never sent. Source: PX4 mavlink_receiver.cpp.
+estimate, so that message is never sent. Source: PX4 mavlink_receiver.cpp.
 """
 
 import contextlib
@@ -26,9 +27,9 @@ from hil.link.transport import BAUD, Transport, bind_error
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
 ARMED = dialect.MAV_MODE_FLAG_SAFETY_ARMED
 HIL_ENABLED = dialect.MAV_MODE_FLAG_HIL_ENABLED
-SENSOR_BYTES = 74  # largest HIL_SENSOR on the link: MAVLink 2 leaves out trailing zeros, and id is 0
+SENSOR_BYTES = 74  # largest HIL_SENSOR frame: MAVLink 2 leaves out trailing zeros, and id is 0
 COURSE_UNKNOWN = 65535
-COURSE_FROM = 0.3  # m/s; below it a receiver has no course over ground
+COURSE_FROM = 0.3  # m/s; below this speed a receiver reports no course over ground
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +43,7 @@ class Sent:
 
 
 def sensor_message(sensors: Any, time_us: int, sent: Sent) -> dialect.MAVLink_hil_sensor_message:
-    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with the groups marked that are newer than `sent`.
+    """Return HIL_SENSOR at `time_us` (µs, vehicle clock), with all groups marked that are newer than `sent`.
 
     `sensors` is a record of `foundation.sensors.SENSORS`. Without new samples the message still advances PX4's clock.
     """
@@ -104,8 +105,9 @@ def rotor_commands(controls: Sequence[float], rotors: int, idle: float) -> list[
     """Return fractions of full rotor speed (MAX_ROTORS of them) for PX4's motor outputs 0 … 1.
 
     0 is the idle speed, 1 the full speed, linear in between, like PX4's own Gazebo bridge for this aircraft
-    (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the output, as behind a real motor controller, and
-    THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed. For NaN the rotor idles.
+    (SIM_GZ_EC_MIN, SIM_GZ_EC_MAX). Thrust grows with the square of the rotor speed, as with a real motor controller.
+    PX4 does not correct for that, since THR_MDL_FAC stays 0. `idle`: the idle speed as a fraction of the full speed.
+    For NaN the rotor idles.
     """
     used = [idle + (1.0 - idle) * min(max(u, 0.0), 1.0) if u == u else idle for u in controls[:rotors]]
     return used + [0.0] * (MAX_ROTORS - len(used))
@@ -130,7 +132,7 @@ def _uint16(value: float) -> int:
     return max(0, min(65534, round(value)))
 
 
-PORT = 4560  # + instance
+PORT = 4560  # of instance 0; plus the number of the instance
 SEND_S = 5.0  # wall seconds after which a PX4 that no longer reads is dropped
 
 
@@ -162,7 +164,7 @@ class SimulatorServer:
 
     @property
     def connected(self) -> bool:
-        """Whether a PX4 is probably connected."""
+        """Whether a PX4 is connected. A lost connection is noticed at the next `send` or `receive`."""
         return self._peer is not None
 
     def accept(self) -> bool:
@@ -179,7 +181,7 @@ class SimulatorServer:
         return True
 
     def send(self, data: bytes) -> None:
-        """Send to the connected PX4. A PX4 that has gone is noticed, but is not an error."""
+        """Send to the connected PX4. A lost connection is closed, but is not an error."""
         if self._peer is not None:
             try:
                 self._peer.sendall(data)
@@ -187,7 +189,7 @@ class SimulatorServer:
                 self._drop()
 
     def receive(self, timeout_s: float) -> list[dialect.MAVLink_message]:
-        """Return the messages of the next `timeout_s` wall seconds; none if PX4 is silent or has gone."""
+        """Wait up to `timeout_s` wall seconds for data and return its messages; none if PX4 is silent or has gone."""
         if self._peer is None or not select.select([self._peer], [], [], timeout_s)[0]:
             return []
         data = b""
@@ -207,9 +209,9 @@ class SimulatorServer:
             self._peer = None
 
 
-RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; with less, a rate controller cannot hold the vehicle
+RATE_MAX_HZ, RATE_LEAST_HZ = 250, 200  # of HIL_SENSOR; below the least, a rate controller cannot hold the vehicle
 BITS_PER_BYTE = 10  # start and stop bit included
-USB = "ttyACM"  # in the name of a board on USB itself, which has no rate
+USB = "ttyACM"  # in the device name of a board that is connected by USB; such a link has no baud rate
 SHARE = 0.5  # share of the link for HIL_SENSOR; the clients need the rest
 HEARTBEAT_S = 1.0  # wall seconds
 REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
@@ -222,7 +224,7 @@ HELLO = dialect.MAVLink_heartbeat_message(
 
 
 def sensor_period_us(url: str) -> int:
-    """Return the time (µs, whole milliseconds) between two HIL_SENSOR that a link carries; 4 ms unless it is slow.
+    """Return the period (µs, whole milliseconds) of HIL_SENSOR on a link: 4 ms, or more on a slow serial line.
 
     Raises UsageError for a serial line that is too slow.
     """
@@ -241,7 +243,7 @@ def sensor_period_us(url: str) -> int:
 
 
 class BoardLine:
-    """One board on a cable, which may be pulled and put back."""
+    """One board on a cable, which may be unplugged and plugged in again."""
 
     def __init__(self, connect: Callable[[], Transport], packer: Packer) -> None:
         """`connect` opens the link, now and after it breaks. Only the first call raises its errors."""
@@ -263,7 +265,7 @@ class BoardLine:
 
     @property
     def in_hil(self) -> bool:
-        """Whether the board accepts simulated sensors, by its heartbeat."""
+        """Whether the board accepts simulated sensors: its last heartbeat shows HIL mode."""
         return self.present and self._hil
 
     def exchange(self) -> None:
@@ -287,7 +289,7 @@ class BoardLine:
             self._take(frame, now_s)
 
     def send(self, *messages: dialect.MAVLink_message) -> None:
-        """Send messages of the simulator."""
+        """Send messages from the simulator."""
         self.give(b"".join(self._packer.pack(message) for message in messages))
 
     def give(self, data: bytes) -> None:

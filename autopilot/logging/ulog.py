@@ -1,4 +1,4 @@
-"""The ULog file format, version 1: every kind of message as bytes, little endian. Pure.
+"""The ULog file format, version 1: the messages of our flight logs as little-endian bytes. No I/O.
 
 Source: the ULog specification in PX4's documentation (docs.px4.io, dev_log/ulog_file_format).
 """
@@ -10,7 +10,7 @@ MAGIC = bytes((0x55, 0x4C, 0x6F, 0x67, 0x01, 0x12, 0x35))
 VERSION = 1
 LONGEST = 65_535  # bytes of one message's payload, a uint16 on the wire
 
-_HEAD = struct.Struct("<HB")  # size of what follows, type of the message
+_HEAD = struct.Struct("<HB")  # size of the payload, type of the message
 _CODES = {
     "int8_t": "b", "uint8_t": "B", "int16_t": "h", "uint16_t": "H", "int32_t": "i", "uint32_t": "I",
     "int64_t": "q", "uint64_t": "Q", "float": "f", "double": "d", "bool": "?",
@@ -23,7 +23,7 @@ def _message(kind: str, payload: bytes) -> bytes:
 
 
 def header(time_us: int) -> bytes:
-    """Return the file header with the flag bits after it: nothing unusual, no data appended. `time_us`: vehicle µs."""
+    """Return the file header and the message of flag bits, all 0. `time_us`: begin of the log, vehicle clock."""
     return MAGIC + struct.pack("<BQ", VERSION, time_us) + _message("B", bytes(40))
 
 
@@ -64,17 +64,17 @@ def parameter(name: str, value: int | float) -> bytes:
 
 
 def subscription(number: int, name: str, instance: int = 0) -> bytes:
-    """Return the message that gives an instance of a topic its number among the data that follow."""
+    """Return the subscription message: later data messages with this `number` belong to an instance of a topic."""
     return _message("A", struct.pack("<BH", instance, number) + name.encode())
 
 
 def text(severity: int, time_us: int, words: str) -> bytes:
-    """Return a logged text; `severity` is a MAV_SEVERITY, 0 (emergency) to 7 (debug)."""
+    """Return a logged string, at most 1000 bytes; `severity` is a MAV_SEVERITY, 0 (emergency) to 7 (debug)."""
     return _message("L", struct.pack("<BQ", ord("0") + severity, time_us) + words.encode()[:1000])
 
 
 def dropout(milliseconds: int) -> bytes:
-    """Return the mark of data that were lost over a time."""
+    """Return the dropout message: data were lost for this time."""
     return _message("O", struct.pack("<H", min(milliseconds, 65_535)))
 
 

@@ -1,7 +1,8 @@
 """MAVLink's gimbal protocol v2 for a gimbal that the autopilot drives itself: manager and device in one component.
 
-Source: mavlink.io/en/services/gimbal_v2.html. The device has the id 1, as gimbals without MAVLink of their own have. It
-has a pitch axis only, which holds its angle from the horizon; a commanded yaw is ignored.
+Source: mavlink.io/en/services/gimbal_v2.html. The device has the id 1: ids from 1 to 6 are for gimbals without MAVLink
+of their own. Clients command only its pitch, an angle from the horizon. Roll stays level, and a commanded yaw is
+ignored.
 """
 
 import math
@@ -19,7 +20,7 @@ CAPABILITIES = (
     | dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_LOCK
 )
 HELD = dialect.GIMBAL_MANAGER_FLAGS_ROLL_LOCK | dialect.GIMBAL_MANAGER_FLAGS_PITCH_LOCK
-LEAVE, MYSELF, NOBODY = -1, -2, -3  # of a sender in DO_GIMBAL_MANAGER_CONFIGURE
+LEAVE, MYSELF, NOBODY = -1, -2, -3  # ids in DO_GIMBAL_MANAGER_CONFIGURE: no change, the sender, remove the sender
 GimbalClient = tuple[int, int]  # system, component; (0, 0): none
 
 
@@ -33,20 +34,20 @@ class GimbalDevice(Protocol):
     neutral: float
 
     def aim(self, pitch: float) -> None:
-        """Go to a pitch."""
+        """Start to move to a pitch (rad)."""
         ...
 
     def move(self, rate: float) -> None:
-        """Go on at a rate (rad/s)."""
+        """Move at a rate (rad/s, + up) until the next command or the end of the range."""
         ...
 
     def attitude(self, body: Quat) -> Quat:
-        """Return the camera's attitude on a body of this attitude."""
+        """Return the attitude of the camera (its axes → NED) for the attitude of the body (FRD → NED)."""
         ...
 
 
 class GimbalManager:
-    """Decides who commands the gimbal, and does it."""
+    """Decides which client may command the gimbal, and executes its commands."""
 
     def __init__(self, device: GimbalDevice) -> None:
         self.device = device
@@ -54,7 +55,7 @@ class GimbalManager:
         self.secondary: GimbalClient = (0, 0)
 
     def configure(self, source: GimbalClient, senders: tuple[int | None, ...]) -> int:
-        """Set who is in control by the first four parameters of DO_GIMBAL_MANAGER_CONFIGURE; return MAV_RESULT."""
+        """Set the clients in control from parameters 1 to 4 of DO_GIMBAL_MANAGER_CONFIGURE; return MAV_RESULT."""
         if any(sender is None for sender in senders):
             return int(dialect.MAV_RESULT_DENIED)
         first, first_component, second, second_component = (int(sender or 0) for sender in senders)
@@ -63,9 +64,9 @@ class GimbalManager:
         return int(dialect.MAV_RESULT_ACCEPTED)
 
     def point(self, source: GimbalClient, pitch_deg: float, rate_deg_s: float, flags: int) -> int:
-        """Go to a pitch, or on at a rate where no pitch is given; return MAV_RESULT.
+        """Move to a pitch, or at a rate if the pitch is not finite; return MAV_RESULT.
 
-        Denied while another client is in control, and without a number.
+        The flag NEUTRAL has priority over both. Denied while another client is in control, or if neither is finite.
         """
         if self.primary != (0, 0) and source not in (self.primary, self.secondary):
             return int(dialect.MAV_RESULT_DENIED)

@@ -1,7 +1,7 @@
-"""The mission protocol for missions, geofences and rally points: upload, download, clearing, the current item.
+"""MAVLink's mission protocol for missions, geofences and rally points: upload, download, clearing, the current item.
 
-A download is answered item by item from the plan in force and needs no memory. An upload is collected apart and put in
-force as a whole; every client has its own, so two of them do not disturb each other.
+A download reads each item from the plan in force and keeps no state. An upload is collected separately and takes effect
+as a whole. Each client has its own uploads, so clients do not disturb each other.
 Source: mavlink.io/en/services/mission.html; retry 0.25 s, time-out 5 s as PX4.
 """
 
@@ -31,7 +31,7 @@ def _acknowledge(port: Port, message: Message, result: int) -> None:
 
 
 def say_current(node: Node) -> None:
-    """Tell everybody which item is in force, and keep it for the next boot; a finished mission begins anew then."""
+    """Send MISSION_CURRENT on all ports, and store the current item for the next boot; 0 for a finished mission."""
     commander = node.vehicle.commander
     commander.flight.plans.remember(0 if commander.mission.complete else commander.mission.current)
     node.forget_telemetry()
@@ -49,7 +49,7 @@ def _replace(node: Node, kind: int, items: tuple[PlanItem, ...]) -> None:
 
 
 def request_list(node: Node, port: Port, message: Message) -> None:
-    """Answer how many items there are."""
+    """Reply with the number of items of a plan."""
     if message.mission_type not in KINDS:
         _acknowledge(port, message, UNSUPPORTED)
         return
@@ -58,7 +58,7 @@ def request_list(node: Node, port: Port, message: Message) -> None:
 
 
 def request_item(node: Node, port: Port, message: Message) -> None:
-    """Answer with one item, in the form that was asked for."""
+    """Reply with one item: MISSION_ITEM_INT to MISSION_REQUEST_INT, else MISSION_ITEM."""
     if message.mission_type not in KINDS:
         _acknowledge(port, message, UNSUPPORTED)
         return
@@ -81,7 +81,7 @@ def request_item(node: Node, port: Port, message: Message) -> None:
 
 
 def count(node: Node, port: Port, message: Message) -> None:
-    """Begin an upload, from the start when it is repeated; one of no items clears."""
+    """Begin an upload, or begin it again if the message is repeated. A count of 0 clears the plan."""
     kind = message.mission_type
     if kind not in KINDS:
         _acknowledge(port, message, UNSUPPORTED)
@@ -100,7 +100,7 @@ def count(node: Node, port: Port, message: Message) -> None:
 
 
 def take_item(node: Node, port: Port, message: Message) -> None:
-    """Take the item that was asked for; ask again for it when another came."""
+    """Take the requested item of an upload. If another item arrives, request the right one again."""
     upload = node.uploads.get(_key(port, message))
     if upload is None:
         _acknowledge(port, message, ERROR)
@@ -140,13 +140,13 @@ def _item(m: Message) -> PlanItem:
 
 
 def acknowledged(node: Node, port: Port, message: Message) -> None:
-    """The client's end of a download, or its cancelling of an upload."""
+    """Handle MISSION_ACK: the client has ended a download or cancelled its upload."""
     if message.type == CANCELLED:
         node.uploads.end(_key(port, message))
 
 
 def refuse(node: Node, port: Port, message: Message) -> None:
-    """Refuse a partial write at once: a plan is replaced as a whole. PX4 leaves the client waiting for its time-out."""
+    """Reject a partial write: a plan is only replaced as a whole. PX4 does not answer, so its clients time out."""
     _acknowledge(port, message, UNSUPPORTED)
 
 
@@ -166,14 +166,14 @@ def clear_all(node: Node, port: Port, message: Message) -> None:
 
 
 def set_current(node: Node, port: Port, message: Message) -> None:
-    """Go on with an item, and tell everybody which is in force."""
+    """Continue the mission at an item, and send MISSION_CURRENT on all ports."""
     if not node.vehicle.commander.fly_item(message.seq):
         node.complain(f"Mission item {message.seq} does not exist")
     say_current(node)
 
 
 def tell_progress(node: Node) -> None:
-    """Announce the items that the mission has reached since the last tick."""
+    """Send MISSION_ITEM_REACHED for the items reached since the last call, and MISSION_CURRENT."""
     reached = node.vehicle.commander.mission.reached
     for seq in reached:
         node.broadcast(dialect.MAVLink_mission_item_reached_message(seq))

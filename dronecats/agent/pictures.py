@@ -1,7 +1,8 @@
 """Declared disturbances of pictures between camera and decider: delay, loss, staleness, low rate.
 
-They happen in vehicle time and are drawn from the seed once for each question and drone, the same in lockstep and in
-real time. A picture keeps the time at which it was taken, so decisions count from where it was taken.
+Their times are vehicle time. They are drawn from the seed once for each question and drone, so the draws are the same
+in lockstep and in real time. A picture keeps the time at which it was taken, and an action counts from the drone's pose
+at that time.
 """
 
 import math
@@ -15,18 +16,18 @@ from dronecats.agent.latency import Question
 from foundation.camera import Camera, Frame
 
 AGAIN_S = 0.1  # vehicle s, the shortest time before a lost picture is requested again
-PICTURES = 6  # stream of draws, beside those of `latency`
-CLOSE_S = 1e-9  # s
+PICTURES = 6  # number of this random stream; `latency` has the others
+CLOSE_S = 1e-9  # s, tolerance of comparisons
 
-Fetch = Callable[[Callable[[], Frame]], Generator[None, None, Frame]]  # runs a slow call, and yields meanwhile
+Fetch = Callable[[Callable[[], Frame]], Generator[None, None, Frame]]  # runs a slow call, and yields until it returns
 
 
 @dataclass(frozen=True, slots=True)
 class PictureLoss:
-    """The draw for the picture of one question."""
+    """The drawn disturbances of the picture of one question."""
 
-    stale: bool  # it is the picture of the question before
-    lost: int  # number of lost pictures before it
+    stale: bool  # the question gets the previous question's picture
+    lost: int  # number of pictures that are lost before one arrives
 
 
 class PicturePath:
@@ -43,16 +44,19 @@ class PicturePath:
     ) -> None:
         """Set the disturbances of `FrameFaults`.
 
-        `recall` returns the frame of a past time (µs, vehicle clock) and drone; `rate_hz` needs it.
+        `recall` returns the frame of a drone at a past time (µs, vehicle clock); `rate_hz` needs it.
         """
         self._delay_s, self._dropped, self._stale = delay_s, dropped, stale
         self._rate_hz, self._recall = rate_hz, recall
         self._got: dict[tuple[int, int], Frame] = {}  # (first drone of the question, drone) → its last frame
-        self._numbers: dict[tuple[int, int], int] = {}  # likewise, the number of a picture at a rate
-        self.held_s = 0.0  # vehicle s by which the pictures of the newest question were delayed
+        self._numbers: dict[tuple[int, int], int] = {}  # … → number of that frame at `rate_hz`, from 0
+        self.held_s = 0.0  # vehicle s by which disturbances delayed the pictures of the newest question
 
     def drawn(self, question: Question, drone: int) -> PictureLoss:
-        """Return the draw for the picture of a question and drone. Draws at different levels are nested."""
+        """Return the draw for the picture of a question and drone.
+
+        A picture that is stale or lost with some share is also stale or lost with every higher share.
+        """
         numbers = np.random.default_rng((*question.seed, question.step, question.drone, drone, PICTURES))
         stale = float(numbers.random()) < self._stale
         lost = 0
@@ -69,9 +73,9 @@ class PicturePath:
         t0_us: int,
         fetch: Fetch,
     ) -> Generator[None, None, list[Frame]]:
-        """Return the frame of each drone on which a question is asked; yield while they come. Raises CameraError.
+        """Return the frame of each drone for a question; yield until all are there. Raises CameraError.
 
-        `now_s` and `t0_us` are the episode's clock.
+        `now_s` returns the vehicle seconds since the episode began, which was at `t0_us` of the vehicle's clock.
         """
         self.held_s = 0.0
         coming = {drone: self._frame(camera, question, drone, now_s, t0_us, fetch) for drone in drones}
@@ -102,7 +106,7 @@ class PicturePath:
                 return self._got[key]
             self._numbers[key] = number
             taken_s = number / self._rate_hz
-            assert self._recall is not None  # comes with every rate
+            assert self._recall is not None  # required with a rate
             take = partial(self._recall, t0_us + round(taken_s * 1e6), drone)
         yield from _until(taken_s, now_s)
         waited_s = now_s() - start_s

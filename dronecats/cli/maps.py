@@ -1,4 +1,4 @@
-"""Verb `maps`: lists, shows and exports maps, and imports the user's own."""
+"""Verb `maps`: lists, shows and exports maps, and imports maps of the user."""
 
 import argparse
 import json
@@ -42,7 +42,7 @@ def add_maps_options(parser: argparse.ArgumentParser) -> None:
 
 
 def spawn(text: str) -> tuple[float, ...]:
-    """Return the two or three numbers (m, NED) of a spawn."""
+    """Return the two or three numbers (m, NED) of the option --spawn."""
     try:
         values = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -55,7 +55,7 @@ def spawn(text: str) -> tuple[float, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """List, show, export or import."""
+    """List, show, export or import maps."""
     from dronecats.report.table import table_of, words
     from episodes import maps
     from episodes.maps import gltf, user
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _facts(scene: Any) -> dict[str, Any]:
-    """Return the facts about a map for `show`, as JSON values."""
+    """Return the facts about a map for `show` and `import`, as JSON values."""
     from episodes.maps.gltf.reader import extent
 
     low, high = extent(scene)

@@ -1,8 +1,8 @@
-"""The plan of the residential neighbourhood: its streets, plots and drives, and the level of the ground they lie on.
+"""The plan of the residential neighbourhood: its streets, plots and drives, and the heights of the ground.
 
-Two streets run north, two run east and join them, so that a vehicle can go round the block; the arms of the latter end
-in the fields. Levels follow the paper's residential map: roads at +0.05 m and drives at −0.45 m, NED (appendix "Maps
-and Episodes"), so plots stand half a metre above the road.
+Two streets run north. Two others run east and join them, so that a vehicle can go round the block; their ends are dead
+ends in the fields. Heights follow the paper's residential map (appendix "Maps and Episodes"): NED z is +0.05 m on roads
+and −0.45 m at drives, so plots are half a metre above the road.
 """
 
 import math
@@ -14,20 +14,20 @@ from episodes.maps.assets import house_plans
 from episodes.maps.geometry import Array
 from foundation.terrain import HeightField
 
-REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; level beyond
+REACH = (-112.0, 112.0, -70.0, 134.0)  # m, north and east extents of the height field; beyond, the edge height holds
 CELL = 0.25  # m
-CORNER = 9.5  # m from a centre line to the plots; also the centre of the round kerbs at junctions
+CORNER = 9.5  # m from a centre line to the plots; kerbs at junctions are arcs around plot corners
 FRONT = 14.0  # m, house fronts from the centre line
 DEPTH = 32.0  # m, back fences from the centre line
-DRIVE_HALF = 2.3  # m
+DRIVE_HALF = 2.3  # m, half the width of a drive
 DRIVE_END = 13.6  # m from the centre line
-NEAR_M = 21.0  # m along the street, within which no two houses look alike
-FLANK = 0.25  # m, the sides of a dropped kerb
+NEAR_M = 21.0  # m along the street; two houses that are closer do not look alike
+FLANK = 0.25  # m along the street, the slope on each side of a dropped kerb
 
 # distance from the centre line → NED z: road, kerb, verge, pavement, bank, plot
 PROFILE = ((0.0, 0.05), (4.0, 0.05), (4.25, -0.07), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
 PROFILE_DRIVE = ((0.0, 0.05), (4.0, 0.05), (5.5, -0.09), (7.0, -0.12), (9.5, -0.45), (50.0, -0.45))
-RINGS = (4.0, 4.25, 5.5, 7.0, 8.25, CORNER)  # m, where the use or the slope of the ground changes
+RINGS = (4.0, 4.25, 5.5, 7.0, 8.25, CORNER)  # m from the centre line, where the use or the slope of the ground changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,13 +35,13 @@ class Street:
     """A straight road with its verges, pavements and banks, 19 m wide."""
 
     name: str
-    north: bool  # runs north (or else east)
-    middle: float  # m, of its centre line: east of the origin if it runs north, or else north of it
-    ends: tuple[float, float]  # m along it
-    dead: bool = False  # ends in a kerb instead of at another street
+    north: bool  # runs north; False: runs east
+    middle: float  # m, east coordinate of its centre line if it runs north, else the north coordinate
+    ends: tuple[float, float]  # m, north coordinates if it runs north, else east coordinates
+    dead: bool = False  # both ends are kerbs; False: both ends join other streets
 
     def at(self, along: float, out: float) -> tuple[float, float]:
-        """Return (north, east) of the point `along` the street and `out` of its centre line to the east or north."""
+        """Return (north, east) of the point at `along` that is `out` metres east or north of the centre line."""
         return (along, self.middle + out) if self.north else (self.middle + out, along)
 
 
@@ -54,30 +54,30 @@ STREETS = (MAIN, SECOND, UPPER, LOWER)
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A house with its garden and drive. `side` is +1 east or north of the street's centre line, -1 beyond it."""
+    """A house with its garden and drive. `side` is +1 east or north of the street's centre line, else -1."""
 
     number: int
     street: Street
     along: float  # m, middle of the plot
     side: int
     plan: house_plans.HousePlan
-    house: float  # m along the street, middle of the main block; the whole house is centred on the plot
+    house: float  # m along the street, middle of the main block; block and garage together are centred on the plot
     drive: float  # m along the street, middle of the drive
 
     def at(self, along: float, out: float) -> tuple[float, float]:
-        """Return (north, east) of the point `along` the street and `out` of its centre line towards this plot."""
+        """Return (north, east) of the point at `along` that is `out` metres from the centre line towards this plot."""
         return self.street.at(along, self.side * out)
 
     @property
     def yaw(self) -> float:
-        """Return which way the house looks: towards the street (rad)."""
+        """Return the yaw (rad) of the house, whose front faces the street."""
         if self.street.north:
             return -self.side * math.pi / 2
         return math.pi if self.side > 0 else 0.0
 
     @property
     def left(self) -> int:
-        """Return the sign of the way along the street that lies to the left of a person who leaves the house."""
+        """Return the direction along the street (+1 or -1) that is on the left when one leaves the house."""
         return -self.side if self.street.north else self.side
 
 
@@ -92,7 +92,7 @@ def _sites() -> list[tuple[Street, float, int]]:
 
 
 def plots(seed: int) -> tuple[Plot, ...]:
-    """Return the plots; `seed` decides their houses, the sites stay."""
+    """Return the plots. `seed` changes their houses, but not where the plots are."""
     homes: list[Plot] = []
     for number, (street, along, side) in enumerate(_sites()):
         garage = 1 if (number // 2 + (side > 0) + seed) % 2 else -1
@@ -107,7 +107,10 @@ def plots(seed: int) -> tuple[Plot, ...]:
 
 
 def _away(street: Street, north: Array, east: Array) -> Array:
-    """Return how far points are from a street's centre line (m); `inf` before and behind a street that joins others."""
+    """Return the distance (m) of points from a street's centre line.
+
+    Beyond its ends it is `inf` for a street that joins others. A dead end has its kerb there instead.
+    """
     along, out = (north, east) if street.north else (east, north)
     past = np.maximum(street.ends[0] - along, along - street.ends[1])
     side = np.abs(out - street.middle)
@@ -117,10 +120,10 @@ def _away(street: Street, north: Array, east: Array) -> Array:
 
 
 def away(north: Array, east: Array) -> Array:
-    """Return the distance (m) of points from the nearest centre line; kerbs are round where two streets meet.
+    """Return the distance (m) of points from the nearest centre line, changed at junctions so that kerbs are round.
 
-    Within CORNER of both, the distance is taken from the corner of the plots, so that every ring of PROFILE goes round
-    it in an arc.
+    Within CORNER of two streets it is CORNER minus the distance from the corner of the plots. All heights of PROFILE
+    thus run in arcs around that corner.
     """
     shape = np.broadcast(north, east).shape
     runs = [
@@ -133,14 +136,14 @@ def away(north: Array, east: Array) -> Array:
 
 
 def swell(north: Array, east: Array) -> Array:
-    """Return the gentle lie of the land, NED z: up towards both ends of the main street, and up to the east."""
+    """Return the NED z (m) of the land, which rises gently towards both ends of the main street and to the east."""
     ends = 0.2 * (np.cos(np.pi * np.clip(north, -70.0, 70.0) / 70.0) - 1.0)
     t = np.clip((east - 23.0) / 18.0, 0.0, 1.0)
     return np.asarray(ends - 0.6 * t * t * (3.0 - 2.0 * t))
 
 
 def dropped(plot: Plot, north: Array, east: Array) -> Array:
-    """Return the share (0 … 1) of the dropped kerb of a plot's drive at points."""
+    """Return the weight (0 … 1) of PROFILE_DRIVE at points: 1 on the dropped kerb of a plot's drive."""
     along, out = (north, east) if plot.street.north else (east, north)
     flank = np.clip((DRIVE_HALF + FLANK - np.abs(along - plot.drive)) / FLANK, 0.0, 1.0)
     out = plot.side * (out - plot.street.middle)
@@ -148,7 +151,7 @@ def dropped(plot: Plot, north: Array, east: Array) -> Array:
 
 
 def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
-    """Return NED z of the ground at broadcast coordinates."""
+    """Return the NED z (m) of the ground at points; `north` and `east` are broadcast."""
     d = away(north, east)
     z = np.interp(d, *np.array(PROFILE).T)
     ramp = np.interp(d, *np.array(PROFILE_DRIVE).T)
@@ -159,7 +162,7 @@ def height(north: Array, east: Array, homes: tuple[Plot, ...]) -> Array:
 
 
 def terrain(homes: tuple[Plot, ...]) -> HeightField:
-    """Return the height field. A drive's nodes alone are looked at twice, since there are half a million others."""
+    """Return the height field. Each drive is added in its own small window, since there are 0.7 million nodes."""
     n0, n1, e0, e1 = REACH
     north, east = np.arange(n0, n1 + CELL / 2, CELL)[:, None], np.arange(e0, e1 + CELL / 2, CELL)[None, :]
     down = height(north, east, ())

@@ -1,8 +1,9 @@
 """The rows of the logs, one dataclass each, with the names, units and frames of all fields.
 
-Times are vehicle seconds since the episode began, places metres in the map's NED frame, unless a field says otherwise.
-A field with a default may be missing in a line of an older version: None, or UNSET where null has another meaning.
-Fields may be added but not renamed, and a reader ignores unknown ones.
+Unless a field says otherwise, times are vehicle seconds since the episode began, and places are metres in the map's NED
+frame. A line may lack a field with a default, for example because an older version wrote it. The default is mostly
+None, or UNSET where null has a meaning of its own. Fields may be added but not renamed, and a reader ignores unknown
+ones.
 
 mypy, the strict reader (`reading.py`) and the published schemas (`schemas/`) all use the annotations.
 """
@@ -37,7 +38,7 @@ Surveyed = Annotated[dict[str, Number | None], Meta(extra={"wrong": "is not a su
 
 
 def drone_label(drone: int) -> str:
-    """Return the name of a drone for people, counted from 1; files and columns count from 0."""
+    """Return a drone's name in texts for people, which count from 1; files and columns count from 0."""
     return f"drone {drone + 1}"
 
 
@@ -119,7 +120,7 @@ class Decision:
     ) = UNSET
     host_lag_s: (
         Annotated[Number, doc("s, wall time × speed that the vehicle's clock lost since the last decision")] | UnsetType
-    ) = UNSET  # in lockstep there is no such thing
+    ) = UNSET  # missing in lockstep, where no clock lags
     frame_wait_s: (
         Annotated[Number, doc("s, wall time × speed of the wait for the picture; in a fleet for each drone")]
         | UnsetType

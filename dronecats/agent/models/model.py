@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
-REASONS = {  # of `Reply.finish`; {tokens} is the length of the reply
+REASONS = {  # by `Reply.finish`; {tokens}: length of the reply
     "length": "cut off at {tokens} tokens: raise max_tokens or lower the reasoning",
     "refusal": "the model refused to answer",
     "filtered": "the provider's filter withheld the reply",
@@ -11,7 +11,7 @@ REASONS = {  # of `Reply.finish`; {tokens} is the length of the reply
 
 
 def ending_reason(finish: object, tokens_out: int | None) -> str | None:
-    """Return the reason why a reply is incomplete; None without a known one."""
+    """Return the reason why a reply is incomplete; None if it is complete or the reason is not known."""
     reason = REASONS.get(finish) if isinstance(finish, str) else None
     return reason and reason.format(tokens="its limit of" if tokens_out is None else f"{tokens_out:,}")
 
@@ -24,15 +24,15 @@ class Request:
     images_jpeg: tuple[bytes, ...]  # one per drone, in a fixed order
     thinking: bool  # extended reasoning for this call only
     labels: tuple[str, ...] = ()  # the line of text before each image; empty: no labels
-    # never sent; a recorded flight is replayed by these
-    step: int = 0  # number of the question, from 0, for these drones or of the commander
+    # the rest is never sent; a replay finds the recorded reply by step, drone and role
+    step: int = 0  # number of the question to these drones or to the commander, from 0
     drone: int = 0  # first drone of the question
     role: Literal["pilot", "commander"] = "pilot"
-    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture; empty: now. For pilots that know the truth
+    taken_us: tuple[int, ...] = ()  # µs, vehicle clock, of each picture, for pilots that know the truth; empty: now
 
     @property
     def pictures(self) -> list[tuple[str | None, bytes]]:
-        """Each image with its label or None. Raises ValueError where only some have one."""
+        """Each image with its label or None. Raises ValueError if only some images have a label."""
         labels: tuple[str | None, ...] = self.labels or (None,) * len(self.images_jpeg)
         return list(zip(labels, self.images_jpeg, strict=True))
 
@@ -64,7 +64,7 @@ class Reply:
 
     @property
     def share(self) -> float:
-        """Return the model's share, 0 … 1, of the time until the answer."""
+        """The share (0 … 1) of the time until the answer that the successful request took."""
         return self.latency_s / (self.latency_s + self.waited_s) if self.waited_s > 0.0 else 1.0
 
 
@@ -85,7 +85,7 @@ class Model(Protocol):
 
 
 class WrappedModel:
-    """A model in front of another one. Subclasses define `ask`."""
+    """A model that wraps another one. Subclasses define `ask`."""
 
     def __init__(self, model: Model) -> None:
         self.name, self._model = model.name, model

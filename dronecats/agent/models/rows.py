@@ -15,8 +15,8 @@ from foundation.wording import did_you_mean, nearest
 
 OWN_FILE = "DRONECATS_MODELS"  # environment variable: the user's file
 SHIPPED = "models.toml"
-INTEGER_MAX = 2**63 - 1  # that JSON's readers have in common
-NONE = "none"  # value of a key that is not sent
+INTEGER_MAX = 2**63 - 1  # JSON readers accept integers at least up to this
+NONE = "none"  # value of a key whose setting is not sent
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 
 
@@ -26,7 +26,7 @@ class ModelRow:
 
     name: str
     spec: ModelSpec
-    file: str  # the last file that has it
+    file: str  # the last file with a row of this name
     source: str | None = None  # of its prices
     note: str | None = None  # advice for users
 
@@ -45,7 +45,10 @@ PRICES = ("input_usd", "output_usd")
 
 
 def rows() -> dict[str, ModelRow]:
-    """Return the rows by name, the built-in ones first. Raises UsageError with file, row and key."""
+    """Return the rows by name, the built-in ones first. The user's file may change single keys of a built-in row.
+
+    Raises UsageError with file, row and key.
+    """
     shipped = files("dronecats.agent.models").joinpath(SHIPPED).read_bytes()
     tables = {name: (SHIPPED, table) for name, table in _tables(shipped, SHIPPED).items()}
     for name, table in _own().items():
@@ -58,13 +61,13 @@ def rows() -> dict[str, ModelRow]:
 
 
 def own_file() -> Path | None:
-    """Return the path of the user's file, which need not exist; None for a user without a home."""
+    """Return the path of the user's file, which need not exist; None for a user without a home folder."""
     try:
         if path := os.environ.get(OWN_FILE):
             return Path(path).expanduser()
         config = os.environ.get("XDG_CONFIG_HOME")
         return (Path(config) if config else Path.home() / ".config") / "dronecats" / SHIPPED
-    except RuntimeError:  # a user id that has none
+    except RuntimeError:  # the user id has no home folder
         return None
 
 
@@ -96,7 +99,7 @@ def model_of(word: str, base_url: str | None = None) -> ModelSpec:
 
 
 def _own() -> dict[str, tuple[str, dict[str, Any]]]:
-    """Return the user's tables by their rows' names, each with the file's name. Raises UsageError."""
+    """Return the rows of the user's file by name, each with the path of the file. Raises UsageError."""
     path = own_file()
     if path is None:
         if named_path := os.environ.get(OWN_FILE):
@@ -111,7 +114,7 @@ def _own() -> dict[str, tuple[str, dict[str, Any]]]:
 
 
 def _tables(data: bytes, where: str) -> dict[str, dict[str, Any]]:
-    """Return what a file's rows state, by their names and keys. Raises UsageError."""
+    """Return the valid settings of a file's rows by name and key. Raises UsageError."""
     tables = {}
     for name, table in toml_of(data, where).items():
         if not isinstance(table, dict):
@@ -123,7 +126,7 @@ def _tables(data: bytes, where: str) -> dict[str, dict[str, Any]]:
 
 
 def _stated(key: str, value: Any, where: str) -> Any:
-    """Return what a row states with a key. Raises UsageError."""
+    """Return the value of a key of a row, validated; None for "none". Raises UsageError."""
     if key in NOTES:
         return typed(value, Text, where, key)
     if key not in KEYS:

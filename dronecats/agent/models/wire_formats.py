@@ -1,4 +1,4 @@
-"""The wire formats of models: OpenAI chat, Gemini and Anthropic. `open_model` opens a model."""
+"""The wire formats of models: OpenAI chat, Gemini and Anthropic. `open_model` returns the client of a model."""
 
 import base64
 from typing import Any
@@ -16,13 +16,13 @@ _CHAT_FINISH = {"stop": None, "length": "length", "content_filter": "filtered"}
 
 
 class ChatModel(HttpModel):
-    """A model behind an OpenAI-compatible endpoint. Paper, "API Request Format", first listing."""
+    """A model behind an OpenAI-compatible endpoint. Source: paper, "API Request Format", first listing."""
 
     answer = "chat completion"
     path = "chat/completions"
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
-        """Raises UsageError as `HttpModel`, and for a root of the schema that OpenAI rejects."""
+        """Raises UsageError as `HttpModel`, and for a schema whose root OpenAI rejects."""
         super().__init__(spec, patience, limiters)
         own = spec.base_url in (None, self._provider.base_url)
         if spec.provider == "openai" and own and spec.schema == "array":
@@ -53,13 +53,13 @@ class ChatModel(HttpModel):
         return count(usage.get("prompt_tokens")), count(usage.get("completion_tokens"))
 
     def read(self, data: Any) -> ReadAnswer:
-        """Return the content of an answer. The text of a refusal is the model's own."""
+        """Return the content of an answer. If the model refuses, its refusal is the text."""
         choice = data["choices"][0]
         message = choice["message"]
         usage = data.get("usage") or {}
         finish = finish_of(choice.get("finish_reason"), _CHAT_FINISH)
         text = message["content"]
-        if text is None:  # only reasoning, or a refusal: a failure of the model, not of the wire
+        if text is None:  # only reasoning, or a refusal: a valid answer of the endpoint
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
         return ReadAnswer(
@@ -78,11 +78,11 @@ _GEMINI_FINISH = {"STOP": None, "MAX_TOKENS": "length", **dict.fromkeys(_WITHHEL
 
 
 class GeminiModel(HttpModel):
-    """A model behind the Gemini API, generateContent. Paper, "API Request Format", second listing."""
+    """A model behind the Gemini API, generateContent. Source: paper, "API Request Format", second listing."""
 
     answer = "Gemini content"
     key_header = KeyHeader("x-goog-api-key")
-    unknown = ("exclusiveMinimum",)  # of responseJsonSchema, by the vendor's list
+    unknown = ("exclusiveMinimum",)  # in responseJsonSchema, by the vendor's list of keywords
 
     @property
     def path(self) -> str:
@@ -90,7 +90,7 @@ class GeminiModel(HttpModel):
         return f"models/{quote(self.name, safe='')}:generateContent"
 
     def body(self, request: Request) -> dict[str, Any]:
-        """Return the request body. The reasoning's fields belong to generationConfig."""
+        """Return the request body. The reasoning fields are part of generationConfig."""
         images: list[dict[str, Any]] = []
         for label, jpeg in request.pictures:
             images += [{"text": label}] if label else []
@@ -114,7 +114,7 @@ class GeminiModel(HttpModel):
         return count(usage.get("promptTokenCount")), tokens_out
 
     def read(self, data: Any) -> ReadAnswer:
-        """Return the content of an answer. Thoughts count as tokens and are not text."""
+        """Return the content of an answer. Thoughts count as tokens, but are not part of the text."""
         usage = data.get("usageMetadata") or {}
         text, finish = _gemini_text(data)
         return ReadAnswer(
@@ -142,10 +142,10 @@ def _gemini_text(data: dict[str, Any]) -> tuple[str, str | None]:
     return "".join(text_of(part["text"]) for part in blocks if "text" in part and not part.get("thought")), finish
 
 
-ANTHROPIC_VERSION = "2026-10-21"  # of the API; it rejects every sampling
-ANTHROPIC_SAMPLING_VERSION = "2023-06-01"  # the last one that takes a sampling
-_REASONS = ("enabled", "adaptive")  # types of `thinking` with which the vendor rejects a sampling
-_TABLES = ("thinking", "output_config")  # reasoning fields that are tables
+ANTHROPIC_VERSION = "2026-10-21"  # of the API; it rejects all sampling parameters
+ANTHROPIC_SAMPLING_VERSION = "2023-06-01"  # the last version that accepts sampling parameters
+_REASONS = ("enabled", "adaptive")  # types of `thinking` with which the vendor rejects sampling parameters
+_TABLES = ("thinking", "output_config")  # reasoning fields that must be tables
 _ANTHROPIC_FINISH = {
     "end_turn": None,
     "stop_sequence": None,
@@ -160,11 +160,15 @@ class AnthropicModel(HttpModel):
     answer = "Anthropic message"
     path = "messages"
     key_header = KeyHeader("x-api-key")
-    # of output_config, by the vendor's SDK
+    # in output_config, by the vendor's SDK
     unknown = ("minimum", "maximum", "exclusiveMinimum", "minItems", "maxItems")
 
     def __init__(self, spec: ModelSpec, patience: RetryPolicy = DEFAULT, limiters: Limiters | None = None) -> None:
-        """Raises UsageError as `HttpModel`, for a root that the vendor rejects, and for a budget that fills a reply."""
+        """Raises UsageError as `HttpModel`, and for settings that the vendor rejects.
+
+        These are an array as the root of the schema, malformed reasoning fields, and a reasoning budget that is not
+        below max_tokens.
+        """
         super().__init__(spec, patience, limiters)
         if spec.schema == "array":
             raise UsageError(
@@ -188,7 +192,7 @@ class AnthropicModel(HttpModel):
             raise UsageError(f"{limits}. Raise max_tokens")
 
     def headers(self) -> dict[str, str]:
-        """Return the version of the API: the newest, or the last one with sampling if one is declared."""
+        """Return the version of the API: the newest, or the last one with sampling if any parameter is declared."""
         return {"anthropic-version": ANTHROPIC_SAMPLING_VERSION if self._sampling() else ANTHROPIC_VERSION}
 
     def _sampling(self) -> dict[str, float]:
@@ -222,7 +226,7 @@ class AnthropicModel(HttpModel):
         return count(usage.get("input_tokens"), *cached), count(usage.get("output_tokens"))
 
     def read(self, data: Any) -> ReadAnswer:
-        """Return the content of an answer. The text of a refusal is mostly empty."""
+        """Return the content of an answer. If the model refuses, the text is usually empty."""
         if data["type"] != "message":
             raise ValueError
         usage = data.get("usage") or {}

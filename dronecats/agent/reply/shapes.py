@@ -1,7 +1,7 @@
-"""The action of an object in any shape: other field names, tool calls, wrappers, boxes, synonyms.
+"""Lenient reading of an object as an action: other field names, tool calls, wrappers, boxes, synonyms.
 
-Only objects with one possible meaning are read. A synonym has the fields of its action. `hover`, `stop`, `land` and
-`done` are not synonyms, since their meaning (a think? a declaration?) is the very thing that is measured.
+Only objects with one possible meaning are read. A synonym needs the fields of its action. `hover`, `stop`, `land` and
+`done` are not synonyms: they may mean a think or a declaration, and that choice is what the benchmark measures.
 """
 
 import re
@@ -26,7 +26,7 @@ _BRACKETS = {"[": "]", "(": ")"}
 
 
 def number(value: Any, name: str, units: frozenset[str], mends: set[Mend]) -> float:
-    """Return a number that is given as one, as text, or with one of its units; add its mends to `mends`."""
+    """Return the number that `value` holds, also as text or with one of `units`; add the mends to `mends`."""
     if isinstance(value, Cut):
         raise ActionError(f"the reply breaks off in {name}")
     if isinstance(value, Quantity):
@@ -49,7 +49,7 @@ def number(value: Any, name: str, units: frozenset[str], mends: set[Mend]) -> fl
 
 
 def point(value: Any, axis_order: AxisOrder, mends: set[Mend], depth: int = 3) -> tuple[float, float]:
-    """Return (x, y), 0–1000. A pair is in the declared order; fields named x and y need none."""
+    """Return (x, y) on the scale 0–1000. A pair is in `axis_order`, unless its fields are named x and y."""
     if isinstance(value, Cut):
         raise ActionError('the reply breaks off in "point"')
     if isinstance(value, str):
@@ -75,7 +75,7 @@ def point(value: Any, axis_order: AxisOrder, mends: set[Mend], depth: int = 3) -
 
 
 def box_centre(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> tuple[float, float]:
-    """Return the centre (x, y) of a box given by two corners, each in the declared order."""
+    """Return the centre (x, y) of a box given by two corners, each in `axis_order`."""
     mends.add("box")
     if isinstance(value, list) and len(value) == 1:
         value = value[0]
@@ -89,7 +89,7 @@ def box_centre(value: Any, axis_order: AxisOrder, mends: set[Mend]) -> tuple[flo
 
 
 def _pair_in(text: str) -> list[str]:
-    """Return the two numbers of a text, as text."""
+    """Return the numbers of a point that is written as text, each as text."""
     pair = text.strip()[: _TEXT_MAX + 1]
     if tag := _POINT_TAG.fullmatch(pair):
         pair = tag.group(1).strip()
@@ -112,22 +112,25 @@ SYNONYMS = {
 }
 SIDES = {f"{verb}_{side}": sign for verb in ("rotate", "turn", "yaw") for side, sign in (("right", 1), ("left", -1))}
 DIRECTIONS = {"right": 1, "clockwise": 1, "cw": 1, "left": -1, "counterclockwise": -1, "ccw": -1}
-NAMES = ("action", "action_type", "action_name", "type", "command", "name", "function", "tool")  # of the action's key
-CALLED = ("name", "function", "tool")  # … of those, what a tool call has
+NAMES = ("action", "action_type", "action_name", "type", "command", "name", "function", "tool")  # keys of the name
+CALLED = ("name", "function", "tool")  # … those that a tool call has
 PARAMETERS = ("arguments", "parameters", "params", "args", "input", "action_input", "tool_input")
 CALLS = ("function", "function_call", "tool_call", "tool_calls")
 POINTS = ("point", "point_2d", "point2d", "points", "coordinate", "coordinates")
 DEPTHS = ("depth_m", "depth", "depth_meters", "depth_metres")
 ANGLES = ("angle_deg", "angle", "angle_degrees", "degrees", "deg")
-Unfolded = tuple[str, int, dict[str, Any]]  # the action, the sign that its name gives an angle or 0, the fields
+Unfolded = tuple[str, int, dict[str, Any]]  # action, sign of the side in its name (0: no side), fields
 _BETWEEN_WORDS = re.compile(r"[\s\-_]+")
 _DEPTH = 6  # objects within objects
-_HELD_MAX = 40  # members of one that is no action itself
+_HELD_MAX = 40  # members of an object that is not an action itself
 _NAME_MAX = 40  # characters
 
 
 def is_action(value: Any, inner: bool = False) -> bool:
-    """Return whether an object is meant as an action, valid or not; `inner`: it must name it, since it stands alone."""
+    """Return whether an object is meant as an action, valid or not.
+
+    `inner`: the object begins inside a broken or cut-off value. It then needs the key "action".
+    """
     if not isinstance(value, dict):
         return False
     return any(_plain(key) == "action" for key in value) or (_unfold(value, set(), 0) is not None and not inner)
@@ -186,7 +189,7 @@ def _unfold(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | N
 
 
 def _named(name: Any) -> tuple[str, int] | None:
-    """Return the action of a name, and the sign of the side in it."""
+    """Return the action of a name and the sign of the side in the name, 0 for none; None for an unknown name."""
     plain = _plain(name)
     if plain in ACTIONS:
         return plain, 0
@@ -196,7 +199,7 @@ def _named(name: Any) -> tuple[str, int] | None:
 
 
 def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any] | None:
-    """Return the members beside an action's name, and in its parameters."""
+    """Return an action's fields: the members beside its name and those of its parameters; None if ambiguous."""
     inner = [name for name in PARAMETERS if name in value]
     if len(inner) != 1:
         return value if not inner else None
@@ -214,7 +217,7 @@ def _fields(value: dict[str, Any], key: str, mends: set[Mend]) -> dict[str, Any]
 
 
 def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | None:
-    """Return the action in the envelope of a tool call."""
+    """Return the action inside a tool call."""
     inner = [value[key] for key in CALLS if isinstance(value.get(key), dict | list)]
     if len(inner) != 1:
         return None
@@ -228,7 +231,7 @@ def _call(value: dict[str, Any], mends: set[Mend], depth: int) -> Unfolded | Non
 
 
 def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
-    """Return the action of {"go": {…}}."""
+    """Return the action of an object whose only key is the action's name, for example {"go": {…}}."""
     if len(value) != 1:
         return None
     ((key, inner),) = value.items()
@@ -249,10 +252,10 @@ def _keyed(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
 
 
 def _implied(value: dict[str, Any], mends: set[Mend]) -> Unfolded | None:
-    """Return the action to which the fields belong, if there is only one."""
+    """Return the action that has these fields, for an object without a name; None unless exactly one has them."""
     if any(_plain(key) == "action" for key in value):
         return None
-    aims = DEPTHS[0] in value and any(key in value for key in POINTS)  # other names of a depth occur in detections
+    aims = DEPTHS[0] in value and any(key in value for key in POINTS)  # a detection may have a depth by another name
     turns = ANGLES[0] in value
     if aims == turns:
         return None
@@ -301,7 +304,7 @@ def _point(fields: dict[str, Any], axis_order: AxisOrder, mends: set[Mend]) -> t
 
 
 def _field(fields: dict[str, Any], names: tuple[str, ...], mends: set[Mend]) -> Any:
-    """Return the member with the first of `names`, or with the only other of them."""
+    """Return the member named `names[0]`, else the only member with another of `names`. Raises ActionError."""
     if names[0] in fields:
         return fields[names[0]]
     keys = [key for key in fields if _plain(key) in names]
@@ -316,7 +319,7 @@ def _field(fields: dict[str, Any], names: tuple[str, ...], mends: set[Mend]) -> 
 
 
 def _signed(angle: float, sign: int, fields: dict[str, Any]) -> float:
-    """Return an angle with the sign that the action's name gives it."""
+    """Return an angle with the sign of the side in the action's name. Raises ActionError for a contradiction."""
     side = next((fields[key] for key in ("direction", "dir") if key in fields), None)
     direction = DIRECTIONS.get(_plain(side), 0)
     if (sign and angle < 0) or direction * sign < 0 or (direction and direction * (angle * (sign or 1)) < 0):

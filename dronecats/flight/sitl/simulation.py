@@ -1,7 +1,7 @@
-"""Vehicles on one clock: each a plant that reports its truth, our autopilot on it, and a fleet built from a record.
+"""Simulated vehicles on one clock, each with our autopilot, and the fleet of an episode record.
 
-Plant and inner loop are one compiled loop (`fused.py`); the commanders run around it. The truth of all vehicles goes
-out on a bus within this process.
+A plant and its inner loop run in one compiled loop (`fused.py`), the commander outside of it at 100 Hz. The truth of
+all vehicles is published on a bus within this process.
 """
 
 import math
@@ -39,21 +39,21 @@ from vehicles.multirotor import Multirotor
 from vehicles.sensors import Suite
 from vehicles.wind import Wind
 
-STEP_US = 1_000  # plant and inner loop
-TICK_US = 10_000  # commander, MAVLink and truth
-FINER_US = (5_000, 2_000)  # steps within a tick, while a client wants messages at more than 100 Hz
-TRUTH_US = 20_000  # 50 Hz
+STEP_US = 1_000  # period of plant and inner loop
+TICK_US = 10_000  # period of commander and MAVLink
+FINER_US = (5_000, 2_000)  # steps within a tick while a client wants messages at more than 100 Hz; above 500 Hz STEP_US
+TRUTH_US = 20_000  # period of the truth, 50 Hz
 
 
 class Tap:
-    """One listener's end of the bus."""
+    """A subscription to the truth bus."""
 
     def __init__(self, bus: "TruthBus") -> None:
         self._bus = bus
         self._queue = bytearray()
 
     def take(self) -> bytes:
-        """Return everything that came since the last take."""
+        """Return the bytes published since the last call, without those sent with `receive`."""
         if not self._queue:
             return b""
         data = bytes(self._queue)
@@ -101,9 +101,9 @@ class BootPose:
 
 
 class Physics(TypedDict, total=False):
-    """Further arguments of a plant; the defaults are `Multirotor`'s."""
+    """Arguments of `Vehicle` for its plant; the defaults are those of `Multirotor`, without a payload."""
 
-    seed: Required[int]  # of all that is random about the vehicle
+    seed: Required[int]  # of everything random about the vehicle
     origin: Required[Origin]
     terrain: HeightField
     obstacles: Obstacles
@@ -118,7 +118,7 @@ class Vehicle:
     def __init__(self, index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> None:
         """Boot vehicle `index` of a fleet, counted from 0. Raises UsageError as `Multirotor` does."""
         self.index = index
-        self.airframe = airframe  # as those who fly it know it
+        self.airframe = airframe  # without the payload, as the autopilot knows it
         self.origin = physics["origin"]
         self._suite = physics.get("suite", Suite())
         self.plant = Multirotor(
@@ -140,7 +140,7 @@ class Vehicle:
         self.gimbal = Gimbal(mount.gimbal, mount.pitch_deg) if mount.gimbal else None
 
     def disturb(self, disturbances: VehicleFaults) -> None:
-        """Apply wind, gusts and worse sensors from now on. Raises UsageError for sensors that cannot be."""
+        """Apply wind, gusts and worse sensors from now on. Raises UsageError for a GPS delay that is too long."""
         self.plant.set_wind(Wind(disturbances.wind_ned, disturbances.gusts_w20))
         self.plant.sense(
             self._suite.worsened(
@@ -155,14 +155,14 @@ class Vehicle:
         raise NotImplementedError
 
     def close(self) -> None:
-        """Let go of what the vehicle holds."""
+        """Release the vehicle's resources."""
 
     @property
     def time_us(self) -> int:
         return int(self._time()[0])
 
     def truth(self) -> bytes:
-        """Return HIL_STATE_QUATERNION as bytes, after GIMBAL_DEVICE_ATTITUDE_STATUS if the camera has a gimbal."""
+        """Return HIL_STATE_QUATERNION as bytes, with GIMBAL_DEVICE_ATTITUDE_STATUS before it if there is a gimbal."""
         time_us, n, e, d, vn, ve, vd, w, x, y, z, p, q, r, ax, ay, az = self._truth()
         pointed = self._packer.pack(gimbal_message(time_us, self.gimbal.attitude((w, x, y, z)))) if self.gimbal else b""
         return pointed + self._packer.pack(
@@ -172,41 +172,41 @@ class Vehicle:
         )  # fmt: skip
 
     def collisions(self) -> bytes:
-        """Return a STATUSTEXT about what was hit since the last call as bytes, empty when nothing was."""
+        """Return a STATUSTEXT about a new hit, or about the end of a contact, as bytes; empty without news."""
         message = self._collisions.message()
         return self._packer.pack(message) if message else b""
 
 
 class VehiclePort:
-    """Leads to the port that the vehicle's present autopilot has opened for it."""
+    """A MAVLink port of a vehicle that survives reboots: it forwards to a port of the current autopilot."""
 
     def __init__(self, autopilot: Autopilot, profile: str) -> None:
-        """Open a port of `profile`. Raises UsageError for an unknown one."""
+        """Open a port of `profile`. Raises UsageError for an unknown profile."""
         self._profile = profile
         self._port = autopilot.open_port(profile)
         self._last_words = b""
 
     def take(self) -> bytes:
-        """Return the bytes of the vehicle since the last call."""
+        """Return the bytes that the vehicle has sent since the last call."""
         data, self._last_words = self._last_words, b""
         return data + self._port.take()
 
     def receive(self, data: bytes) -> None:
-        """Let the vehicle hear this."""
+        """Pass bytes of a client to the vehicle."""
         self._port.receive(data)
 
     def note_malformed(self) -> None:
-        """Have the vehicle say that what came on this port was no MAVLink."""
+        """Make the vehicle report that it received bytes that are not MAVLink."""
         self._port.note_malformed()
 
     def move(self, autopilot: Autopilot) -> None:
-        """Lead to an autopilot that has just booted; what the former one had still to say is kept."""
+        """Forward to an autopilot that has just booted. Unsent bytes of the former one are kept."""
         self._last_words, signing = self.take(), self._port.signing
         self._port = autopilot.open_port(self._profile)
         self._port.signing = signing  # PX4 keeps the key on its memory card
 
     def sign(self, key: bytes, timestamp: int, now_us: int) -> None:
-        """Sign with a key and check signatures, from `timestamp` (10 µs since 2015) on, which is `now_us`."""
+        """Sign messages and check signatures with a key. `timestamp` is the time `now_us`, in 10 µs since 2015."""
         self._port.signing.set_up(key, timestamp, now_us)
 
 
@@ -225,7 +225,7 @@ class SimulatedVehicle(Vehicle):
         state_dir: Path | None = None,
         **physics: Unpack[Physics],
     ) -> None:
-        """`state_dir` keeps parameters, plans, flight logs and clients' files; without it none outlives the process."""
+        """`state_dir` keeps parameters, plans, flight logs and clients' files. Without it they end with the process."""
         super().__init__(index, airframe, pose, **physics)
         self._state_dir = state_dir
         self._failures = Failures(self.plant, physics.get("faults", ()))
@@ -245,7 +245,10 @@ class SimulatedVehicle(Vehicle):
             self._reboot()
 
     def _stream_through(self, interval_us: int) -> None:
-        """Live through one tick in steps no longer than a stream's interval, and send what is due after each."""
+        """Advance by one tick in steps no longer than a stream's interval.
+
+        Queue the telemetry that is due after each step but the last, which `Autopilot.update` follows.
+        """
         step_us = next((step for step in FINER_US if step <= interval_us), STEP_US)
         for _ in range(TICK_US // step_us - 1):
             self._fused.advance(step_us // STEP_US)
@@ -271,25 +274,25 @@ class SimulatedVehicle(Vehicle):
         self._fused = Fused(self.plant.kernel_args, self.core.kernel_args(self.plant.sensors, self.plant.actuators))
 
     def _reboot(self) -> None:
-        """Stand the vehicle on its start place and boot its autopilot; its clock, which a fleet shares, goes on."""
+        """Put the vehicle back on its boot pose and boot its autopilot. The clock runs on: a fleet shares it."""
         former = self.autopilot
         former.close()
         self.plant.restore()
         if self.gimbal:
             self.gimbal.restore()
         self._boot()
-        self.autopilot.adopt(former)  # with a file or without
+        self.autopilot.adopt(former)  # keeps parameters and plans, even without a state_dir
         for port in self._ports:
             port.move(self.autopilot)
 
     def open_port(self, profile: str) -> VehiclePort:
-        """Return a MAVLink port that survives a restart; profiles as `Autopilot.open_port` has them."""
+        """Return a MAVLink port that survives a reboot; `profile` as in `Autopilot.open_port`."""
         port = VehiclePort(self.autopilot, profile)
         self._ports.append(port)
         return port
 
     def sign(self, key: bytes, timestamp: int) -> None:
-        """Sign and check signatures on every open port; `timestamp`: now, 10 µs since 2015."""
+        """Sign and check signatures on every open port; `timestamp` is now, in 10 µs since 2015."""
         for port in self._ports:
             port.sign(key, timestamp, self.time_us)
 
@@ -299,7 +302,7 @@ class SimulatedVehicle(Vehicle):
 
 
 class Simulation(Generic[V]):
-    """A fleet on one clock, what moves in its world, and the bus its truth goes out on."""
+    """A fleet on one clock, the moving target, and the bus for the truth."""
 
     def __init__(
         self,
@@ -309,19 +312,19 @@ class Simulation(Generic[V]):
         *,
         from_boot: bool = False,
     ) -> None:
-        """`disturbances`: of every vehicle, from the episode's begin on, or `from_boot`; None: there are none."""
+        """`disturbances` of every vehicle begin with the episode, or at boot with `from_boot`; None: there are none."""
         self.vehicles = tuple(vehicles)
         self._disturbances = disturbances
         self.bus = TruthBus()
         self.traffic = traffic
         self._plants = tuple(vehicle.plant for vehicle in vehicles)
         self._encounters = Encounters(self._plants)
-        self.time_us = self.vehicles[0].time_us  # kept, since it is read several times a tick
+        self.time_us = self.vehicles[0].time_us  # copied, since it is read several times a tick
         if from_boot:
             self._disturb()
 
     def begin(self, t0_us: int) -> None:
-        """From this vehicle time on the target moves, and what is to be disturbed is."""
+        """Begin the episode at this vehicle time: start the target's motion and the disturbances."""
         if self.traffic:
             self.traffic.begin(t0_us)
         self._disturb()
@@ -332,7 +335,7 @@ class Simulation(Generic[V]):
                 vehicle.disturb(self._disturbances)
 
     def advance(self) -> None:
-        """Advance every vehicle by one tick, and publish what it hit and, when due, where it is."""
+        """Advance every vehicle by one tick, and publish its hits and, at 50 Hz, its truth."""
         if self.traffic:
             self.traffic.place(self._plants, self.time_us)
         self._encounters.part(TICK_US / 1e6)
@@ -346,7 +349,7 @@ class Simulation(Generic[V]):
 
 
 def origin(world: World) -> Origin:
-    """Return the geodetic place of the map's NED origin."""
+    """Return latitude (°), longitude (°) and altitude (m above mean sea level) of the map's NED origin."""
     return world.scene.latitude_deg, world.scene.longitude_deg, world.scene.altitude_m
 
 
@@ -370,7 +373,7 @@ def build(
     from_boot: bool = False,
     faults: Sequence[Fault] = (),
 ) -> Simulation[SimulatedVehicle]:
-    """Return the simulation of a record's drones under our autopilot, or of `count` of them, as `built_of` has it."""
+    """Return the simulation of a record's drones under our autopilot; the arguments are those of `built_of`."""
 
     def make(index: int, airframe: Airframe, pose: BootPose, **physics: Unpack[Physics]) -> SimulatedVehicle:
         folder = state_dir / f"vehicle-{index + 1}" if state_dir else None
@@ -399,16 +402,17 @@ def built_of(
     from_boot: bool = False,
     faults: Sequence[Fault] = (),
 ) -> Simulation[V]:
-    """Return the simulation of a record's drones, or of `count` of them, as `make` makes them of `Vehicle`'s arguments.
+    """Return the simulation of a record's drones, or of `count` drones. `make` builds each from `Vehicle`'s arguments.
 
-    The record's own seed is behind all that is random; `seed` tells flights of one episode apart. All have the
-    same faults and disturbances: a payload from boot, the others from the episode's begin on, or `from_boot`. Raises
-    UsageError for an unknown airframe, a payload that it cannot carry or an impossible fault.
+    Random values follow from the record's seed and from `seed`, which differs between flights of one episode. All
+    drones have the same faults and disturbances. A payload is there from boot on; other disturbances begin with the
+    episode, or at boot with `from_boot`. Raises UsageError for an unknown airframe, a payload that it cannot carry or
+    an impossible fault.
     """
     solid = obstacles(world.scene)
     frame = airframes.load(airframe)
     poses = boot_poses(world)
-    while count is not None and len(poses) < count:  # more than the record has: beside one another, two metres apart
+    while count is not None and len(poses) < count:  # more than the record has: each 2 m east of the last
         last = poses[-1].position_ned
         north, east = last[0], last[1] + 2.0
         poses.append(BootPose((north, east, world.ground_down(north, east)), poses[-1].yaw))
@@ -436,12 +440,12 @@ def built_of(
 def load_world(
     episode: str, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
 ) -> World:
-    """Return the world of an episode id or file, `count` vehicles of an airframe in its pictures. Raises UsageError."""
+    """Return the world of an episode id or file; pictures show `count` vehicles of an airframe. Raises UsageError."""
     return world_of(catalogue.load(episode), airframe, count, conditions)
 
 
 def world_of(
     record: EpisodeRecord, airframe: str | None = None, count: int | None = None, conditions: SceneConditions = AS_BUILT
 ) -> World:
-    """Return the world of a record, as `load_world` does. Raises UsageError."""
+    """Return the world of a record; other arguments as in `load_world`. Raises UsageError."""
     return World(record, outline(airframes.load(airframe or AIRFRAME)), count, conditions)

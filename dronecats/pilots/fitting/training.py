@@ -1,7 +1,7 @@
-"""What the fits of both networks share: pictures as a pilot gets them, and training with Adam in numpy.
+"""Shared parts of the fits of both vision networks: JPEGs of scenes, and training with Adam in numpy.
 
-A network has one hidden layer of rectifiers. Its weights are a list: hidden (inputs, H), hidden bias (H,), out (H,
-outputs) and out bias (outputs,).
+A network has one hidden layer of rectified linear units. Its weights are a list: hidden (inputs, H), hidden bias (H,),
+out (H, outputs) and out bias (outputs,).
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -17,17 +17,17 @@ from episodes.maps.scene import Scene
 from foundation.camera import CameraModel
 
 CAMERA = CameraModel(640, 360)
-JPEG_QUALITY = 88  # of the pictures, as a pilot gets them
-SHADOW_CELLS = 2048  # side of the shadow map: half of what flights are rendered with
+JPEG_QUALITY = 88  # of these pictures; those of flights have 85 (`foundation.camera.QUALITY`)
+SHADOW_CELLS = 2048  # per side of the shadow map; flights have twice as many
 BATCH = 128
-RATE = 1.5e-3  # of Adam's step
-FIRST, SECOND = 0.9, 0.999  # of Adam's moments
-DROPOUT = 0.3  # share of the hidden layer that is off in a step
+RATE = 1.5e-3  # learning rate at the beginning
+FIRST, SECOND = 0.9, 0.999  # decay rates of Adam's moments
+DROPOUT = 0.3  # probability that a hidden unit is off for an example
 PARAMETERS = ("hidden", "hidden_bias", "out", "out_bias")
 
 Floats = NDArray[np.float32]
 Truth = TypeVar("Truth")
-OutputGradient = Callable[[NDArray[np.floating]], NDArray[np.floating]]  # outputs (N, K) → gradient of the mean cost
+OutputGradient = Callable[[NDArray[np.floating]], NDArray[np.floating]]  # outputs → gradient of the mean cost, (N, K)
 
 
 def draw(
@@ -37,7 +37,7 @@ def draw(
     scenes: int,
     pictures: int,
 ) -> Iterator[tuple[bytes, Truth]]:
-    """Yield JPEGs with their truth: so many pictures of so many scenes, from a first seed on."""
+    """Yield JPEGs with their truth: `pictures` of each of `scenes` scenes. The first scene has the seed `first`."""
     for seed in range(first, first + scenes):
         scene = build(seed)
         renderer = Renderer(scene, CAMERA, threads=1, shadow_cells=SHADOW_CELLS)
@@ -49,7 +49,7 @@ def draw(
 
 
 def initial_weights(rng: np.random.Generator, inputs: int, hidden: int, outputs: int) -> list[Floats]:
-    """Return random weights."""
+    """Return random weights and zero biases."""
     return [
         rng.normal(0.0, (2.0 / inputs) ** 0.5, (inputs, hidden)).astype(np.float32),
         np.zeros(hidden, np.float32),
@@ -65,7 +65,7 @@ def train(
     decay: float,
     rng: np.random.Generator,
 ) -> None:
-    """Train weights in place with Adam, a cosine schedule, dropout and decoupled weight decay."""
+    """Train weights in place with Adam, a cosine schedule of the rate, dropout and decoupled weight decay."""
     firsts, seconds = [np.zeros_like(w) for w in weights], [np.zeros_like(w) for w in weights]
     for k, (x, output_gradient) in enumerate(batches):
         rate = np.float32(RATE * 0.5 * (1.0 + np.cos(np.pi * k / steps)) + 1e-5)
@@ -83,9 +83,9 @@ def gradients(
     active: NDArray[np.floating],
     output_gradient: OutputGradient,
 ) -> list[NDArray[np.floating]]:
-    """Return the gradient of the mean cost by each weight.
+    """Return the gradients of the mean cost with respect to the arrays of weights.
 
-    x: (N, inputs). active: (N, H), the dropout's factor on each hidden unit, 0 where it is off.
+    x: (N, inputs). active: (N, H), the factor of dropout on each hidden unit, 0 where the unit is off.
     """
     hidden, hidden_bias, out, out_bias = weights
     before = x @ hidden + hidden_bias

@@ -27,7 +27,7 @@ _ARRIVED_M = 4.6  # from the body, in plan; the verifier's radius is 5 m in spac
 _STOP_M = 4.1  # the distance from the target at which the last stride shall end
 _CLOSER_M = 2.2  # to the thing's edge: from farther off, the second declaration is made from nearer
 _CAREFUL_M = 9.0  # within this, only short strides
-_SURE = 0.3  # log odds from which a thing is chosen; a chosen thing is kept from shape_detector.LEAST_ODDS on
+_SURE, _LIKELY = 0.3, -0.9  # log odds from which a thing is chosen, and from which a chosen thing is kept
 _FOLLOWS_DEG, _FOLLOWS_M = 8.0, 1.8  # off the nose: where the chosen thing must be
 _FOLLOWS_LOG = 0.45  # log of the ratio of the distances, likewise
 _MARK_BONUS = 0.7  # log odds added to a landmark's: it need not be as sure as the target
@@ -36,9 +36,6 @@ _VISITED_M = 6.5  # a thing nearer than this is not chosen anew
 _LEAVE_DEG = 75.0  # of the turn away from a wrong target
 _ASIDE_DEG = 44.0  # off the direct way, to pass an obstacle
 _BLOCKED_AFTER = 3  # strides without progress
-_UNSEEN_V = 502.0  # row of a `go` to a chosen thing that is not detected: it tells such strides apart in the history
-_UNSEEN_PX = 720.0 * _UNSEEN_V / 1000.0  # the same in the history's pixels
-_UNSEEN_STRIDES = 3  # of a search, at most, one after another; a target of the first picture is there for sure
 _KINDS_FOR = {"fountain": ("fountain", "tiered-fountain")}  # kinds of a word that has several
 
 
@@ -99,10 +96,13 @@ def _follow(
     if len(past) > 1 and past[-2].kind == FINISHED and last.depth_m <= actions.SHORTEST_DEPTH_M + 0.1:
         return actions.finished()
     reach = max(math.radians(_FOLLOWS_DEG), math.atan(_FOLLOWS_M / expected))
+    is_there = not expression.needs_search  # it was in the first picture
     near = [
         t
         for t in wanted
-        if abs(math.atan2(t.right_m, t.depth_m)) < reach and abs(math.log(t.depth_m / expected)) < _FOLLOWS_LOG
+        if (is_there or t.odds >= _LIKELY)
+        and abs(math.atan2(t.right_m, t.depth_m)) < reach
+        and abs(math.log(t.depth_m / expected)) < _FOLLOWS_LOG
     ]
     if near:
         best = max(near, key=lambda t: t.odds - 3.0 * abs(math.log(t.depth_m / expected)))
@@ -110,18 +110,9 @@ def _follow(
         return _stride_round(picture) if _blocked(past, away) else _approach(best, away)
     if expected <= _ARRIVED_M:
         return actions.finished()
-    unseen = sum(1 for _ in itertools.takewhile(_is_unseen, reversed(past)))
-    most = _UNSEEN_STRIDES if expression.needs_search else math.inf
-    if expected > _CAREFUL_M and unseen < most and not _blocked(past, expected):
-        # far things are missed in single pictures: the last stride has put the chosen one straight ahead
-        return actions.go(500.0, _UNSEEN_V, search.avoid_wander_depth(expected + ranging.CAMERA_AHEAD_M))
-    if expected <= _CAREFUL_M:
+    if expected <= _CAREFUL_M or is_there:  # far things are missed in many pictures, and this one is straight ahead
         return _go(PlacedThing(expression.kind, expected, 0.0, 0.0, 0.0), _depth_for(expected + ranging.CAMERA_AHEAD_M))
     return _choose(picture, wanted, past, expression, detections)
-
-
-def _is_unseen(action: PastAction) -> bool:
-    return action.kind == GO and abs(action.y_px - _UNSEEN_PX) < 0.6
 
 
 def _blocked(past: tuple[PastAction, ...], away_m: float) -> bool:

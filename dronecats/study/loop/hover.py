@@ -1,4 +1,4 @@
-"""The loops of the cascade, and one airframe in a hover, from which every trial starts, with perfect sensors."""
+"""The loops of the control cascade, and the hover of an airframe, from which every trial starts."""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -40,7 +40,7 @@ GROUPS = ("rate", "attitude", "velocity")
 
 
 def select_loops(names: list[str] | None) -> tuple[CascadeLoop, ...]:
-    """Return the loops of these groups or names; all without names. Raises UsageError for an unknown name."""
+    """Return the loops of these groups or names, or all if there are none. Raises UsageError for an unknown name."""
     for name in names or ():
         if name not in GROUPS and name not in [loop.name for loop in LOOPS]:
             raise UsageError(
@@ -56,7 +56,7 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 HEIGHT_M = 30.0
 CLIMB = 2.0  # m/s
 BOOT_S, SETTLE_S = 10.0, 12.0
-STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # before a step, with the loop on its own setpoint
+STEADY_S = {"rate": 0.1, "attitude": 1.0, "velocity": 8.0}  # s before a step, with a setpoint of zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class StepResponse:
     """The response of a vehicle to a setpoint step at time 0."""
 
     time: Array  # (n,) s, every millisecond
-    value: Array  # (n,) rad/s, rad or m/s: the truth about the loop's axis, minus its value before the step
+    value: Array  # (n,) rad/s, rad or m/s: true quantity of the loop, minus its value before the step
     step: float  # size of the step, same unit
 
 
@@ -84,10 +84,12 @@ class Stack(NamedTuple):
 
 
 class Hover:
-    """A hovering vehicle as records; each trial copies them."""
+    """A hovering vehicle, kept as records. Each trial copies them."""
 
     def __init__(self, airframe: Airframe, suite: Suite = PERFECT, seed: int = 1) -> None:
-        """Boot, climb and settle with balanced rotors, since noise, bias and vibration hide a margin.
+        """Boot, climb and settle, with balanced rotors and by default PERFECT sensors.
+
+        Vibration, noise and bias would hide a stability margin.
 
         Raises UsageError for an airframe that cannot be controlled.
         """
@@ -121,7 +123,7 @@ class Hover:
         return StepResponse(np.arange(1, len(value) + 1, dtype=np.float64) * SAMPLE_S, value, size)
 
     def _enter(self, stack: "Stack", loop: CascadeLoop, size: float) -> None:
-        """Set the setpoint of a loop to `size` about its axis; the loops outside of it are open."""
+        """Set the setpoint of a loop to `size` on its axis; the outer loops have no effect."""
         setpoint = tuple(size if axis == loop.axis else 0.0 for axis in range(3))
         thrust = float(stack.core.state["hover_thrust"])
         if loop.level == RATE:
@@ -143,7 +145,7 @@ class Hover:
 
     @staticmethod
     def _fly(stack: "Stack", seconds: float, loop: CascadeLoop | None = None, delay_s: float = 0.0) -> Array:
-        """Fly and return the truth of every millisecond, (n, COLUMNS)."""
+        """Fly, with the feedback of `loop` late by `delay_s`; return the truth of every millisecond, (n, COLUMNS)."""
         out = np.empty((round(seconds / SAMPLE_S), COLUMNS))
         level, axis = (loop.level, loop.axis) if loop else (RATE, 0)
         line, late_estimate = np.zeros((LINE, CHANNELS)), np.zeros(1, ESTIMATE)[0]
@@ -157,7 +159,7 @@ class Hover:
 
 
 def measured_values(loop: CascadeLoop, rows: Array) -> Array:
-    """Return the controlled quantity of a loop from rows of COLUMNS: (n,) rad/s, rad or m/s."""
+    """Return the controlled quantity of a loop from rows of truth (n, COLUMNS): (n,) rad/s, rad or m/s."""
     if loop.level == RATE:
         return rows[:, loop.axis]
     if loop.level != ATTITUDE:

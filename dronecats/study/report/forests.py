@@ -12,11 +12,11 @@ from dronecats.study.analysis.success_fits import HeatMap, MainEffect
 from dronecats.study.report import panels
 from dronecats.study.report.findings import PERCENT, FactorFindings, Findings, cell_title, equals_p, in_cell
 
-DifferenceRows = Sequence[tuple[PairedDifference, str]]  # with the label of the entrant or of the two
+DifferenceRows = Sequence[tuple[PairedDifference, str]]  # each with its label: one entrant, or two
 
 
 def between_levels(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return the success at each level minus that at the reference, a panel per cell; None without a pair."""
+    """Return a figure of the success at each level minus that at the reference, a panel per cell; None without rows."""
     reference = along.factor.label(along.factor.reference)
     rows = [(row, row.first) for row in along.between_levels if row.metric == SUCCESS]
     label = f"success minus that at {reference} (points)"
@@ -24,14 +24,17 @@ def between_levels(findings: Findings, along: FactorFindings) -> Any | None:
 
 
 def between_entrants(findings: Findings, along: FactorFindings) -> Any | None:
-    """Return the difference in success of each two entrants at each level, a panel per cell; None with one entrant."""
+    """Return a figure of the differences between entrants at each level, a panel per cell; None with one entrant."""
     rows = [(row, f"{row.first} minus {row.second}") for row in along.between_entrants if row.metric == SUCCESS]
     labels = list(dict.fromkeys(label for _, label in rows))
     return _differences(findings, along.factor, rows, labels, "difference (points)")
 
 
 def point_differences(findings: Findings) -> Any | None:
-    """Return the difference in success of each two entrants at every point, a panel per cell; None without points."""
+    """Return a figure of the differences between entrants at every point, a panel per cell; None without points.
+
+    A point is a level of every factor.
+    """
     rows = [(point.success, f"{point.first} minus {point.second}") for point in findings.points]
     labels = list(dict.fromkeys(label for _, label in rows))
     height_in = 0.6 + (0.11 + 0.06 * len(labels)) * len({point.title for point in findings.points})
@@ -40,7 +43,7 @@ def point_differences(findings: Findings) -> Any | None:
 
 
 def main_effects(findings: Findings) -> Any | None:
-    """Return the change of the log odds by each factor, a panel per cell; None without main effects."""
+    """Return a figure of the change of the log odds by each factor, a panel per cell; None without main effects."""
     effects = [effect for effect in findings.effects if effect.log_odds is not None]
     if not effects:
         return None
@@ -81,7 +84,7 @@ def _forest(
     axis_label: str,
     height_in: float,
 ) -> Any | None:
-    """Return differences of success with their intervals, a panel per cell, a line per level or point."""
+    """Return a figure of differences of success with intervals, a panel per cell, a row per level or point."""
     if not rows:
         return None
     steps = list(dict.fromkeys(row.at for row, _ in rows))
@@ -100,7 +103,7 @@ def _forest(
 
 
 def _name_rows(axis: Any, names: Sequence[str], title: str, label: str) -> None:
-    """Name the lines of a panel from top to bottom, and draw the line of no difference."""
+    """Label the rows of a panel from top to bottom, its title and its axis, and draw the line of no difference."""
     axis.axvline(0.0, color=style.GREY, linewidth=0.7, zorder=0)
     axis.set_yticks(range(len(names)), names)
     axis.set_ylim(len(names) - 0.5, -0.5)
@@ -129,7 +132,7 @@ def _draw_mark(axis: Any, x: float, y: float, number: int, is_significant: bool,
 
 
 HEAT_COLOURS = "cividis"  # perceptually uniform, readable with colour blindness
-DARK = 55.0  # %, below which a field is dark
+DARK = 55.0  # %, below which a field is dark and has white text
 
 
 def heat_maps(findings: Findings, maps: Sequence[HeatMap]) -> Any:

@@ -1,7 +1,7 @@
-"""Drafts of an episode, and the operations that keep them consistent and on the ground. No browser, no threads.
+"""Drafts of an episode, and the operations on them. They know neither the browser nor threads.
 
-Positions are given as north and east; their height is the map's ground. A draft is immutable, and an operation returns
-the next one, so that undo returns to an older draft.
+Callers give positions as north and east (m); heights follow from the map's ground. A draft is immutable and every
+operation returns a new one, so undo goes back to an older draft.
 """
 
 import math
@@ -32,9 +32,9 @@ from foundation.frames import Vec3
 from foundation.protocol import CAP_S
 
 HEIGHT_M = 1.6  # of a new drone above the ground
-SPEED_MPS = 0.3  # of a target on a map that has no rule
+SPEED_MPS = 0.3  # of a target on a map without a rule for its speed
 TURNED_AWAY_DEG = 90.0
-APART_M = 7.0  # between neighbours of a first row of look-alikes
+APART_M = 7.0  # between the target and the first suggested look-alikes, in a row
 SHORTEST_LEG_M = 0.05
 
 
@@ -43,8 +43,8 @@ class Draft:
     """One state of an edited episode."""
 
     record: EpisodeRecord
-    knots: Knots = ()  # the path as it was clicked, from which the record's is made
-    own_words: bool = False  # a person wrote the instruction: it stays
+    knots: Knots = ()  # the clicked points of the path; the record's waypoints follow from them
+    own_words: bool = False  # the user wrote the instruction; no suggestion replaces it
 
 
 class Drafting:
@@ -56,7 +56,7 @@ class Drafting:
         self._instances = {instance.name: instance for instance in scene.instances if instance.kind != "ground"}
 
     def new(self, map_name: str, map_seed: int = 1) -> Draft:
-        """Return a first draft: a cyan SUV sixteen metres north of the map's free place, one drone that faces it."""
+        """Return a first draft: one drone at the map's spawn, and a cyan SUV 16 m north of it, which it faces."""
         north, east, _ = self.scene.spawn_ned
         record = EpisodeRecord(
             version=VERSION,
@@ -81,7 +81,7 @@ class Drafting:
         return Draft(record, knots, record.instruction != suggest.instruction(record))
 
     def on_ground(self, north: float, east: float, above: float = 0.0) -> Vec3:
-        """Return a position (m, NED) `above` metres over the ground, to the millimetre."""
+        """Return a position (m, NED) `above` metres over the ground, rounded to 1 mm."""
         north, east = round(north, 3) + 0.0, round(east, 3) + 0.0  # + 0: no negative zeros
         return (north, east, round(self.scene.terrain.at(north, east) - above, 3) + 0.0)
 
@@ -100,7 +100,7 @@ class Drafting:
         return self.settled(replace(draft, record=replace(record, candidates=candidates)))
 
     def adopt(self, draft: Draft, name: str) -> Draft:
-        """Return the draft with an object of the map as target. Raises UsageError for a cell that cannot have one."""
+        """Return the draft with an object of the map as target. Raises UsageError for a cell without such targets."""
         instance = self._instances.get(name)
         if instance is None:
             raise UsageError(f"the map has no object '{name}' that could be a target.")
@@ -112,7 +112,7 @@ class Drafting:
         return self.face(draft, 0, TURNED_AWAY_DEG if draft.record.cell in HIDDEN else 0.0)
 
     def move_target(self, draft: Draft, north: float, east: float, yaw_deg: float | None = None) -> Draft:
-        """Return the draft with the target elsewhere, and its path with it. Raises UsageError for a native one."""
+        """Return the draft with the target and its path moved. Raises UsageError for an object of the map."""
         target = draft.record.target
         if target.native is not None:
             raise UsageError(f"'{target.native}' belongs to the map and cannot be moved. Choose an asset to place.")
@@ -124,7 +124,7 @@ class Drafting:
         return self.settled(replace(draft, record=replace(draft.record, target=moved)))
 
     def inscribe(self, draft: Draft, which: int, text: str) -> Draft:
-        """Return the draft with an inscription on the target (0) or on look-alike `which` (1 …); "" is none."""
+        """Return the draft with an inscription on the target (0) or on look-alike `which` (1 …); "" removes it."""
         written = text.strip().upper() or None
         record = draft.record
         if which == 0:
@@ -145,7 +145,7 @@ class Drafting:
         return self._walked(draft, (*draft.knots, (north, east)))
 
     def move_waypoint(self, draft: Draft, which: int, north: float, east: float) -> Draft:
-        """Return the draft with one of the clicked waypoints elsewhere."""
+        """Return the draft with one of the clicked points of the path moved."""
         knots = list(draft.knots)
         knots[which] = (north, east)
         return self._walked(draft, tuple(knots))
@@ -166,7 +166,7 @@ class Drafting:
     # ---- the drones
 
     def move_start(self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None) -> Draft:
-        """Return the draft with one drone elsewhere, at the same height above the ground."""
+        """Return the draft with one drone moved, at the same height above the ground."""
         start = draft.record.starts[which]
         yaw = start.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         place = self.on_ground(north, east, self.height(start))
@@ -211,12 +211,12 @@ class Drafting:
         return self.settled(replace(draft, record=replace(draft.record, starts=(*starts, StartPose(place, yaw)))))
 
     def drop_start(self, draft: Draft) -> Draft:
-        """Return the draft without its last drone; one stays."""
+        """Return the draft without its last drone; the first one always stays."""
         starts = draft.record.starts
         return self.settled(replace(draft, record=replace(draft.record, starts=starts[: max(len(starts) - 1, 1)])))
 
     def grid(self, draft: Draft) -> Draft:
-        """Return the draft with four drones in a square of two metres: the first stays, all have its yaw."""
+        """Return the draft with four drones in a square of 2 m. The first stays; all have its height and yaw."""
         (north, east, _), yaw = draft.record.starts[0].position_ned, draft.record.starts[0].yaw_deg
         height, turned = self.height(draft.record.starts[0]), turn(math.radians(yaw))
         corners = ((0.0, 0.0), (0.0, GRID_SIDE_M), (-GRID_SIDE_M, 0.0), (-GRID_SIDE_M, GRID_SIDE_M))
@@ -228,7 +228,7 @@ class Drafting:
     # ---- look-alikes
 
     def add_candidate(self, draft: Draft, north: float, east: float) -> Draft:
-        """Return the draft with one more look-alike of the target, which has another inscription."""
+        """Return the draft with one more look-alike, which has an inscription of its own."""
         record = draft.record
         if record.cell != "commanding":
             raise UsageError("only a commanding episode has look-alikes. Choose the cell commanding first.")
@@ -242,7 +242,7 @@ class Drafting:
     def move_candidate(
         self, draft: Draft, which: int, north: float, east: float, yaw_deg: float | None = None
     ) -> Draft:
-        """Return the draft with a look-alike elsewhere."""
+        """Return the draft with a look-alike moved."""
         candidate = draft.record.candidates[which]
         yaw = candidate.yaw_deg if yaw_deg is None else _degrees(yaw_deg)
         moved = replace(candidate, position_ned=self.on_ground(north, east), yaw_deg=yaw)
@@ -250,7 +250,7 @@ class Drafting:
         return self.settled(replace(draft, record=replace(draft.record, candidates=candidates)))
 
     def drop_candidate(self, draft: Draft) -> Draft:
-        """Return the draft without its last look-alike; one stays."""
+        """Return the draft without its last look-alike; the first one always stays."""
         kept = draft.record.candidates[: max(len(draft.record.candidates) - 1, 1)]
         return self.settled(replace(draft, record=replace(draft.record, candidates=kept)))
 
@@ -304,7 +304,7 @@ class Drafting:
     # ---- derived values
 
     def centre(self, record: EpisodeRecord) -> Vec3:
-        """Return the centre (m, NED) of the target's box at the beginning."""
+        """Return the centre (m, NED) of the target's box at the beginning of the episode."""
         mesh, ground = self.mesh(record.target), self.scene.terrain
         wheels = Wheels.if_any(record.target.asset, mesh) if record.target.native is None else None
         place, turned = on_ground(wheels, ground, motion(record.target).pose(0.0))
@@ -318,7 +318,7 @@ class Drafting:
         return assets.build(target.asset, str(target.paint), target.inscription)
 
     def settled(self, draft: Draft) -> Draft:
-        """Return the draft with its derived fields: distance, bearing, visibility, suggested instruction."""
+        """Return the draft with updated derived fields: distance, bearing, visibility, suggested instruction."""
         record = draft.record
         here, goal = record.starts[0].position_ned, self.centre(record)
         bearing = math.degrees(math.atan2(goal[1] - here[1], goal[0] - here[0])) % 360.0
@@ -351,7 +351,7 @@ class Drafting:
         return self.settled(replace(draft, record=replace(draft.record, target=target), knots=knots))
 
     def _commanded(self, draft: Draft) -> Draft:
-        """Return the draft of a commanding episode: an inscribed target, three look-alikes and four drones."""
+        """Return the draft completed for a commanding episode: inscribed target, three look-alikes, four drones."""
         record = draft.record
         if record.target.native is not None:
             record = replace(record, target=replace(record.target, native=None, asset="suv", paint="cyan"))

@@ -1,4 +1,4 @@
-"""A map as a glTF file. The same scene gives the same bytes."""
+"""Writes a map as a binary glTF file. The same scene gives the same bytes."""
 
 from pathlib import Path
 from typing import Any
@@ -11,16 +11,17 @@ from episodes.maps.gltf.document import pack_glb, quaternion_of, to_gltf
 from episodes.maps.gltf.meshes import compact
 from episodes.maps.scene import Instance, Material, Mesh, Scene
 
-_FLOAT, _SHORT, _INT = 5126, 5123, 5125
-_VERTICES, _INDICES = 34962, 34963  # what a bufferView is for
-_LAST_SHORT = 65535  # as an index it would mean "restart"
+_FLOAT, _SHORT, _INT = 5126, 5123, 5125  # component types of an accessor
+_VERTICES, _INDICES = 34962, 34963  # targets of a bufferView
+_LAST_SHORT = 65535  # glTF reserves this index for primitive restart
 
 
 def save(scene: Scene, path: Path) -> None:
-    """Write a map to a .glb that `load` reads back as the same scene and that other programs show.
+    """Write a map to a .glb that `load` reads back as the same scene and that other programs can show.
 
-    A mesh that several instances share is written once, and one primitive per run of triangles of one material keeps
-    their order, on which the renderer's bytes depend. Instances without triangles are left out.
+    A mesh that several instances share is written once. Each run of triangles of one material is a primitive. That
+    keeps the order of the triangles, on which the bytes of rendered pictures depend. Instances without triangles are
+    left out.
     """
     path.write_bytes(to_bytes(scene))
 
@@ -38,8 +39,8 @@ class _Writer:
         self._materials: list[dict[str, Any]] = []
         self._images: list[dict[str, Any]] = []
         self._meshes: list[dict[str, Any]] = []
-        self._row_of: dict[int, int] = {}  # identity of a mesh or material → where it is written
-        self._image_of: dict[tuple[int, int], int] = {}  # identities of a picture and its holes → where it is written
+        self._row_of: dict[int, int] = {}  # identity of a mesh or material → its index in the file
+        self._image_of: dict[tuple[int, int], int] = {}  # identities of a picture and its cutout → index
 
     def pack(self, scene: Scene) -> bytes:
         nodes = [self._node(instance) for instance in scene.instances if len(instance.mesh.triangles)]
@@ -112,7 +113,7 @@ class _Writer:
             "count": len(values),
             "type": f"VEC{values.shape[1]}",
         }
-        if low_and_high:  # of every POSITION, says the specification
+        if low_and_high:  # the specification requires them for every POSITION
             accessor |= {"min": values.min(axis=0).tolist(), "max": values.max(axis=0).tolist()}
         self._accessors.append(accessor)
         return len(self._accessors) - 1
