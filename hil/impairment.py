@@ -1,8 +1,8 @@
 """Faults of a link, seeded: loss, delay, reordering and damage of MAVLink frames.
 
 `Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
-are drawn for every frame when it enters, whatever the faults are. So whether the n-th frame is lost, delayed, doubled
-or reordered depends only on the seed and on n, and a larger loss loses the same frames and some more. Damaged bytes are
+are drawn for every frame when it enters, with any faults. So the seed and n alone decide whether the n-th frame is
+lost, delayed, doubled or reordered, and a larger loss loses the same frames and some more. Damaged bytes are
 drawn from a second stream of random numbers, only for frames that are not dropped.
 """
 

@@ -75,8 +75,8 @@ def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
     with (place / "report" / "tables" / "main.csv").open(encoding="utf-8", newline="") as file:
         [row] = [row for row in csv.DictReader(file) if row["pilot"] == "oracle"]
     assert (row["flights"], row["not_scored"]) == ("2", "1")
-    told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert f"1 of 3 flights: {metric} above 0" in told.replace("\\", "")
+    page = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert f"1 of 3 flights: {metric} above 0" in page.replace("\\", "")
 
 
 def test_another_radius_judges_anew_and_is_said(place):

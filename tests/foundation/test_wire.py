@@ -110,10 +110,10 @@ def assert_its_fields_alone_are_packed_alike(message: Any) -> None:
     layout = wire.BY_ID[message.get_msgId()]
     fields = tuple(getattr(message, name) for name in message.fieldnames)
     assert Packer(7, 191).frame(layout, layout.payload_of(fields)) == Packer(7, 191).pack(message)
-    told = len(fields)
-    while told and not np.any(fields[told - 1]) and not np.any(np.signbit(fields[told - 1])):
-        told -= 1
-    assert layout.payload_of(fields[:told]) == layout.payload(message), "those left out at the end are zero"
+    count = len(fields)
+    while count and not np.any(fields[count - 1]) and not np.any(np.signbit(fields[count - 1])):
+        count -= 1
+    assert layout.payload_of(fields[:count]) == layout.payload(message), "those left out at the end are zero"
 
 
 def test_the_fields_of_a_message_alone_are_packed_alike() -> None:

@@ -39,7 +39,7 @@ class RecordedRun:
 
     @property
     def is_model(self) -> bool:
-        """Whether a model flew it, or whatever another harness asked. A built-in pilot is never reported as a model."""
+        """Whether a model or another harness's policy flew it. A built-in pilot is never reported as a model."""
         return self.flight.get("model") is not None or self.flight.get("outside") is not None
 
     @property

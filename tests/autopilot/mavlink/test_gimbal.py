@@ -48,14 +48,14 @@ def pitch_deg(bench: Moving) -> float:
 
 def test_a_client_learns_what_the_gimbal_can(bench: Moving) -> None:
     assert bench.client.command(REQUEST, dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION) == ACCEPTED
-    (told,) = bench.client.of("GIMBAL_MANAGER_INFORMATION")
-    assert (math.degrees(told.pitch_min), math.degrees(told.pitch_max)) == pytest.approx((-80.0, 20.0))
-    assert told.yaw_min == told.yaw_max == 0.0
-    assert 1 <= told.gimbal_device_id <= 6
-    assert told.cap_flags & dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
+    (reported,) = bench.client.of("GIMBAL_MANAGER_INFORMATION")
+    assert (math.degrees(reported.pitch_min), math.degrees(reported.pitch_max)) == pytest.approx((-80.0, 20.0))
+    assert reported.yaw_min == reported.yaw_max == 0.0
+    assert 1 <= reported.gimbal_device_id <= 6
+    assert reported.cap_flags & dialect.GIMBAL_MANAGER_CAP_FLAGS_HAS_PITCH_AXIS
 
 
-def test_it_goes_where_it_is_told_at_its_own_rate(bench: Moving) -> None:
+def test_it_goes_where_it_is_commanded_at_its_own_rate(bench: Moving) -> None:
     assert pitch_deg(bench) == pytest.approx(-5.0, abs=1e-3)
     assert bench.client.command(POINT, -65.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED
     bench.run(0.6)
@@ -75,7 +75,7 @@ def test_it_goes_where_it_is_told_at_its_own_rate(bench: Moving) -> None:
 
 def test_only_who_is_in_control_commands_it(bench: Moving) -> None:
     other = Client(bench.autopilot.open_port("minimal"), system=250, component=191)
-    assert other.command(POINT, -10.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED  # nobody is
+    assert other.command(POINT, -10.0, NAN, NAN, NAN, 12, 0, 0) == ACCEPTED  # no client is in control
     assert bench.client.command(CONFIGURE, -2, -2, -1, -1, 0, 0, 0) == ACCEPTED
     bench.client.forget()
     bench.run(0.5)
@@ -100,7 +100,7 @@ def test_without_numbers_and_without_a_gimbal_it_is_refused(bench: Moving) -> No
     assert not [m for m in fixed.client.inbox if m.get_type().startswith("GIMBAL_")]
 
 
-def test_the_camera_stays_level_whatever_the_body_does() -> None:
+def test_the_camera_stays_level_while_the_body_tilts() -> None:
     gimbal = Gimbal(LIMITS, -30.0)
     camera = quat_to_euler(gimbal.attitude(quat_from_euler(0.3, -0.2, 1.1)))
     assert camera == pytest.approx((0.0, math.radians(-30.0), 1.1), abs=1e-9)

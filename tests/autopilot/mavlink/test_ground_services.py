@@ -102,9 +102,9 @@ def test_vibration_is_told(bench: Bench) -> None:
     estimate = bench.core.estimate
     estimate["vibration_gyro"], estimate["vibration_accel"], estimate["clipped"] = 0.5, 6.0, (1, 2, 3)
     bench.tick()
-    told = request(bench, "VIBRATION")
-    assert (told.vibration_y, told.vibration_z) == (0.5, 6.0)
-    assert (told.clipping_0, told.clipping_1, told.clipping_2) == (1, 2, 3)
+    reported = request(bench, "VIBRATION")
+    assert (reported.vibration_y, reported.vibration_z) == (0.5, 6.0)
+    assert (reported.clipping_0, reported.clipping_1, reported.clipping_2) == (1, 2, 3)
 
 
 def test_sticks_show_as_channels(bench: Bench) -> None:

@@ -214,5 +214,5 @@ def test_estimator_status_has_the_roots_of_the_test_ratios() -> None:
     ratios[HEIGHT_TEST], ratios[HEADING_TEST] = 0.09, 4.0
     bench.run(2.1)
     status = bench.client.of("ESTIMATOR_STATUS")[-1]
-    told = (status.vel_ratio, status.pos_horiz_ratio, status.pos_vert_ratio, status.mag_ratio)
-    assert told == pytest.approx((0.5, 1.5, 0.3, 2.0))
+    ratios = (status.vel_ratio, status.pos_horiz_ratio, status.pos_vert_ratio, status.mag_ratio)
+    assert ratios == pytest.approx((0.5, 1.5, 0.3, 2.0))

@@ -86,8 +86,8 @@ def test_a_pymavlink_client_takes_control_of_the_gimbal_and_turns_it(tmp_path):
             client.until("GIMBAL_DEVICE_ATTITUDE_STATUS", lambda m: True)
             wanted = dialect.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION, 0, 0, 0, 0, 0, 0
             client.link.mav.command_long_send(1, 1, dialect.MAV_CMD_REQUEST_MESSAGE, 0, *wanted)
-            told = client.until("GIMBAL_MANAGER_INFORMATION", lambda m: True)  # before the acknowledgement
-            assert math.degrees(told.pitch_min) == pytest.approx(-90.0, abs=1e-3)
+            limits = client.until("GIMBAL_MANAGER_INFORMATION", lambda m: True)  # before the acknowledgement
+            assert math.degrees(limits.pitch_min) == pytest.approx(-90.0, abs=1e-3)
             assert client.command(1001, -2, -2, -1, -1) == 0
             client.until("GIMBAL_MANAGER_STATUS", lambda m: m.primary_control_sysid == 255)
             nan = float("nan")

@@ -87,18 +87,18 @@ def test_a_run_is_not_gone_on_with_under_other_packages(tmp_path):
     run = tmp_path / "run"
     with episode(run):
         pass
-    told = json.loads((run / layout.RUN).read_text())
+    kept_run = json.loads((run / layout.RUN).read_text())
     for versions, part in (
         ({"numpy": "1.0.0"}, "numpy"),
         ({"python": "3.2.1"}, "python"),
         ({"dronecats": "0"}, "dronecats"),
     ):
-        (run / layout.RUN).write_text(json.dumps({**told, "versions": {**told["versions"], **versions}}))
+        (run / layout.RUN).write_text(json.dumps({**kept_run, "versions": {**kept_run["versions"], **versions}}))
         for begin in (lambda: create(run, "oracle", "e-02", {"seed": 1}).__enter__(), lambda: Batch(run, {"seed": 1})):
             with pytest.raises(UsageError, match=part):
                 begin()
-    patch = ".".join([*told["versions"]["python"].split(".")[:2], "99"])
-    (run / layout.RUN).write_text(json.dumps({**told, "versions": {**told["versions"], "python": patch}}))
+    patch = ".".join([*kept_run["versions"]["python"].split(".")[:2], "99"])
+    (run / layout.RUN).write_text(json.dumps({**kept_run, "versions": {**kept_run["versions"], "python": patch}}))
     Batch(run, {"seed": 1}).close()
 
 

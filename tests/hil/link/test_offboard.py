@@ -165,7 +165,7 @@ def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
 @pytest.mark.parametrize("angle_deg", [0.1, -0.1, 2.0, -3.0])
 @pytest.mark.parametrize("first_us", [0, 10_000, 50_000])
 def test_a_turn_of_a_tick_or_less_goes_no_further_than_its_angle(angle_deg, first_us):
-    """A nose that does at once what it is told, whenever the first tick after the order comes."""
+    """A nose that turns at once as ordered, at any time of the first tick after the order."""
     stream, nose = OffboardStream(), 0.3
     stream.fly(Hold())
     message(stream, (0, 0, -2.0), yaw=nose, time_us=950_000)

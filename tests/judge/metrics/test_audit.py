@@ -136,8 +136,8 @@ def test_a_flight_that_ended_at_its_mended_declaration_is_not_lost():
     """Nobody knows how it would have gone on."""
     end = {**END, "reason": "decided", "t": 5.5}
     row = decision(0, 0, 5.0, reply=QUOTED, mended=["single_quotes"])
-    told = audit_of(JudgedFlight(Path("x"), {}, logs([row], [frame(0, 4.5, 4.0)], end=end))).strict
-    assert (told.changed, told.success) == (1, None)
+    strict = audit_of(JudgedFlight(Path("x"), {}, logs([row], [frame(0, 4.5, 4.0)], end=end))).strict
+    assert (strict.changed, strict.success) == (1, None)
 
 
 def test_the_verb_tells_it_of_runs(tmp_path, capsys):

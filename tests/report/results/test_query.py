@@ -42,8 +42,8 @@ def test_hits_and_resets_are_columns_of_episodes(tmp_path):
     tell_incidents(run / EPISODES[0], hit(2.0), hit(3.0, "fence", 0.4), clear(6.0, 3.5), hit(7.0, "fence", 2.5, True),
                    clear(9.0, 0.5), reset(4.0, 2))  # fmt: skip
     columns = "hits, crashes, hardest_hit_mps, contact_s, estimator_resets"
-    told = ask(f"SELECT {columns} FROM episodes ORDER BY episode DESC", tmp_path / "runs")
-    assert [tuple(row.values()) for row in told] == [(3, 1, 2.5, 4.0, 2), (None,) * 5]
+    rows = ask(f"SELECT {columns} FROM episodes ORDER BY episode DESC", tmp_path / "runs")
+    assert [tuple(row.values()) for row in rows] == [(3, 1, 2.5, 4.0, 2), (None,) * 5]
 
 
 def test_the_tables_hold_what_the_logs_do(runs):

@@ -283,7 +283,7 @@ def test_clouds_hide_their_share_of_the_sky():
 
 
 def test_sky_and_haze_meet_at_the_horizon():
-    """Ground at the end of the world has the colour of the sky above it, whatever stands in the sky."""
+    """Ground at the end of the world has the colour of the sky above it, in each direction."""
     sun = dataclasses.replace(OVERHEAD, toward_ned=(0.6, 0.0, -0.8))
     level = instance(1, ground_mesh(60000.0), (0, 0, 0), "ground")
     renderer = Renderer(scene_of([level], sun), CameraModel(width=64, height=240, hfov_deg=4.0), shadow_cells=64)
