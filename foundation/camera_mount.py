@@ -19,7 +19,7 @@ class GimbalLimits:
 
 @dataclass(frozen=True, slots=True)
 class CameraMount:
-    """How the forward camera is mounted."""
+    """Mount of the forward camera."""
 
     pitch_deg: PitchDeg = 0.0  # up from body forward, on a gimbal from the horizon; the benchmark's camera looks level
     gimbal: GimbalLimits | None = None  # None: it is fixed to the body

@@ -93,7 +93,7 @@ class Impairment:
 
 @dataclass(slots=True)
 class Counts:
-    """How many units met each fate. A unit is a MAVLink frame, or a run of bytes between two frames."""
+    """Number of units per outcome. A unit is a MAVLink frame, or a run of bytes between two frames."""
 
     taken: int = 0
     arrived: int = 0  # duplicates count twice

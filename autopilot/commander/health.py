@@ -93,7 +93,7 @@ POSITION_MODES = frozenset({"HOLD", "TAKEOFF", "MISSION", "RETURN", "ORBIT", "FO
 
 @dataclass(frozen=True, slots=True)
 class SensorHealth:
-    """Which sensors deliver."""
+    """The sensors that deliver samples."""
 
     imu: bool
     mag: bool

@@ -51,7 +51,7 @@ class HostPace:
 
 
 class HostWatch:
-    """How late the host was since the last `take`."""
+    """The delays of the host since the last `take`."""
 
     def __init__(self, pace: HostPace) -> None:
         self._pace = pace

@@ -49,7 +49,7 @@ class PilotServer:
 
     @property
     def base_url(self) -> str:
-        """What an OpenAI client is given, without a slash at the end: `http://127.0.0.1:PORT/v1`."""
+        """The base URL for an OpenAI client, without a slash at the end: `http://127.0.0.1:PORT/v1`."""
         host = str(self._http.server_address[0])
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/v1"
 

@@ -1,1 +1,1 @@
-"""What a slow or wavering model, a bad wire or the wind costs: designed, flown and fitted."""
+"""Studies: flights that measure the effect of latency, jitter, the link or the wind, and their statistics."""

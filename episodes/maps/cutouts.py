@@ -17,7 +17,7 @@ OPAQUE = -1  # in place of a cut-out
 
 
 class Cutouts(NamedTuple):
-    """Which texels of each cut-out texture are there, one texture after the other."""
+    """The opaque texels of each cut-out texture, one texture after the other."""
 
     texels: NDArray[np.uint8]  # (N,) row by row, one bit each, so that they stay in the processor's cache
     first: NDArray[np.int64]  # (K,) first bit of each texture

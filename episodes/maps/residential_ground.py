@@ -40,7 +40,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True)
 class _Use:
-    """What a piece of ground is for."""
+    """The use of a piece of ground."""
 
     look: Material
     tile: float  # m per repeat

@@ -21,7 +21,7 @@ Moved = Mapping[int, tuple[Vec3, float | Quat] | None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Material:
-    """How a surface looks."""
+    """Colour and texture of a surface."""
 
     name: str
     color: Vec3  # linear RGB reflectance 0 … 1; multiplies the texture

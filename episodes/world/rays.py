@@ -19,7 +19,7 @@ FAR = np.float32(1e30)
 
 
 class Hits(NamedTuple):
-    """What each of N rays meets first."""
+    """The first hit of each of N rays."""
 
     triangle: NDArray[np.int32]  # (N,) NOTHING where it meets none
     distance: NDArray[np.float32]  # (N,) in lengths of the ray's direction; FAR where it meets none

@@ -109,7 +109,7 @@ class CommandedStep:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CommandingDiagnostics:
-    """How the drones of a commanding episode were commanded."""
+    """Measures of the commands in a commanding episode."""
 
     all_go_steps: Annotated[int, doc("steps with a question about several drones, all of which got a go")]
     identical_points: Annotated[int, doc("number of these with one point for all drones")]

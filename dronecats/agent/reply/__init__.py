@@ -1,1 +1,1 @@
-"""What a reply says: one action per drone, or why there is none. docs/replies.md."""
+"""Parses a model's reply into one action per drone, or the reason why there is none. docs/replies.md."""

@@ -39,7 +39,7 @@ class Sender:
 
     @property
     def bad(self) -> int:
-        """How much of what it sent was no MAVLink message."""
+        """Number of places at which the data of this sender were no MAVLink message."""
         return self._parser.bad
 
     def put(self, data: bytes) -> None:

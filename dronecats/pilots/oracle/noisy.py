@@ -49,7 +49,7 @@ def distance_band(distance_m: float) -> int:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attention:
-    """What vision takes for the target, as shares of the steps."""
+    """Shares of the steps at which vision takes the target, another thing or nothing for the target."""
 
     found: tuple[float, float, float]  # by band: the target, if it is visible and was not taken at the step before
     kept: tuple[float, float, float]  # by band: the target, if it is visible and was taken
@@ -100,7 +100,7 @@ def named_by(command: str) -> NamedBy:
 
 @dataclass(slots=True)
 class _Memory:
-    """What the pilot of one drone remembers."""
+    """The memory of one drone's pilot."""
 
     on_target: bool = False  # the step before took the target
     astray_ned: Vec3 | None = None  # m, the place of something else that it took for the target

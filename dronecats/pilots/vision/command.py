@@ -1,4 +1,4 @@
-"""What a command says of its target: colour and kind, place beside a landmark, inscription, and place in a row."""
+"""Reads the target's features from a command: colour and kind, place beside a landmark, inscription, and place in a row."""
 
 import re
 from dataclasses import dataclass, replace

@@ -1,1 +1,1 @@
-"""What a study's flights say: flights in, numbers out. Pure but for `joined`, which reads the folder."""
+"""Computes a study's results from its flights. Only `joined` reads files."""

@@ -1,1 +1,1 @@
-"""How late a loop of the cascade may hear of the vehicle, and how late the cascade may hear of the agent."""
+"""Delay margins: of each control loop for its measurements, and of the cascade for the agent's setpoints."""

@@ -44,7 +44,7 @@ class DroneMoment:
 
 @dataclass(frozen=True, slots=True)
 class JudgeMoment:
-    """What only the judge knows; a page hides it by default."""
+    """Data that only the judge has; a page hides them by default."""
 
     target_ned: Vec3 | None = None  # m, map frame, of its centre
     distance_m: tuple[float | None, ...] = ()  # m, of each drone to the target's centre

@@ -281,7 +281,7 @@ def _is_hidden(nearest: float, first: int, last: int, lowest: NDArray[np.float32
 
 
 class _Slopes(NamedTuple):
-    """What the rows of a triangle share: its inverse depth wa·i + wb·j + wc at sample (j, i), and more."""
+    """Values that all rows of a triangle share: its inverse depth wa·i + wb·j + wc at sample (j, i), and more."""
 
     wa: float
     wb: float

@@ -1,4 +1,4 @@
-"""What paint, glass and water mirror: a small picture of all directions around the middle of the map.
+"""The reflection in paint, glass and water: a small picture of all directions around the middle of the map.
 
 It has the sky with its clouds, the things of the map as columns, and the ground, in two halves (upper, lower) with the
 projection of the sky's table. It is coarse, as reflections in paint and panes are.

@@ -43,7 +43,7 @@ ROOF_M = 1.0  # least height above the ground from which that makes a difference
 
 
 class Columns(NamedTuple):
-    """What stands on each cell. Row i is north of `low_north`, column j east of `low_east`."""
+    """The height of what stands on each cell. Row i is north of `low_north`, column j east of `low_east`."""
 
     low: NDArray[np.float32]  # (N, N) m above the origin's level, EMPTY where nothing stands
     high: NDArray[np.float32]  # (N, N) m

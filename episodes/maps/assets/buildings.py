@@ -22,7 +22,7 @@ DARK_FRAME, PALE_FRAME = (52, 54, 56), (228, 226, 218)
 
 @dataclass(frozen=True, slots=True)
 class HallPlan:
-    """What distinguishes one hall; metres."""
+    """Dimensions and features of one hall, m."""
 
     name: str  # in capitals over its door
     style: str  # 'brick', 'ribbon', 'columns', 'glass'

@@ -1,4 +1,4 @@
-"""What looks on the street from a house: windows, front door, porch."""
+"""The street side of a house: windows, front door, porch."""
 
 import numpy as np
 

@@ -80,7 +80,7 @@ ON_ROOFS = ("nothing", "panels", "skylights", "nothing")
 
 @dataclass(frozen=True, slots=True)
 class HousePlan:
-    """What distinguishes one house; metres. The front faces forward (+x), y runs to the left."""
+    """Dimensions and features of one house, m. The front faces forward (+x), y runs to the left."""
 
     width: float = 11.0  # of the main block, along y
     depth: float = 9.0

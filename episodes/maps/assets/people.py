@@ -49,7 +49,7 @@ CARRIED = ("none", "backpack", "shoulder bag", "none")
 
 @dataclass(frozen=True, slots=True)
 class Outfit:
-    """What a person wears and carries, and how they are built. Colours are sRGB."""
+    """Clothes, load and build of a person. Colours are sRGB."""
 
     skin: Srgb = SKINS[2]
     hair: Srgb = HAIRS[0]

@@ -1,4 +1,4 @@
-"""What stands along a street and in a garden: lamps, mailboxes, fences, bins, a hydrant."""
+"""Things along a street and in a garden: lamps, mailboxes, fences, bins, a hydrant."""
 
 from functools import lru_cache
 

@@ -37,7 +37,7 @@ class CarShape:
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """What differs between two cars of a shape."""
+    """Features by which cars of one shape differ."""
 
     shade: int | None = None  # number of the shade of a neutral paint; None: the paint itself
     spokes: int = 5  # of a wheel, 0 for a hub cap
