@@ -1,15 +1,21 @@
 """Applies light and season to a map as it was built: the place of the sun, an overcast sky, dusk, autumn.
 
-They change what is seen and nothing else: no shape moves, so distances, visibility and the verdict stay.
+They change what is seen and nothing else: no shape moves, so distances, visibility and the verdict stay. Materials are
+known by their names.
 """
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
-from episodes.maps.autumn import in_autumn
-from episodes.maps.lights import with_lights
-from episodes.maps.scene import Scene, Sun
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from episodes.maps.assets.leaves import SHADE
+from episodes.maps.scene import Instance, Material, Mesh, Scene, Sun
 from foundation.conditions import AS_BUILT, SceneConditions
 from foundation.frames import Vec3
 from foundation.threads import once
@@ -18,6 +24,33 @@ REDDENING = (0.02, 0.10, 0.24)  # optical depth of clear air at the zenith, RGB 
 DUSK_DEG = (300.0, -4.0)  # azimuth and elevation of the sun: about 25 minutes after sunset in a northern summer
 DUSK_SKY: Vec3 = (0.16, 0.19, 0.29)  # linear RGB, exposed longer than a day's sky, as cameras do
 DUSK_GLOW: Vec3 = (0.95, 0.42, 0.12)
+
+# The lights of a map at dusk: street lamps and about half of the windows. They shine, and light nothing else.
+WINDOWS = ("window", "pane-", "curtain", "doors")  # how names of materials begin
+LAMPS = ("lamp-glass", "lantern")
+LIT_PERCENT = 55  # of the windows
+ROOM_M = 2.0  # windows in one cell of this size are lit together
+WARM: Vec3 = (1.0, 0.70, 0.36)  # linear RGB
+GLASS = 0.30  # share of light in the darkest part of a lit window's picture
+WINDOW_EMISSION, LAMP_EMISSION = 0.75, 2.0
+
+# Autumn: leaves in other colours, fallen leaves on paler grass.
+LEAVES = ("foliage", "leaf", "leaves", "thicket")  # how names of materials begin
+INSIDE = "thicket"  # the same, of leaves in the shade of others
+EVERGREEN = ("pine", "spruce", "box", "conifer", "hedge")  # how they end where leaves stay
+GRASS = ("grass", "lawn", "meadow")
+HUES: tuple[Vec3, ...] = (  # linear RGB of leaves: gold, orange, rust, brown, and a green that begins to turn
+    (0.62, 0.36, 0.05),
+    (0.60, 0.20, 0.03),
+    (0.36, 0.09, 0.03),
+    (0.30, 0.17, 0.06),
+    (0.32, 0.34, 0.09),
+)
+STRAW: Vec3 = (1.22, 1.0, 0.78)  # factor on the colour of grass
+FALLEN = 260  # leaves on one repeat of the grass
+FALLEN_PX = (3, 6)  # half their width
+
+Picture = NDArray[np.uint8]
 
 
 @once(3)  # a run flies many episodes on one map, and a scene is never changed
@@ -86,3 +119,123 @@ def dusk(sun: Sun) -> Sun:
 def _vec3(values: Iterable[float]) -> Vec3:
     r, g, b = values
     return (r, g, b)
+
+
+def with_lights(instances: Sequence[Instance]) -> tuple[Instance, ...]:
+    """Return the things of a map with their lights on."""
+    meshes: dict[int, Mesh] = {}
+    materials: dict[int, Material] = {}
+    for instance in instances:
+        if id(instance.mesh) not in meshes:
+            meshes[id(instance.mesh)] = _lit(instance.mesh, materials)
+    return tuple(
+        instance if (mesh := meshes[id(instance.mesh)]) is instance.mesh else replace(instance, mesh=mesh)
+        for instance in instances
+    )
+
+
+def _lit(mesh: Mesh, lit: dict[int, Material]) -> Mesh:
+    """Return a mesh with its lights on, itself where it has none; `lit` has the materials that shine, by identity."""
+    materials, material = list(mesh.materials), mesh.material.copy()
+    for row, looks in enumerate(mesh.materials):
+        is_lamp = looks.name.startswith(LAMPS)
+        if not (is_lamp or looks.name.startswith(WINDOWS)):
+            continue
+        if id(looks) not in lit:
+            lit[id(looks)] = _shining(looks, LAMP_EMISSION if is_lamp else WINDOW_EMISSION)
+        of_it = np.flatnonzero(mesh.material == row)
+        material[of_it if is_lamp else of_it[_lit_windows(mesh, of_it)]] = len(materials)
+        materials.append(lit[id(looks)])
+    return mesh if len(materials) == len(mesh.materials) else replace(mesh, material=material, materials=(*materials,))
+
+
+def _shining(looks: Material, emission: float) -> Material:
+    if looks.texture is None:
+        return replace(looks, color=WARM, emission=emission)
+    floor = 255.0 * GLASS ** (1.0 / 2.2)
+    picture = np.asarray(floor + (1.0 - floor / 255.0) * looks.texture, np.uint8)
+    return replace(looks, color=WARM, texture=picture, emission=emission)
+
+
+def _lit_windows(mesh: Mesh, rows: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which of these triangles, those of windows, belong to a lit one: by the place of the window alone."""
+    _, corners = np.unique(mesh.vertices[mesh.triangles[rows]].reshape(-1, 3), axis=0, return_inverse=True)
+    corners = corners.reshape(-1, 3)
+    links = coo_array((np.ones(2 * len(rows)), (np.tile(corners[:, 0], 2), corners[:, 1:].T.ravel())))
+    links.resize(corners.max(initial=0) + 1, corners.max(initial=0) + 1)
+    window = connected_components(links, directed=False)[1][corners[:, 0]]
+    middle = mesh.vertices[mesh.triangles[rows]].mean(axis=1)
+    count = np.maximum(np.bincount(window), 1)[:, None]
+    middles = np.stack([np.bincount(window, middle[:, axis]) for axis in range(3)], axis=1) / count
+    cell = np.floor(middles / ROOM_M).astype(np.int64)
+    draw = (cell @ np.array((73_856_093, 19_349_663, 83_492_791)) & 0xFFFF_FFFF) * 2_654_435_761 >> 16
+    return np.asarray((draw % 100 < LIT_PERCENT)[window], np.bool_)
+
+
+def in_autumn(instances: Sequence[Instance]) -> tuple[Instance, ...]:
+    """Return the things of a map in autumn. Trees of one mesh have several colours."""
+    paints = _Paints()
+    return tuple(
+        replace(instance, mesh=paints.mesh(instance.mesh, instance.id * 7 % len(HUES))) for instance in instances
+    )
+
+
+class _Paints:
+    """The recoloured meshes, materials and pictures, each once. Identity distinguishes them."""
+
+    def __init__(self) -> None:
+        self._meshes: dict[tuple[int, int], Mesh] = {}
+        self._materials: dict[tuple[int, int], Material] = {}
+        self._pictures: dict[int, Picture] = {}
+
+    def mesh(self, mesh: Mesh, hue: int) -> Mesh:
+        """Return a mesh with its materials in autumn; the mesh itself where none of them changes."""
+        key = (id(mesh), hue)
+        if key not in self._meshes:
+            materials = tuple(self._material(material, hue) for material in mesh.materials)
+            same = all(new is old for new, old in zip(materials, mesh.materials, strict=True))
+            self._meshes[key] = mesh if same else replace(mesh, materials=materials)
+        return self._meshes[key]
+
+    def _material(self, material: Material, hue: int) -> Material:
+        is_grass = material.name.startswith(GRASS)
+        if not is_grass and (not material.name.startswith(LEAVES) or material.name.endswith(EVERGREEN)):
+            return material
+        key = (id(material), 0 if is_grass else hue)
+        if key not in self._materials:
+            light = SHADE if material.name.startswith(INSIDE) else 1.0
+            color, factor = (material.color, STRAW) if is_grass else (HUES[hue], (light, light, light))
+            r, g, b = (c * f for c, f in zip(color, factor, strict=True))
+            self._materials[key] = replace(
+                material, color=(r, g, b), texture=self._picture(material.texture, is_grass=is_grass)
+            )
+        return self._materials[key]
+
+    def _picture(self, texture: Picture | None, *, is_grass: bool) -> Picture | None:
+        if texture is None:
+            return None
+        if id(texture) not in self._pictures:
+            self._pictures[id(texture)] = strewn(texture) if is_grass else colorless(texture)
+        return self._pictures[id(texture)]
+
+
+def colorless(texture: Picture) -> Picture:
+    """Return a picture in greys as bright as its brightest channel; what it has beyond RGB is kept."""
+    grey = texture.copy()
+    grey[..., :3] = texture[..., :3].max(axis=-1, keepdims=True)
+    return grey
+
+
+def strewn(texture: Picture) -> Picture:
+    """Return a picture of grass with fallen leaves, which continue over its edges."""
+    picture, rng = texture.copy(), np.random.default_rng(181)
+    height, width = picture.shape[:2]
+    for hue in rng.integers(0, len(HUES) - 1, FALLEN):
+        x, y = int(rng.integers(width)), int(rng.integers(height))
+        axes = (int(rng.integers(*FALLEN_PX)), int(rng.integers(2, 4)))
+        turn = float(rng.uniform(0.0, 180.0))
+        color = [255.0 * (1.3 * c) ** (1.0 / 2.2) for c in HUES[hue]]
+        for dx in (-width, 0, width):
+            for dy in (-height, 0, height):
+                cv2.ellipse(picture, (x + dx, y + dy), axes, turn, 0.0, 360.0, color, -1, cv2.LINE_AA)
+    return picture

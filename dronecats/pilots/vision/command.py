@@ -1,4 +1,4 @@
-"""Reads the target's features from a command: colour and kind, place beside a landmark, inscription, and place in a row."""
+"""Reads the target from a command: colour and kind, place beside a landmark, inscription, and place in a row."""
 
 import re
 from dataclasses import dataclass, replace

@@ -9,9 +9,7 @@ import pytest
 from episodes import maps
 from episodes.camera.renderer import Renderer
 from episodes.camera.renderer.sky import daylight
-from episodes.maps.autumn import HUES
-from episodes.maps.conditions import direction, in_conditions
-from episodes.maps.lights import with_lights
+from episodes.maps.conditions import HUES, direction, in_conditions, with_lights
 from episodes.maps.scene import Material
 from foundation.camera import CameraModel, CameraPose
 from foundation.conditions import SceneConditions

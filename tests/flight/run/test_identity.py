@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from dronecats.flight.run import identity, source_digest
+from dronecats.flight.run import identity
 from dronecats.flight.run.identity import code_digest, identify, protocol_numbers, suite_digest
 from foundation import protocol
 from foundation.run_folder.reading import json_object
@@ -85,7 +85,7 @@ def test_what_reads_flights_back_or_fits_pilots_does_not_count(sources):
 
 def test_it_is_computed_once_and_kept(sources, monkeypatch):
     before = digest_now()
-    monkeypatch.setattr(source_digest, "statements", lambda *_: pytest.fail("parsed again"))
+    monkeypatch.setattr(identity, "statements", lambda *_: pytest.fail("parsed again"))
     assert digest_now() == before
 
 
