@@ -84,7 +84,7 @@ class RoundTrip:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """The last messages of a vehicle. Keys are message ids; messages of other systems than the autopilot are left out."""
+    """The last messages of a vehicle. Keys are message ids; only messages of its autopilot are kept."""
 
     newest: Mapping[int, Message] = field(default_factory=dict)
     seconds: float = 0.0  # of vehicle time
