@@ -9,6 +9,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from dronecats.agent.commanding.command_prompt import INTERVAL_S, CommandPrompt
 from dronecats.agent.latency import Circumstance, Question
 from dronecats.agent.models.ledger import Spent, cost
 from dronecats.agent.models.model import Request, tokens_of
@@ -22,6 +23,7 @@ from dronecats.report.results.collection import usage_of
 from foundation.errors import UsageError
 from foundation.protocol import HISTORY_LENGTH, STEP_S
 from foundation.run_folder.results import SCORED, Result
+from foundation.run_folder.rows import Cause
 from foundation.wording import counted
 
 HOUR_S = 3600.0
@@ -119,7 +121,7 @@ class CostEstimate:
         self._left: dict[tuple[str, str], tuple[OpenRun, str]] = {
             (run.entry.name, run.batch.folder(episode).name): (run, episode)
             for run in runs
-            if run.entry.flight.model is not None
+            if _models(run.entry.flight)
             for episode in run.part
             if (run.entry.name, episode) in left
         }
@@ -164,15 +166,24 @@ class CostEstimate:
 
 def foreseen_usd(flight: FlightSpec, record: Mapping[str, Any]) -> float:
     """Return the foreseen cost of a flight to its cap, $, for replies without reasoning."""
-    model = flight.model
-    assert model is not None
-    drones = flight.drones or len(record["starts"])
-    together = drones if flight.command == "flat" else 1  # drones per question
-    prompt = Prompt.load() if flight.prompt is None else Prompt.of(flight.prompt, "the prompt")
-    text = prompt.render(str(record["instruction"]), NONE_YET, HISTORY_LENGTH, model.axis_order, together)
-    questions = flight.seconds / (STEP_S + _latency_s(flight)) * drones / together
-    tokens_in = tokens_of(Request(text, (b"",) * together, thinking=False))
-    return questions * cost(model, tokens_in, REPLY_TOKENS * together)
+    drones, instruction = flight.drones or len(record["starts"]), str(record["instruction"])
+    usd = 0.0
+    if (pilot := flight.model) is not None:
+        together = drones if flight.command == "flat" else 1  # drones per question
+        prompt = Prompt.load() if flight.prompt is None else Prompt.of(flight.prompt, "the prompt")
+        text = prompt.render(instruction, NONE_YET, HISTORY_LENGTH, pilot.axis_order, together)
+        questions = flight.seconds / (STEP_S + _latency_s(flight)) * drones / together
+        usd += questions * _question_usd(pilot, text, together)
+    if (commander := _commander(flight)) is not None:
+        text = CommandPrompt.load().render(instruction, "", (Cause(why="time"),), drones)
+        usd += (1.0 + flight.seconds / INTERVAL_S) * _question_usd(commander, text, drones)
+    return usd
+
+
+def _question_usd(model: ModelSpec, text: str, pictures: int) -> float:
+    """Return the cost of a question with so many pictures, and of a reply with an order or action for each, $."""
+    tokens_in = tokens_of(Request(text, (b"",) * pictures, thinking=False))
+    return cost(model, tokens_in, REPLY_TOKENS * pictures)
 
 
 def _latency_s(flight: FlightSpec) -> float:
@@ -184,18 +195,28 @@ def _latency_s(flight: FlightSpec) -> float:
 
 def _measured_usd(run: OpenRun, episode: str) -> float | None:
     """Return the cost of a flight by its logs, $; None when they are damaged or lack token counts."""
-    pilot = run.entry.flight.model
-    if pilot is None:
-        return None
-    commander = run.entry.flight.commander or pilot
+    flight = run.entry.flight
     try:
         used = usage_of(run.batch.run / episode)
     except UsageError:
         return None
-    if used.tokens_in is None or used.tokens_out is None:
+    usd = 0.0
+    for model, questions, tokens_in, tokens_out in (
+        (flight.model, used.questions, used.tokens_in, used.tokens_out),
+        (_commander(flight), used.commander_questions, used.commander_in, used.commander_out),
+    ):
+        if model is not None and questions:
+            if tokens_in is None or tokens_out is None:
+                return None
+            usd += cost(model, tokens_in, tokens_out)
+    return usd
+
+
+def _commander(flight: FlightSpec) -> ModelSpec | None:
+    """Return the model that commands the fleet; None without a commander or with a built-in one."""
+    if flight.command != "hierarchical" or flight.scripted_commander:
         return None
-    commanded = cost(commander, used.commander_in or 0, used.commander_out or 0)
-    return cost(pilot, used.tokens_in, used.tokens_out) + commanded
+    return flight.commander or flight.model
 
 
 def _models(flight: FlightSpec) -> list[ModelSpec]:

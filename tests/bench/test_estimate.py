@@ -13,6 +13,8 @@ from dronecats.bench.matrix import BenchEntry
 from dronecats.bench.progress import CostEstimate, Progress, foreseen_usd
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from foundation.run_folder.results import Result
+from foundation.run_folder.rows import Exchange
+from foundation.run_folder.writing import as_json
 from tests.judge.episode_logs import decision
 
 IDS = ("residential-approaching-01", "residential-approaching-02", "campus-tracking-01", "campus-tracking-02")
@@ -71,6 +73,27 @@ def test_more_drones_longer_replies_and_no_price(run):
     assert (estimate.left_usd(), estimate.unpriced) == (None, "local/m")
     pilot = replace(run, entry=replace(run.entry, flight=FlightSpec(pilot="vision", simulated=Simulated())))
     assert CostEstimate([pilot], [("run-f1", IDS[0])]).flights == 0
+
+
+def test_a_commander_costs_too(run):
+    record = run.batch.record(IDS[0])
+    fleet = {**record, "starts": record["starts"] * 4}
+    below = replace(FLIGHT, command="hierarchical")
+    commanded = FlightSpec(pilot="vision", command="hierarchical", commander=PRICED, simulated=Simulated(speed=None))
+    alone = foreseen_usd(replace(below, scripted="scripted"), fleet)
+    assert foreseen_usd(commanded, fleet) > 0.0
+    assert foreseen_usd(below, fleet) == pytest.approx(alone + foreseen_usd(commanded, fleet))
+    run = replace(run, entry=replace(run.entry, flight=commanded))
+    estimate = CostEstimate([run], [("run-f1", episode) for episode in IDS])
+    assert estimate.flights == len(IDS)
+    result = ended(run, IDS[0], "failure", 0)
+    exchange = Exchange(
+        number=0, t_asked=0.0, t_answered=1.0, causes=(), roster="", frames=(0,), reply="{}", orders=(), confirms=(),
+        tokens_in=1000, tokens_out=100, model="m",
+    )  # fmt: skip
+    (run.batch.run / IDS[0] / "commander.jsonl").write_text(json.dumps(as_json(exchange)) + "\n")
+    estimate.add(run, result)
+    assert estimate.left_usd() == pytest.approx(3 * 0.002)
 
 
 def test_the_line_on_the_way_tells_what_it_comes_to():
