@@ -78,7 +78,7 @@ def table(by_mode: dict[str, list[CommandedFlight]]) -> str:
                 [flight.declarations for flight in flights],
                 [flight.steps for flight in flights],
                 [flight.seconds for flight in flights],
-                [flight.commanded for flight in flights],
+                [flight.questions for flight in flights],
             )
         ]
         numbers = " | ".join(f"{mean:.1f}" for mean in means)

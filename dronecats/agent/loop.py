@@ -109,6 +109,10 @@ class Asking:
             return elapsed_s
         return charged_s if elapsed_s <= charged_s + SLACK_S else elapsed_s
 
+    def after_s(self, cap_s: float) -> float:
+        """Return the time at which a reply that is too late would have been due, vehicle seconds after `cap_s`."""
+        return max(self._start_s + (self._charge() or 0.0), cap_s + 1e-3)
+
     def _charge(self) -> float | None:
         """Return the charge in vehicle seconds; None: real latency, nothing is charged."""
         if not self._policy.real and self._charged_s is None:
@@ -202,7 +206,7 @@ class Decider:
                 raise CameraError("no image arrived before the end of the episode")
             return None
         if self._host:
-            on_purpose_s = self._cockpit.pictures.held_s if self._cockpit.pictures else 0.0
+            on_purpose_s = self._cockpit.pictures.held_s[indices[0]] if self._cockpit.pictures else 0.0
             self._host.waited(max(0.0, self._host.now_s - start_s - on_purpose_s) / len(indices))
         for drone, frame in zip(self._drones, frames, strict=True):
             drone.see(frame.time_us)
@@ -221,9 +225,12 @@ class Decider:
             yield from await_reply(asking, self._now_s, start_s, cap_s, questions.patience_s, questions.last_reply)
         ):
             if not self._tally.taken:
-                raise ModelError("the model sent no reply before the end of the episode")
+                if not asking.answered:
+                    raise ModelError("the model sent no reply before the end of the episode")
+                # the log of a flight without an action in time shows that the model was slow, and not broken
+                self._decide(frames, asking, thinking, asking.after_s(cap_s))
             return []  # the episode was over before the reply: too late to be an action
-        decisions = self._decide(frames, asking, thinking)
+        decisions = self._decide(frames, asking, thinking, self._now_s())
         yield from self._act(cap_s)
         return decisions
 
@@ -263,8 +270,8 @@ class Decider:
         named = zip(labels(len(self._drones)), self._drones, strict=True)
         return "\n".join(f"{label}\n{drone.history.render()}" for label, drone in named)
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
-        reply, now_s, step = asking.reply(), self._now_s(), self._tally.take()
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
+        reply, step = asking.reply(), self._tally.take()
         rate_hz = None if self._decided_s is None or now_s <= self._decided_s else 1.0 / (now_s - self._decided_s)
         self._decided_s = now_s
         served = UNSET if reply.served == self._served else reply.served or self._questions.model.name

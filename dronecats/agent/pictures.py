@@ -50,7 +50,8 @@ class PicturePath:
         self._rate_hz, self._recall = rate_hz, recall
         self._got: dict[tuple[int, int], Frame] = {}  # (first drone of the question, drone) → its last frame
         self._numbers: dict[tuple[int, int], int] = {}  # … → number of that frame at `rate_hz`, from 0
-        self.held_s = 0.0  # vehicle s by which disturbances delayed the pictures of the newest question
+        # vehicle s by which disturbances delayed the pictures of the newest question, by its first drone
+        self.held_s: dict[int, float] = {}
 
     def drawn(self, question: Question, drone: int) -> PictureLoss:
         """Return the draw for the picture of a question and drone.
@@ -77,7 +78,7 @@ class PicturePath:
 
         `now_s` returns the vehicle seconds since the episode began, which was at `t0_us` of the vehicle's clock.
         """
-        self.held_s = 0.0
+        self.held_s[question.drone] = 0.0
         coming = {drone: self._frame(camera, question, drone, now_s, t0_us, fetch) for drone in drones}
         came: dict[int, Frame] = {}
         while True:
@@ -114,7 +115,7 @@ class PicturePath:
         came_s = now_s()
         yield from _until((frame.time_us - t0_us) / 1e6 + self._delay_s, now_s)
         self._got[key] = frame
-        self.held_s = max(self.held_s, waited_s + now_s() - came_s)
+        self.held_s[question.drone] = max(self.held_s[question.drone], waited_s + now_s() - came_s)
         return frame
 
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import statistics
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -245,7 +246,7 @@ def _level_row(
     clock: Clock, busy: int, members: Sequence[LoadedFlight], reference: dict[tuple[str, int], LoadedFlight]
 ) -> LevelRow:
     pairs = [(flight, reference[flight.episode, flight.flight]) for flight in members]
-    moved_m = sorted(m for first, second in pairs if (m := ne_difference_m(first, second)) is not None)
+    moved_m = [m for first, second in pairs if (m := ne_difference_m(first, second)) is not None]
     return LevelRow(
         clock=clock,
         busy=busy,
@@ -253,7 +254,7 @@ def _level_row(
         solved=sum(flight.success for flight in members),
         moved=sum(first.success != second.success for first, second in pairs),
         other_bytes=sum(first.digest != second.digest for first, second in pairs),
-        ne_moved_m=round(moved_m[len(moved_m) // 2], 3) if moved_m else None,
+        ne_moved_m=round(statistics.median(moved_m), 3) if moved_m else None,
         marked=sum(flight.marked for flight in members),
         stalled_steps=sum(flight.stalled_steps for flight in members),
         steps=sum(flight.steps for flight in members),

@@ -1,8 +1,10 @@
-"""Who decides is apart from what is flown: a drone is asked for alone or with others, each on its own clock."""
+"""Deciders: one question covers one drone or several, and each group has its own clock."""
 
 import dataclasses
 import itertools
 import json
+
+import pytest
 
 from dronecats.agent.cockpit import Cockpit
 from dronecats.agent.latency import LatencyPolicy, Question
@@ -18,7 +20,7 @@ from tests.support.charged import Charged
 
 
 class Noting:
-    """A model that notes how many pictures it was asked about, and has each drone turn a little."""
+    """A model that records the number of images per question and turns each drone a little."""
 
     name = "noting"
 
@@ -39,7 +41,7 @@ class Noting:
 
 
 def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
-    """Fly three drones under deciders of these groups; return (decisions, how many were asked for at a time)."""
+    """Fly three drones with deciders for these groups; return (decisions, number of images per question)."""
     folder.mkdir()
     model, log = model or Noting(), LineLog(folder / "decisions.jsonl")
     cockpit = Cockpit(
@@ -52,8 +54,8 @@ def fly(folder, groups, policy, seconds=30.0, model=None, pictures=None):
 
 
 def test_all_under_one_decider_are_asked_for_at_once(tmp_path):
-    decisions, asked = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"))
-    assert set(asked) == {3}
+    decisions, batch_sizes = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"))
+    assert set(batch_sizes) == {3}
     assert [d["drone"] for d in decisions[:6]] == [0, 1, 2, 0, 1, 2]
     assert [d["step"] for d in decisions[:6]] == [0, 0, 0, 1, 1, 1]
 
@@ -62,57 +64,57 @@ def test_each_drone_alone_has_its_own_clock_of_actions(tmp_path):
     def charge(question):
         return 1.0 + 2.0 * question.drone
 
-    decisions, asked = fly(tmp_path / "run", [[0], [1], [2]], Charged((), charge))
-    assert set(asked) == {1}
+    decisions, batch_sizes = fly(tmp_path / "run", [[0], [1], [2]], Charged((), charge))
+    assert set(batch_sizes) == {1}
     counts = [sum(d["drone"] == drone for d in decisions) for drone in range(3)]
-    assert counts[0] > counts[1] > counts[2] > 2  # who answers sooner is asked more often
-    assert len({d["step"] for d in decisions}) == len(decisions)  # every question has a number of its own
+    assert counts[0] > counts[1] > counts[2] > 2  # faster replies lead to more questions
+    assert len({d["step"] for d in decisions}) == len(decisions)  # every question has its own number
     assert [d["t_decided"] for d in decisions] == sorted(d["t_decided"] for d in decisions)
     for drone in range(3):
         own = [d for d in decisions if d["drone"] == drone]
-        for before, after in itertools.pairwise(own):  # it has turned by 30° at 60°/s before it is asked again
+        for before, after in itertools.pairwise(own):  # a turn of 30° at 60°/s precedes each question
             assert after["t_decided"] - before["t_decided"] > 0.5 + charge(Question((0,), 0, drone)) - 0.06
 
 
 def test_a_cap_holds_every_decider_to_its_rate(tmp_path):
-    """One decision in 4 s, though a turn and its reply are over in one: not before, and not much later."""
+    """One decision per 4 s, although a turn and its reply take one: not earlier, and not much later."""
     for name, groups in (("together", None), ("apart", [[0], [1, 2]])):
         decisions, _ = fly(tmp_path / name, groups, LatencyPolicy.parse("fixed:0.3+cap:0.25"))
         for drone in range(3):
             decided = [d["t_decided"] for d in decisions if d["drone"] == drone]
-            assert decided[0] < 1.0  # before the first there is nothing to hold it to
+            assert decided[0] < 1.0  # nothing limits the first
             for before, after in itertools.pairwise(decided):
                 assert 4.0 - 1e-6 <= after - before < 4.2
             assert len(decided) == 8
 
 
-def test_what_is_drawn_of_a_drone_is_its_own(tmp_path):
-    """Drones that are asked for apart wait for replies and lose pictures each by its own draws."""
+def test_each_drone_has_its_own_draws(tmp_path):
+    """Drones of separate questions have separate draws of reply times and lost images."""
     replies, _ = fly(tmp_path / "replies", [[0], [1], [2]], LatencyPolicy.parse("lognormal:1,0.7"))
     drawn = [tuple(d["latency_s"] for d in replies if d["drone"] == drone)[:4] for drone in range(3)]
     assert len(set(drawn)) == 3
 
-    asked = []
+    draws = []
 
     class Noted(PicturePath):
         def drawn(self, question, drone):
-            asked.append((question.drone, drone))
+            draws.append((question.drone, drone))
             return super().drawn(question, drone)
 
     fly(tmp_path / "pictures", [[0], [1, 2]], LatencyPolicy.parse("fixed:0.5"), pictures=Noted(dropped=0.2))
-    assert set(asked) == {(0, 0), (1, 1), (1, 2)}
+    assert set(draws) == {(0, 0), (1, 1), (1, 2)}
 
 
 def test_one_alone_beside_two_together(tmp_path):
-    decisions, asked = fly(tmp_path / "run", [[0], [1, 2]], LatencyPolicy.parse("fixed:0.5"))
-    assert set(asked) == {1, 2}
+    decisions, batch_sizes = fly(tmp_path / "run", [[0], [1, 2]], LatencyPolicy.parse("fixed:0.5"))
+    assert set(batch_sizes) == {1, 2}
     together = [d for d in decisions if d["drone"] > 0]
     assert [d["drone"] for d in together[:4]] == [1, 2, 1, 2]
     assert together[0]["step"] == together[1]["step"] != together[2]["step"]
 
 
 class Sloppy(Noting):
-    """A model that writes Python, and one object for the first drone alone."""
+    """A model that writes Python, and one object for the first drone only."""
 
     name = "sloppy"
 
@@ -120,7 +122,7 @@ class Sloppy(Noting):
         return Reply("[{'action': 'rotate', 'angle_deg': '30°'}]", 0.1)
 
 
-def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_path):
+def test_repairs_are_only_in_a_lenient_log(tmp_path):
     cases: list[tuple[ReplyParser, list[str] | None]] = [
         ("lenient", ["single_quotes", "number_text", "unit", "short"]), ("strict", None),
     ]  # fmt: skip
@@ -142,19 +144,29 @@ def test_what_was_mended_is_in_the_log_and_a_strict_log_has_no_word_of_it(tmp_pa
 
 
 class Updated(Noting):
-    """A model whose vendor puts another version in its place while it is asked."""
+    """A model whose vendor replaces its version during the flight."""
 
-    said = (None, "noting fp_1", "noting fp_1", "noting fp_2", None)
+    served_names = (None, "noting fp_1", "noting fp_1", "noting fp_2", None)
 
     def ask(self, request):
         reply = super().ask(request)
-        return dataclasses.replace(reply, served=self.said[min(len(self.asked), len(self.said)) - 1])
+        return dataclasses.replace(reply, served=self.served_names[min(len(self.asked), len(self.served_names)) - 1])
 
 
-def test_what_answers_is_told_when_it_changes_and_at_no_other_step(tmp_path):
+def test_the_served_model_is_logged_only_when_it_changes(tmp_path):
     decisions, _ = fly(tmp_path / "run", None, LatencyPolicy.parse("fixed:0.5"), model=Updated())
-    told = [d.get("served") for d in decisions if d["drone"] == 0]
-    assert told[:6] == [None, "noting fp_1", None, "noting fp_2", "noting", None]
-    assert [d.get("served") for d in decisions if d["drone"] == 2] == told
+    served = [d.get("served") for d in decisions if d["drone"] == 0]
+    assert served[:6] == [None, "noting fp_1", None, "noting fp_2", "noting", None]
+    assert [d.get("served") for d in decisions if d["drone"] == 2] == served
     plain, _ = fly(tmp_path / "plain", None, LatencyPolicy.parse("fixed:0.5"))
     assert not [d for d in plain if "served" in d]
+
+
+@pytest.mark.parametrize("policy", ["fixed:40", "trace"])
+def test_first_reply_after_the_cap_is_logged_and_has_no_effect(tmp_path, policy):
+    """A slow model fails. Only an endpoint without a reply is an error, which is not scored."""
+    latency = LatencyPolicy.parse(policy) if policy != "trace" else Charged((), lambda question: 40.0)
+    decisions, batch_sizes = fly(tmp_path / "run", None, latency)
+    assert batch_sizes == [3]
+    assert [decision["drone"] for decision in decisions] == [0, 1, 2]
+    assert {decision["t_decided"] for decision in decisions} == {40.0}

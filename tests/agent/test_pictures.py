@@ -1,4 +1,4 @@
-"""Pictures that are late, lost, stale or seldom: what a decider gets, and when, on a clock of its own."""
+"""Images that are late, lost, stale or rare: the image that a decider gets, and when, on a simulated clock."""
 
 import itertools
 from collections import Counter
@@ -21,7 +21,7 @@ GREY = np.zeros((1, 1, 3), np.uint8)
 
 
 class Watch:
-    """A clock, and a camera that knows what was to be seen at every time of it; the episode began at 2 s."""
+    """A clock, and a camera with the image of every time of it. The episode begins at 2 s."""
 
     T0_US = 2_000_000
 
@@ -45,14 +45,14 @@ class Watch:
 
 
 def questions(tmp_path, count, *, drones=(0,), every_s=2.0, first=None, seed=(4, 2), cap_s=1e6, **faults):
-    """Ask so many questions, `every_s` after the last was asked; return (frames, s when asked for, s when had) each."""
+    """Ask `count` questions, `every_s` apart; return (frames, time asked s, time received s) for each."""
     watch = Watch()
     cockpit = Cockpit(
         aircraft=[], camera=watch, camera_model=CameraModel(), log=LineLog(tmp_path / "decisions.jsonl"),
         frames_dir=tmp_path, executor=InlineExecutor(), t0_us=Watch.T0_US,
         pictures=PicturePath(**faults, recall=watch.at),
     )  # fmt: skip
-    found: list[Any] = []
+    results: list[Any] = []
     for step in range(count):
         asked_s = watch.now_s()
         question = Question(seed, step, drones[0] if first is None else first)
@@ -64,10 +64,10 @@ def questions(tmp_path, count, *, drones=(0,), every_s=2.0, first=None, seed=(4,
                 frames = came.value
                 break
             watch.time_us += 50_000
-        found.append((frames, asked_s, watch.now_s()))
+        results.append((frames, asked_s, watch.now_s()))
         watch.time_us = max(watch.time_us, Watch.T0_US + round((asked_s + every_s) * 1e6))
     cockpit.log.close()
-    return found
+    return results
 
 
 def taken_s(frame):
@@ -91,8 +91,8 @@ def test_at_a_rate_the_newest_that_has_come_is_had_at_once(tmp_path, rate_hz, de
 
 
 def test_a_picture_of_a_rate_is_taken_once_however_often_it_is_the_newest(tmp_path):
-    found = questions(tmp_path, 20, rate_hz=0.2, every_s=1.0)
-    assert [frames[0].frame_id for frames, *_ in found] == [1 + step // 5 for step in range(20)]
+    results = questions(tmp_path, 20, rate_hz=0.2, every_s=1.0)
+    assert [frames[0].frame_id for frames, *_ in results] == [1 + step // 5 for step in range(20)]
 
 
 def test_before_the_first_picture_has_come_it_is_waited_for(tmp_path):
@@ -102,63 +102,90 @@ def test_before_the_first_picture_has_come_it_is_waited_for(tmp_path):
 
 
 def test_so_many_questions_get_the_picture_of_the_question_before(tmp_path):
-    found = questions(tmp_path, 600, stale=0.3)
-    stale = [later[0][0] is before[0][0] for before, later in itertools.pairwise(found)]
+    results = questions(tmp_path, 600, stale=0.3)
+    stale = [later[0][0] is before[0][0] for before, later in itertools.pairwise(results)]
     assert stats.binomtest(sum(stale), len(stale), 0.3).pvalue > 0.003
-    assert all(had_s == asked_s for _, asked_s, had_s in found)
+    assert all(had_s == asked_s for _, asked_s, had_s in results)
     assert {taken_s(frames[0]) for frames, *_ in questions(tmp_path, 9, stale=1.0)} == {0.0}
 
 
 @pytest.mark.parametrize(("delay_s", "again_s"), [(0.0, 0.1), (0.5, 0.5)])
 def test_so_many_pictures_never_come_and_the_next_is_waited_for(tmp_path, delay_s, again_s):
-    found = questions(tmp_path, 500, dropped=0.25, delay_s=delay_s, every_s=60.0)
-    lost = Counter(round((taken_s(frames[0]) - asked_s) / again_s) for frames, asked_s, _ in found)
+    results = questions(tmp_path, 500, dropped=0.25, delay_s=delay_s, every_s=60.0)
+    lost = Counter(round((taken_s(frames[0]) - asked_s) / again_s) for frames, asked_s, _ in results)
     pictures = sum((count + 1) * times for count, times in lost.items())
-    assert stats.binomtest(pictures - len(found), pictures, 0.25).pvalue > 0.003
+    assert stats.binomtest(pictures - len(results), pictures, 0.25).pvalue > 0.003
     assert lost[1] > 0 < lost[2]
-    for frames, _, had_s in found:
+    for frames, _, had_s in results:
         assert had_s - taken_s(frames[0]) == pytest.approx(delay_s, abs=TICK_S + 1e-6)
 
 
 def test_of_a_rate_a_lost_picture_is_followed_by_the_next(tmp_path):
-    found = questions(tmp_path, 400, dropped=0.3, rate_hz=0.5, every_s=61.0)
-    late_s = {taken_s(frames[0]) - 2.0 * int(asked_s / 2.0) for frames, asked_s, _ in found}
-    assert {0.0, 2.0, 4.0} <= {round(each, 6) for each in late_s}
-    assert all(had_s >= taken_s(frames[0]) for frames, _, had_s in found)
+    results = questions(tmp_path, 400, dropped=0.3, rate_hz=0.5, every_s=61.0)
+    late_s = {taken_s(frames[0]) - 2.0 * int(asked_s / 2.0) for frames, asked_s, _ in results}
+    assert {0.0, 2.0, 4.0} <= {round(delay_s, 6) for delay_s in late_s}
+    assert all(had_s >= taken_s(frames[0]) for frames, _, had_s in results)
 
 
-def test_what_becomes_of_a_picture_is_its_questions_and_drones_and_nothing_elses():
+def test_image_faults_depend_only_on_question_and_drone():
     few, many = PicturePath(stale=0.2, dropped=0.2), PicturePath(stale=0.6, dropped=0.6)
-    asked = [Question((1, seed), step, first) for seed in (2, 3) for step in range(40) for first in (0, 1, COMMANDER)]
-    drawn = [[path.drawn(question, drone) for question in asked for drone in (0, 1)] for path in (few, many)]
-    assert [few.drawn(question, drone) for question in asked for drone in (0, 1)] == drawn[0]
+    all_questions = [
+        Question((1, seed), step, first) for seed in (2, 3) for step in range(40) for first in (0, 1, COMMANDER)
+    ]
+    drawn = [[path.drawn(question, drone) for question in all_questions for drone in (0, 1)] for path in (few, many)]
+    assert [few.drawn(question, drone) for question in all_questions for drone in (0, 1)] == drawn[0]
     assert all(more.stale >= less.stale and more.lost >= less.lost for less, more in zip(*drawn, strict=True))
-    for part in (1, 2, 3, 6):  # drone, who asks, step, flight
+    for part in (1, 2, 3, 6):  # drone, first drone of the question, step, flight
         halves = drawn[1][::2] if part == 1 else drawn[1]
-        assert len({str(each) for each in halves}) > 2
+        assert len({str(draw) for draw in halves}) > 2
     assert drawn[1][::2] != drawn[1][1::2]
     assert drawn[1][:240] != drawn[1][240:]
     assert drawn[1][0::6] != drawn[1][2::6] != drawn[1][4::6]
 
 
 def test_of_a_fleet_each_drone_has_its_own_and_all_are_waited_for(tmp_path):
-    found = questions(tmp_path, 60, drones=(0, 1, 2), dropped=0.5, every_s=30.0)
-    assert any(len({frame.time_us for frame in frames}) > 1 for frames, *_ in found)
-    for frames, _, had_s in found:
+    results = questions(tmp_path, 60, drones=(0, 1, 2), dropped=0.5, every_s=30.0)
+    assert any(len({frame.time_us for frame in frames}) > 1 for frames, *_ in results)
+    for frames, _, had_s in results:
         assert [frame.drone for frame in frames] == [0, 1, 2]
         assert had_s == max(taken_s(frame) for frame in frames)
 
 
 def test_a_picture_that_comes_when_the_episode_is_over_is_none(tmp_path):
-    found = questions(tmp_path, 3, delay_s=4.0, cap_s=10.0)
-    assert [frames is None for frames, *_ in found] == [False, False, True]
-    assert found[-1][2] == pytest.approx(10.0, abs=TICK_S)
+    results = questions(tmp_path, 3, delay_s=4.0, cap_s=10.0)
+    assert [frames is None for frames, *_ in results] == [False, False, True]
+    assert results[-1][2] == pytest.approx(10.0, abs=TICK_S)
 
 
-def test_what_no_camera_does_is_refused():
+def test_impossible_camera_faults_are_rejected():
     from dronecats.flight.spec.disturbances import FrameFaults
 
     for wrong in ({"delay_s": -0.1}, {"dropped": 0.96}, {"stale": 1.1}, {"rate_hz": 0.0}, {"delay_s": float("nan")},
                   {"rate_hz": 0.1, "delay_s": 6.0}):  # fmt: skip
         with pytest.raises(UsageError):
             FrameFaults(**wrong)
+
+
+def test_delay_of_a_question_is_its_own():
+    """Deciders ask side by side, and one's late picture is no delay of another's."""
+    watch = Watch()
+    pictures = PicturePath(delay_s=1.0, recall=watch.at)
+
+    def fetch(take):
+        yield from ()
+        return take()
+
+    coming = [
+        pictures.frames(watch, Question((1,), 0, drone), [drone], watch.now_s, Watch.T0_US, fetch) for drone in (0, 1)
+    ]
+    ended_s: dict[int, float] = {}
+    while len(ended_s) < len(coming):
+        for drone, frames in enumerate(coming):
+            if watch.now_s() >= 0.5 * drone and drone not in ended_s:
+                try:
+                    next(frames)
+                except StopIteration:
+                    ended_s[drone] = pictures.held_s[drone]
+                    assert pictures.held_s[1 - drone] == ended_s.get(1 - drone, 0.0)
+        watch.time_us += 50_000
+    assert ended_s == {0: pytest.approx(1.0, abs=TICK_S), 1: pytest.approx(1.0, abs=TICK_S)}

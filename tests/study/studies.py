@@ -1,4 +1,4 @@
-"""Studies as a campaign leaves them, made without flying: success by a known law, logs that say so."""
+"""Folders of studies as a campaign leaves them, written without flying. Success follows a given law."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from tests.judge.episode_logs import BEGIN, END, frame, pose, write
 
 TRACKING = tuple(f"{place}-tracking-{k:02}" for place in ("campus", "residential") for k in range(1, 11))
 APPROACHING = tuple(f"{place}-approaching-{k:02}" for place in ("campus", "residential") for k in range(1, 11))
-TOLD: dict[str, Any] = {
+RUN_FIELDS: dict[str, Any] = {
     "agent": "dronecats.run.pilot.papers_agent", "prompt_sha256": "c" * 64, "code_sha256": "a" * 64,
     "clock": "lockstep", "camera": {"width": 1280, "height": 720, "hfov_deg": 90.0},
     "protocol": {"RADIUS_M": 5.0, "CAP_S": 300.0}, "suite": {"name": "all", "version": 1, "sha256": "5" * 64},
@@ -33,7 +33,7 @@ Law = Callable[[str, Mapping[str, Level]], float]  # pilot and levels → log od
 
 
 def falling(half: float = 1.2, slope: float = -1.5) -> Law:
-    """Return a law by which half succeed where the latency is `half` s, of the oracle twice that."""
+    """Return a law with half success at a latency of `half` s, and at twice that for the oracle."""
     return lambda pilot, levels: slope * (float(levels["latency"]) - half * (2.0 if pilot == "oracle" else 1.0))
 
 
@@ -50,41 +50,43 @@ def write_study(
     held: Mapping[str, Level] | None = None,
     errors: float = 0.0,
     seed: int = 0,
-    alike: bool = True,
+    same_draws: bool = True,
 ) -> StudyPlan:
-    """Write the folder of a study that was flown, and return its plan.
+    """Write the folder of a flown study, and return its plan.
 
-    Each episode has an intercept of its own, and each flight of it is decided at every level by the same draw, as the
-    same seed does it; not so where they are not `alike`: then each flight is drawn by itself. `errors` is the share of
-    flights that the infrastructure broke.
+    Each episode has its own intercept. With `same_draws`, one draw decides a flight at every level, like one seed.
+    Without it, each flight has its own draw. `errors` is the share of flights that the infrastructure broke.
     """
     suite: ChosenSuite = suite_of(list(episodes), [])
     simulated = Simulated(speed=None, rendered=False)
     base = [(pilot, FlightSpec(pilot=pilot, simulated=simulated, full=True)) for pilot in pilots]
     points = made([design.Axis(name=name, levels=tuple(levels)) for name, levels in axes.items()])
-    told = plan("made-up", base, suite, points, held=held or {}, flights=flights)
-    folder.write(out, told.study)
-    bench = {"suite": {"name": "all"}, "runs": [{"name": run.name, "episodes": list(episodes)} for run in told.entries]}
+    study_plan = plan("made-up", base, suite, points, held=held or {}, flights=flights)
+    folder.write(out, study_plan.study)
+    bench = {
+        "suite": {"name": "all"},
+        "runs": [{"name": run.name, "episodes": list(episodes)} for run in study_plan.entries],
+    }
     (out / "bench.json").write_text(json.dumps(bench))
     rng = np.random.default_rng(seed)
     own = dict(zip(episodes, rng.normal(0.0, scatter, len(episodes)), strict=True))
-    for place, (entry, run) in enumerate(zip(told.entries, told.study.runs, strict=True)):
+    for place, (entry, run) in enumerate(zip(study_plan.entries, study_plan.study.runs, strict=True)):
         (out / entry.name).mkdir()
-        folders.write_run(out / entry.name, {**TOLD, "flight": as_kept(entry.flight)})
+        folders.write_run(out / entry.name, {**RUN_FIELDS, "flight": as_kept(entry.flight)})
         for episode in episodes:
             draw = np.random.default_rng(
-                [*_number(episode, run.flight_number, seed), *([] if alike else [place])]
+                [*_number(episode, run.flight_number, seed), *([] if same_draws else [place])]
             ).random(2)
             chance = 1.0 / (1.0 + math.exp(-law(entry.flight.pilot or "", run.levels) - own[episode]))
             write_flown(
                 out / entry.name / episode, bool(draw[0] < chance), latency_s=float(run.levels.get("latency", 0.5)),
                 broken=bool(draw[1] < errors),
             )  # fmt: skip
-    return told
+    return study_plan
 
 
 def write_flown(folder: Path, success: bool, latency_s: float = 0.5, broken: bool = False) -> None:
-    """Write an episode that was flown to its cap, its target moving where its name says that it is tracked."""
+    """Write an episode that was flown to its cap. Its target moves if its name says that it is tracked."""
     cell = folder.name.partition("-")[2].rpartition("-")[0]
     period, speed = latency_s + 2.5, SPEED if cell == "tracking" else 0.0
     near = 3.0 if success else 8.0 + latency_s
@@ -111,17 +113,17 @@ def write_flown(folder: Path, success: bool, latency_s: float = 0.5, broken: boo
     write_verdict(folder)
 
 
-def changed_run(folder: Path, **told: Any) -> None:
-    """Change what a run.json tells."""
+def change_run(folder: Path, **fields: Any) -> None:
+    """Change fields of a run.json."""
     path = folder / "run.json"
-    path.write_text(json.dumps({**json.loads(path.read_text()), **told}))
+    path.write_text(json.dumps({**json.loads(path.read_text()), **fields}))
 
 
-def other_flight(folder: Path, **fields: Any) -> None:
-    """Change fields of the flight that a run.json tells."""
+def change_flight(folder: Path, **fields: Any) -> None:
+    """Change fields of the flight in a run.json."""
     path = folder / "run.json"
-    told = json.loads(path.read_text())
-    path.write_text(json.dumps({**told, "flight": {**told["flight"], **fields}}))
+    document = json.loads(path.read_text())
+    path.write_text(json.dumps({**document, "flight": {**document["flight"], **fields}}))
 
 
 def _away(t: float, near: float) -> float:

@@ -1,4 +1,4 @@
-"""What a busy host moves, and how well the mark tells it: by hand, and against a count of its own."""
+"""The effect of a busy host on flights, and the precision of its mark, against counts by hand."""
 
 import dataclasses
 import json
@@ -30,7 +30,7 @@ def real(**other):
     return flight(clock="real time", digest="other", **other)
 
 
-FLOWN = [
+FLIGHTS = [
     flight(),
     flight(episode="b", success=False, ne_m=9.0),
     real(ne_m=1.2),
@@ -42,36 +42,36 @@ FLOWN = [
 ]
 
 
-def test_every_flight_is_held_against_the_same_one_in_lockstep_on_the_idle_host():
-    found = compare(FLOWN)
-    rows = {(row.clock, row.busy): row for row in found.rows}
+def test_every_flight_is_compared_with_the_same_one_in_lockstep_on_the_idle_host():
+    comparison = compare(FLIGHTS)
+    rows = {(row.clock, row.busy): row for row in comparison.rows}
     assert [(row.flights, row.solved, row.moved, row.other_bytes) for row in rows.values()] == [
         (2, 1, 0, 0), (2, 1, 0, 2), (2, 1, 0, 1), (2, 1, 2, 2),
     ]  # fmt: skip
-    assert rows["real time", 4].ne_moved_m == 6.0
+    assert rows["real time", 4].ne_moved_m == pytest.approx(3.05)  # of 6 m and 0.1 m
     assert rows["real time", 4].marked == 1
     assert (rows["real time", 4].stalled_steps, rows["real time", 4].steps) == (3, 20)
 
 
 def test_the_marks_precision_and_recall():
-    found = compare(FLOWN)
-    verdicts = found.of_verdicts
+    comparison = compare(FLIGHTS)
+    verdicts = comparison.of_verdicts
     assert (verdicts.moved, verdicts.marked, verdicts.both) == (2, 2, 1)
     assert verdicts.precision is not None
     assert verdicts.recall is not None
     assert verdicts.precision[0] == verdicts.recall[0] == 0.5
-    assert found.idle_error_m == pytest.approx(0.2)  # of 0.2 and 0.1 m
-    errors = found.of_errors  # of the busy host alone: 6 m off and marked, 0.1 m off and not
+    assert comparison.idle_error_m == pytest.approx(0.2)  # of 0.2 and 0.1 m
+    errors = comparison.of_errors  # of the busy host alone: 6 m off and marked, 0.1 m off and not
     assert (errors.moved, errors.marked, errors.both) == (1, 1, 1)
 
 
 def test_without_a_moved_or_a_marked_flight_there_is_no_share():
-    found = compare([flight(), real(ne_m=None)])
-    assert found.of_verdicts.precision is None
-    assert found.of_verdicts.recall is None
-    assert found.idle_error_m is None
-    assert "| – | – |" in as_markdown(tables(found)[1])
-    assert not math.isnan(json.loads(json.dumps(found.as_json()))["rows"][0]["solved"])
+    comparison = compare([flight(), real(ne_m=None)])
+    assert comparison.of_verdicts.precision is None
+    assert comparison.of_verdicts.recall is None
+    assert comparison.idle_error_m is None
+    assert "| – | – |" in as_markdown(tables(comparison)[1])
+    assert not math.isnan(json.loads(json.dumps(comparison.as_json()))["rows"][0]["solved"])
 
 
 def test_busy_processes_compute_and_are_gone_afterwards():
@@ -83,7 +83,7 @@ def test_busy_processes_compute_and_are_gone_afterwards():
     assert not any(process.is_running() for process in watched)
 
 
-def test_busy_processes_end_with_whoever_was_killed():
+def test_busy_processes_end_with_their_killed_starter():
     script = textwrap.dedent("""
         import os, time
         from dronecats.study.host_load import busy
@@ -98,21 +98,21 @@ def test_busy_processes_end_with_whoever_was_killed():
     starter.wait()
     starter.stdout.close()
     gone, alive = psutil.wait_procs([computing], timeout=60)
-    assert not [each for each in alive if each.status() != psutil.STATUS_ZOMBIE]
+    assert not [process for process in alive if process.status() != psutil.STATUS_ZOMBIE]
     assert gone or alive
 
 
-def test_levels_that_cannot_be_are_refused(tmp_path, capsys):
+def test_invalid_levels_are_rejected(tmp_path, capsys):
     for levels in ("", "some", "0,0", "-1", "1000"):
         assert main(["study", "load", f"--busy={levels}", "--out", str(tmp_path / "run")]) == 2, levels
         assert "--busy" in capsys.readouterr().err
         assert not (tmp_path / "run").exists()
 
 
-def test_what_one_clock_cannot_fly_is_refused_before_the_other_is_flown(tmp_path, capsys):
+def test_options_invalid_for_one_clock_are_rejected_before_any_flight(tmp_path, capsys):
     for words, parts in (
-        (["--speed", "0"], "--speed .*0.01 .*100.* 0"),  # of real time alone
-        (["--latency", "real"], "--latency real .*--speed max"),  # of lockstep alone
+        (["--speed", "0"], "--speed .*0.01 .*100.* 0"),  # invalid in real time
+        (["--latency", "real"], "--latency real .*--speed max"),  # invalid in lockstep
         (["--pilot", "nobody"], "'nobody'"),
         (["--seconds", "nan"], "--seconds .*0"),
         (["--out", __file__], __file__),
@@ -125,20 +125,20 @@ def test_what_one_clock_cannot_fly_is_refused_before_the_other_is_flown(tmp_path
 
 
 @pytest.mark.slow("flies a study in real time beside busy processes")
-def test_a_study_is_flown_gone_on_with_and_told(tmp_path):
+def test_a_study_is_flown_resumed_and_reported(tmp_path):
     command = [
         *DRONECATS, "study", "load", "--busy", "0,2", "--episodes", "residential-approaching-01", "--seconds", "4",
         "--out", str(tmp_path / "run"), "--json",
     ]  # fmt: skip
     first = subprocess.run(command, capture_output=True, text=True)
     assert first.returncode == 0, first.stderr
-    told = json.loads(first.stdout)
-    assert [(row["clock"], row["busy"], row["flights"]) for row in told["rows"]] == [
+    output = json.loads(first.stdout)
+    assert [(row["clock"], row["busy"], row["flights"]) for row in output["rows"]] == [
         ("lockstep", 0, 1), ("real time", 0, 1), ("lockstep", 2, 1), ("real time", 2, 1),
     ]  # fmt: skip
-    assert told["rows"][2]["other_bytes"] == 0  # lockstep does not know of the host
+    assert output["rows"][2]["other_bytes"] == 0  # lockstep does not depend on the host
     log = tmp_path / "run" / "real-time-busy-2-f1" / "residential-approaching-01" / "decisions.jsonl"
-    flown = log.stat().st_mtime_ns
+    modified_ns = log.stat().st_mtime_ns
     again = subprocess.run(command, capture_output=True, text=True)
-    assert json.loads(again.stdout) == told
-    assert log.stat().st_mtime_ns == flown
+    assert json.loads(again.stdout) == output
+    assert log.stat().st_mtime_ns == modified_ns

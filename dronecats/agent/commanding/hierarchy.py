@@ -266,8 +266,8 @@ class Subordinate(Decider):
     def _report(self, action: Action | None) -> bool:
         return isinstance(action, Finished)
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
-        decisions = super()._decide(frames, asking, thinking)
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
+        decisions = super()._decide(frames, asking, thinking, now_s)
         if self._goal == self._post.goal:  # else the commander has given another goal meanwhile
             for decision in decisions:
                 self._post.note(decision.kind == GO, decision.report is True, self._now_s())

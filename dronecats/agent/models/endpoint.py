@@ -82,6 +82,16 @@ def is_exhausted(body: bytes) -> bool:
     return _EXHAUSTED.search(body) is not None
 
 
+def is_moderated(body: bytes) -> bool:
+    """Return whether an error says that a question was refused because of its content."""
+    try:
+        errors = [error for error in _errors(json.loads(body)) if isinstance(error, dict)]
+    except (ValueError, RecursionError):
+        return False
+    details = [error.get("metadata") for error in errors]
+    return any(isinstance(detail, dict) and {"reasons", "flagged_input"} & detail.keys() for detail in details)
+
+
 def _errors(data: Any) -> Iterator[Any]:
     if not isinstance(data, dict):
         return
@@ -144,6 +154,7 @@ class Answer:
     body: bytes  # decompressed
     latency_s: float  # wall s, of the successful attempt
     waited_s: float  # wall s before it: rate limit and failed attempts
+    filtered: bool = False  # the provider refuses this question because of its content; the body has no reply
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,6 +165,11 @@ class Exchanged:
     body: bytes  # decompressed
     wish_s: float | None  # s to wait before the next attempt, as the answer asks
     outcome: str = "answered {}"  # in words; {} stands for the status
+
+    @property
+    def filtered(self) -> bool:
+        """True if the provider's moderation refuses this question. Source: OpenRouter's documentation, "Errors"."""
+        return self.status == FORBIDDEN and is_moderated(self.body)
 
     @property
     def rejects(self) -> bool:
@@ -293,8 +309,9 @@ class Endpoint:
                     isinstance(error, httpx.TransportError),
                 )
             else:
-                if came.status == 200:
-                    return Answer(came.body, round(time.monotonic() - began, 6), round(began - first, 6))
+                if came.status == 200 or came.filtered:
+                    latency_s, waited_s = round(time.monotonic() - began, 6), round(began - first, 6)
+                    return Answer(came.body, latency_s, waited_s, came.filtered)
                 failed.append(came.body)
                 if came.rejects:
                     reason = self._rejection(came, path)

@@ -128,6 +128,8 @@ class HttpModel(ABC):
             answer = self._endpoint.post(self.path, json.dumps(self.body(request)).encode(), tokens_of(request), failed)
         except ModelRejectedError as rejected:
             raise ModelRejectedError(f"{rejected}{self._near(rejected.status)}", rejected.status) from None
+        if answer.filtered:
+            return Reply("", answer.latency_s, waited_s=answer.waited_s, finish="filtered")
         try:
             content = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):

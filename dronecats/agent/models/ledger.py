@@ -1,6 +1,7 @@
 """The ledger of a run: money and tokens spent, and the rate limits of addresses, in one file for all processes."""
 
 import math
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -201,6 +202,8 @@ class BudgetedModel(WrappedModel):
     def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: Books) -> None:
         super().__init__(model)
         self._spec, self._budget, self._ledger = spec, budget, ledger
+        self._lock = threading.Lock()
+        self._open: list[Request] = []  # sent, and neither answered nor booked yet
 
     def ask(self, request: Request) -> Reply:
         """Return the reply and book its cost. Raises BudgetError, ModelError, InfrastructureError.
@@ -208,11 +211,37 @@ class BudgetedModel(WrappedModel):
         The cost of answers without a reply is booked, too.
         """
         self._budget.check(self._ledger.spent())
+        with self._lock:
+            self._open.append(request)
         try:
             reply = self._model.ask(request)
         except ModelError as error:
             if any(error.lost):
-                self._ledger.spend(self._spec.title, Spent(0, *error.lost, cost(self._spec, *error.lost)))
+                self._book(request, Spent(0, *error.lost, cost(self._spec, *error.lost)))
             raise
-        self._ledger.spend(self._spec.title, spent_on(self._spec, request, reply))
+        self._book(request, spent_on(self._spec, request, reply))
         return reply
+
+    def book_open(self) -> None:
+        """Book the questions whose reply has not come. A vendor charges for a reply that nobody awaits.
+
+        Their replies are taken to be as long as the mean of the run's. Raises InfrastructureError.
+        """
+        with self._lock:
+            questions, self._open = self._open, []
+        if not questions:
+            return
+        spent = self._ledger.spent()
+        tokens_out = round(spent.tokens_out / spent.questions) if spent.questions else 0
+        for request in questions:
+            tokens_in = tokens_of(request)
+            usd = cost(self._spec, tokens_in, tokens_out)
+            self._ledger.spend(self._spec.title, Spent(1, tokens_in, tokens_out, usd))
+
+    def _book(self, request: Request, spent: Spent) -> None:
+        """Book the cost of a question unless `book_open` has done so."""
+        with self._lock:
+            if not any(question is request for question in self._open):
+                return
+            self._open = [question for question in self._open if question is not request]
+        self._ledger.spend(self._spec.title, spent)

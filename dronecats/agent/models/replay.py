@@ -22,6 +22,9 @@ _BROKEN_OFF = {  # by the reason of a flight's end
 }
 
 
+Role = Literal["pilot", "commander"]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoggedReply:
     """One reply in the log. None stands for a value that the log does not have."""
@@ -37,7 +40,7 @@ class LoggedReply:
     tokens_cached: int | None = None
     tokens_reasoning: int | None = None
     endpoint: str | None = None  # the provider that a router chose
-    role: Literal["pilot", "commander"] = "pilot"  # the steps of a commander are its exchanges
+    role: Role = "pilot"  # the steps of a commander are its exchanges
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +50,7 @@ class FlightRecording:
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
     to_the_cap: bool  # it flew to the end of the episode: a question without a reply was answered too late
+    decided_by: tuple[Role, int] | None = None  # role and first drone of the declaration that ended it
     ended: str | None = None  # the reason in its log's end; None: it has none
     commander: str | None = None  # name of the commander; None: there was none
 
@@ -54,9 +58,9 @@ class FlightRecording:
 class ReplayModel:
     """Answers the questions of one role with the replies of a recorded flight, and their latencies."""
 
-    def __init__(self, recording: FlightRecording, role: Literal["pilot", "commander"] = "pilot") -> None:
+    def __init__(self, recording: FlightRecording, role: Role = "pilot") -> None:
         self.name = recording.commander or recording.flight if role == "commander" else recording.flight
-        self._recording = recording
+        self._recording, self._role = recording, role
         self._steps = {(reply.step, reply.drone): reply for reply in recording.steps if reply.role == role}
         self._late: set[int] = set()  # drones with a question that had no reply in time
 
@@ -75,7 +79,7 @@ class ReplayModel:
                 tokens_reasoning=logged.tokens_reasoning,
                 endpoint=logged.endpoint,
             )
-        if not self._recording.to_the_cap or request.drone in self._late:
+        if not self._was_open(request.drone) or request.drone in self._late:
             question = f"question {request.step} to the commander"
             if request.role == "pilot":
                 question = f"step {request.step} of drone {request.drone + 1}"
@@ -85,6 +89,11 @@ class ReplayModel:
             raise ModelError(f"the recording of {self._recording.flight} has no reply for {question}: {why}")
         self._late.add(request.drone)
         return Reply("", LONGEST_S)
+
+    def _was_open(self, drone: int) -> bool:
+        """Return whether the flight can have ended while a question about these drones had no reply."""
+        decided_by = self._recording.decided_by
+        return self._recording.to_the_cap or (decided_by is not None and decided_by != (self._role, drone))
 
     def check(self) -> None:
         """Do nothing."""

@@ -58,8 +58,8 @@ class ChatModel(HttpModel):
         message = choice["message"]
         usage = data.get("usage") or {}
         finish = finish_of(choice.get("finish_reason"), _CHAT_FINISH)
-        text = message["content"]
-        if text is None:  # only reasoning, or a refusal: a valid answer of the endpoint
+        text = message.get("content")
+        if text is None:  # only reasoning, or a refusal: a valid answer of the endpoint; some servers omit the key then
             text = message.get("refusal") or ""
             finish = finish or ("refusal" if text else None)
         return ReadAnswer(

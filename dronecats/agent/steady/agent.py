@@ -188,11 +188,11 @@ class SteadyDecider(Decider):
         """Expected age of a picture at its reply, s of vehicle time: the median over the last AGES_KEPT replies."""
         return median(self._ages) if self._ages else 0.0
 
-    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool) -> list[Decision]:
+    def _decide(self, frames: Sequence[Frame], asking: Asking, thinking: bool, now_s: float) -> list[Decision]:
         self._ages.append(max(self._now_s() - self._since_begin_s(frame) for frame in frames))
         for drone in self._steady:
             drone.period_s = self.age_s
-        return super()._decide(frames, asking, thinking)
+        return super()._decide(frames, asking, thinking, now_s)
 
     def _act(self, cap_s: float) -> Generator[None, None, None]:
         """Yield until it is time for the next picture. The drones keep flying."""

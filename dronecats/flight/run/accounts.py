@@ -118,7 +118,9 @@ def accounted(spec: ModelSpec, accounts: Accounts, run: Path) -> Iterator[tuple[
         budget.check(ledger.spent())
         served = open_model(spec, limiters=ledger.limiter)
         opened.callback(served.close)
-        model: Model = BudgetedModel(served, spec, budget, ledger)
+        budgeted = BudgetedModel(served, spec, budget, ledger)
+        opened.callback(budgeted.book_open)
+        model: Model = budgeted
         if accounts.cache is not None:
             cache = opened.enter_context(closing(ReplyCache(Path(accounts.cache))))
             model = CachedModel(model, served.fingerprint, cache)

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import UNSET
 
 from dronecats.agent.latency import LatencyPolicy
-from dronecats.agent.models.replay import FlightRecording, LoggedReply
+from dronecats.agent.models.replay import FlightRecording, LoggedReply, Role
 from dronecats.flight.spec.flight_spec import LATENCY, FlightSpec
 from foundation.errors import UsageError
 from foundation.redaction import HIDDEN, redacted_url
@@ -121,8 +121,10 @@ def _recording(folder: Path) -> FlightRecording:
     steps: dict[int, LoggedReply] = {}
     questions: Counter[int] = Counter()  # number of questions so far, by their first drone
     served: dict[int, str] = {}  # by the same drone; a decision has it only if it has changed
+    last_declared: tuple[Role, int] | None = None
     for decision in rows(folder / layout.DECISIONS, Decision):
         if decision.confirmed_by is not UNSET:  # a decision of the commander, whose exchange has the reply
+            last_declared = ("commander", 0)
             continue
         if decision.reply is UNSET:
             raise UsageError(
@@ -145,6 +147,8 @@ def _recording(folder: Path) -> FlightRecording:
                 endpoint=None if decision.endpoint is UNSET else str(decision.endpoint),
             )
             questions[decision.drone] += 1
+        if decision.declares:
+            last_declared = ("pilot", steps[decision.step].drone)
     if not steps:
         raise UsageError(f"{folder} has no decision. Name a flight with decisions")
     ends = [row.reason for row in truth(folder) if isinstance(row, End)]
@@ -153,6 +157,7 @@ def _recording(folder: Path) -> FlightRecording:
         flight=folder.name,
         steps=(*steps.values(), *_of_commander(commanded)),
         to_the_cap="cap" in ends,
+        decided_by=last_declared if ends and ends[-1] == "decided" else None,
         ended=ends[-1] if ends else None,
         commander=commanded[0].model if commanded else None,
     )

@@ -109,7 +109,13 @@ def _traces(runs: Sequence[RecordedRun]) -> dict[str, tuple[float, ...]]:
 def _with_levels(
     flight: FlightSpec, levels: Mapping[str, Level], traces: Mapping[str, tuple[float, ...]]
 ) -> FlightSpec:
-    """Return a flight at these levels; a trace that they name is looked up in `traces`."""
+    """Return a flight at these levels; a trace that they name is looked up in `traces`.
+
+    A model that they name is the recorded one: the settings and prices of its row may have changed since.
+    """
+    named = str(levels.get("model", ""))
+    if flight.model is not None and ("/" not in named or named == flight.model.title):
+        levels = {name: level for name, level in levels.items() if name != "model"}
     recorded = traces.get(name := digest_of(str(levels.get(POLICY, ""))) or "")
     traced = replace(flight, latency=LatencyPolicy.parse(f"trace:{name}", recorded)) if recorded else flight
     return at_levels(traced, levels)

@@ -1,4 +1,4 @@
-"""Every way in which a wire breaks, in front of each format: asked again within the attempts, final, or the model's."""
+"""Every wire fault in front of each format: retried within the attempts, final, or a reply with its finish reason."""
 
 import json
 
@@ -45,7 +45,7 @@ FINAL = {
 
 
 @pytest.mark.parametrize("fault", AGAIN.values(), ids=AGAIN)
-def test_what_may_pass_is_asked_again_within_the_attempts_and_no_more(serve, fault):
+def test_temporary_faults_are_retried_within_the_attempts(serve, fault):
     wire = serve(fault, fault, say(completion("there")))
     assert (ask(wire).text, wire.served) == ("there", 3)
     wire = serve(fault)
@@ -54,10 +54,10 @@ def test_what_may_pass_is_asked_again_within_the_attempts_and_no_more(serve, fau
     assert wire.served == 3
 
 
-@pytest.mark.parametrize(("fault", "said"), FINAL.values(), ids=FINAL)
-def test_what_will_not_pass_is_said_at_once(serve, fault, said):
+@pytest.mark.parametrize(("fault", "pattern"), FINAL.values(), ids=FINAL)
+def test_permanent_faults_are_reported_without_a_retry(serve, fault, pattern):
     wire = serve(fault)
-    with pytest.raises(ModelError, match=said):
+    with pytest.raises(ModelError, match=pattern):
         ask(wire)
     assert wire.served == 1
 
@@ -76,7 +76,7 @@ REJECTED = {
 
 
 @pytest.mark.parametrize("fault", REJECTED.values(), ids=REJECTED)
-def test_what_every_question_would_meet_is_a_rejection_at_once(serve, fault):
+def test_faults_of_every_question_are_rejections_without_a_retry(serve, fault):
     wire = serve(say(fault))
     with pytest.raises(ModelRejectedError, match="/v1/chat/completions"):
         ask(wire)
@@ -86,7 +86,7 @@ def test_what_every_question_would_meet_is_a_rejection_at_once(serve, fault):
 @pytest.mark.parametrize(
     "fault", [answer(400, b"too long"), answer(429, b"slow down", "Retry-After: 0"), answer(500, b"")]
 )
-def test_what_another_question_may_not_meet_is_none(serve, fault):
+def test_faults_of_one_question_are_no_rejections(serve, fault):
     with pytest.raises(ModelError) as refused:
         ask(serve(say(fault)))
     assert not isinstance(refused.value, ModelRejectedError)
@@ -105,15 +105,24 @@ CHAT = {
     "filtered": ({"content": ""}, "content_filter", ("", "filtered")),
     "refused": ({"content": None, "refusal": "I will not."}, "stop", ("I will not.", "refusal")),
     "thought all of it away": ({"content": None}, "length", ("", "length")),
+    "only reasoning": ({"reasoning": "hm"}, "length", ("", "length")),
     "a word of its own": ({"content": "x"}, "eos_twice", ("x", "eos_twice")),
 }
 
 
 @pytest.mark.parametrize(("message", "finish", "expected"), CHAT.values(), ids=CHAT)
-def test_what_is_the_models_own_is_a_reply_that_says_why_it_ends(serve, message, finish, expected):
+def test_unusual_ends_of_a_reply_have_a_finish_reason(serve, message, finish, expected):
     wire = serve(say(answer(200, {"error": None, "choices": [{"message": message, "finish_reason": finish}]})))
     reply = ask(wire)
     assert ((reply.text, reply.finish), wire.served) == (expected, 1)
+
+
+@pytest.mark.parametrize("status", [403, 200])
+def test_moderated_question_gets_an_empty_reply(serve, status):
+    metadata = {"reasons": ["violence"], "flagged_input": "…"}
+    wire = serve(say(answer(status, {"error": {"code": 403, "message": "flagged", "metadata": metadata}})))
+    reply = ask(wire)
+    assert (reply.text, reply.finish, wire.served) == ("", "filtered", 1)
 
 
 def gemini(finish, **content):

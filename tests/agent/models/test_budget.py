@@ -1,5 +1,6 @@
-"""What a model may cost: looked at before each question, counted where nobody else counts, said when it is over."""
+"""The budget of a model: checked before each question, counted if the endpoint does not count, an error at its end."""
 
+import threading
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from dronecats.agent.models.wire_formats import open_model
 from dronecats.flight.spec.flight import look_up
 from dronecats.flight.spec.flight_spec import Accounts, FlightSpec, Simulated
 from foundation.errors import BudgetError, ModelError
+from foundation.threads import DaemonExecutor
 from tests.agent.models.faulty_wire import Wire, answer, say
 from tests.support.refusal import refusal
 
@@ -22,7 +24,7 @@ REQUEST = Request("t" * 400, (b"jpeg",), thinking=False)
 
 
 class Fixed:
-    """Answers the same, always."""
+    """Always gives the same reply."""
 
     name = "m"
 
@@ -56,7 +58,7 @@ def test_cost_is_tokens_by_their_prices_and_ends_with_the_question_that_reaches_
     with pytest.raises(BudgetError, match=r"0\.5.*220,000.*0\.5600.*\b2\b"):
         asking.ask(REQUEST)
     assert model.asked == 2
-    BudgetedModel(model, PRICED, Budget(cost_usd=0.6), ledger).ask(REQUEST)  # a greater one goes on
+    BudgetedModel(model, PRICED, Budget(cost_usd=0.6), ledger).ask(REQUEST)  # a larger budget continues
 
 
 def test_tokens_that_an_endpoint_does_not_count_are_counted(ledger):
@@ -68,7 +70,30 @@ def test_tokens_that_an_endpoint_does_not_count_are_counted(ledger):
         asking.ask(REQUEST)
 
 
-def test_what_cannot_be_held_is_refused_before_anything_flies():
+def test_question_without_a_reply_is_booked_once(ledger):
+    """The flight has ended, and its reply comes later or never."""
+    free = threading.Event()
+
+    class Slow(Fixed):
+        def ask(self, request):
+            if self.asked:
+                free.wait()
+            return super().ask(request)
+
+    asking = BudgetedModel(Slow(Reply("y" * 40, 1.0)), PRICED, Budget(), ledger)
+    asking.ask(REQUEST)
+    open_question = DaemonExecutor().submit(asking.ask, REQUEST)
+    while not asking._open:
+        pass
+    asking.book_open()
+    two = Spent(2, 2 * 525, 2 * 10, 2 * (525 * 2.0 + 10 * 8.0) / 1e6)
+    assert ledger.spent() == two
+    free.set()
+    assert open_question.result().text
+    assert ledger.spent() == two
+
+
+def test_unenforceable_limits_are_rejected_before_a_flight():
     for accounts, fields, *words in (
         ({"cost_limit_usd": 1.0}, {"model": ModelSpec(provider="local", name="m", base_url="http://h/v1")},
          "--cost-limit", "local/m"),
@@ -86,8 +111,8 @@ def test_what_cannot_be_held_is_refused_before_anything_flies():
     ):  # fmt: skip
 
         def flight(accounts=accounts, fields=fields):
-            given = {"accounts": Accounts(**accounts), **fields}
-            return look_up(FlightSpec(episode="residential-approaching-01", simulated=Simulated(), **given))
+            options = {"accounts": Accounts(**accounts), **fields}
+            return look_up(FlightSpec(episode="residential-approaching-01", simulated=Simulated(), **options))
 
         message = refusal(flight)
         assert [word for word in words if word not in message] == [], message

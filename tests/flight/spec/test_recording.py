@@ -1,4 +1,4 @@
-"""What a recorded flight is read from, and what the command line makes of it. Nothing is flown here."""
+"""The sources of a recorded flight, and the options of the command line for it. Nothing flies here."""
 
 import json
 import re
@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import pytest
 
-from dronecats.agent.latency import LatencyPolicy
+from dronecats.agent.latency import LONGEST_S, LatencyPolicy
+from dronecats.agent.models.model import Reply, Request
+from dronecats.agent.models.replay import ReplayModel
 from dronecats.cli.fly_spec import replay_line, spec_of
 from dronecats.cli.main import parse
 from dronecats.flight.spec.flight_spec import Accounts, Connected, FlightSpec, Simulated
 from dronecats.flight.spec.spec_file import as_kept, recorded
 from episodes.records import catalogue
-from foundation.errors import UsageError
+from foundation.errors import ModelError, UsageError
 from hil.link.envelope import Limits
 from tests.support.refusal import refusal
 
@@ -32,13 +34,13 @@ SAID = [
 ]
 
 
-def folder(path, spec=FLOWN, said=SAID, reason="cap", name=EASY):
-    """Make the folder of a run; return it."""
+def folder(path, spec=FLOWN, decisions=SAID, reason="cap", name=EASY):
+    """Create the folder of a run and return it."""
     episode = path / name
     episode.mkdir(parents=True)
     (path / "run.json").write_text(json.dumps({"schema": 1, "versions": {}, "flight": as_kept(spec)}))
     (episode / "episode.json").write_text(catalogue.load(EASY).to_json())
-    (episode / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in said))
+    (episode / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     (episode / "truth.jsonl").write_text(json.dumps({"kind": "end", "t": 9.0, "reason": reason}) + "\n")
     return path
 
@@ -62,16 +64,28 @@ def test_all_that_was_flown_is_flown_again_and_each_question_has_its_reply(tmp_p
     assert not (recorded(folder(tmp_path / "b", reason="decided")).replay or recording).to_the_cap
 
 
-def test_what_is_said_otherwise_takes_the_place_of_what_was_flown(tmp_path):
+def test_other_drones_had_open_questions_when_a_declaration_ended_the_flight(tmp_path):
+    declared = {"step": 2, "drone": 0, "reply": "c", **ROW, "action": {"action": "finished"}}
+    recording = recorded(folder(tmp_path, decisions=[*SAID, declared], reason="decided")).replay
+    assert recording is not None
+    model = ReplayModel(recording)
+    assert model.ask(Request("", (), False, step=1, drone=0)).text == "b"
+    assert model.ask(Request("", (), False, step=1, drone=1)) == Reply("", LONGEST_S)
+    for step, drone in ((2, 1), (3, 0)):  # a second question of that drone, and one after the declaration
+        with pytest.raises(ModelError):
+            model.ask(Request("", (), False, step=step, drone=drone))
+
+
+def test_explicit_options_override_the_recorded_ones(tmp_path):
     words = ["--sitl", "--model", f"replay:{folder(tmp_path)}", "--seed", "5", "--latency", "fixed:1", "--speed", "2"]
     words += ["--airframe", "nano", "--episode", "residential-searching-01", "--no-envelope", "--full"]
     flight = spec(*words)
     assert (flight.seed, str(flight.latency), flight.full, flight.envelope) == (5, "fixed:1", True, None)
     assert flight.simulated == Simulated(speed=2.0, airframe="nano")
     assert (flight.episode, flight.record) == ("residential-searching-01", None)
-    said = replay_line(parse(["fly", *words]), EASY)
+    command = replay_line(parse(["fly", *words]), EASY)
     changed = {"--episode", "--seed", "--latency", "--speed", "--airframe", "--no-envelope", "--full"}
-    assert set(re.findall(r"--[a-z-]+", said)) == changed
+    assert set(re.findall(r"--[a-z-]+", command)) == changed
     assert spec(*words, "--parser", "lenient").parser == "lenient"
 
 
@@ -80,7 +94,7 @@ def test_what_is_said_otherwise_takes_the_place_of_what_was_flown(tmp_path):
     [("--axis", "yx"), ("--schema", "none"), ("--temperature", "1"), ("--command", "solo"), ("--drones", "1"),
      ("--command", "hierarchical", "--commander", "scripted:divide")],
 )  # fmt: skip
-def test_what_a_replay_cannot_have_otherwise_is_refused_and_not_passed_over(tmp_path, words):
+def test_options_that_a_replay_cannot_change_are_rejected(tmp_path, words):
     with pytest.raises(UsageError, match=words[0]):
         spec("--sitl", "--model", f"replay:{folder(tmp_path)}", *words)
 
@@ -98,7 +112,7 @@ def test_what_a_replay_cannot_have_otherwise_is_refused_and_not_passed_over(tmp_
     ],
     ids=["no run", "no flight", "two", "no record", "no decision", "no reply"],
 )  # fmt: skip
-def test_what_cannot_be_flown_again_is_said_in_a_sentence(tmp_path, change, word):
+def test_unreplayable_runs_are_reported_in_one_sentence(tmp_path, change, word):
     run = folder(tmp_path)
     change(run)
     assert word in refusal(recorded, run)
@@ -106,9 +120,9 @@ def test_what_cannot_be_flown_again_is_said_in_a_sentence(tmp_path, change, word
 
 def test_a_flight_on_a_vehicle_of_ones_own_is_a_script_and_no_replay(tmp_path):
     vehicle = Connected(url="udpin://x:1", camera="c")
-    flown = FlightSpec(connected=vehicle, instruction="go", pilot="vision", envelope=Limits())
+    flight_spec = FlightSpec(connected=vehicle, instruction="go", pilot="vision", envelope=Limits())
     with pytest.raises(UsageError, match="--pilot recorded:FILE"):
-        recorded(folder(tmp_path, flown))
+        recorded(folder(tmp_path, flight_spec))
     connect = ["--connect", "udpin://0.0.0.0:1", "--camera", "http://h", "--instruction", "go"]
     with pytest.raises(UsageError, match="--sitl"):
         spec(*connect, "--model", f"replay:{tmp_path}")
@@ -126,21 +140,21 @@ def test_accounts_are_given_with_a_model_and_anew_beside_a_file(tmp_path):
     assert again.accounts == replace(flight.accounts, cost_limit_usd=2.0)
 
 
-def test_what_answered_is_said_again_with_each_reply_until_it_changes(tmp_path):
-    said = [{**row, "step": k} for k, row in enumerate([SAID[0]] * 4)]
-    said[1] |= {"served": "m-1 fp_1"}
-    said[3] |= {"served": "m-1 fp_2"}
-    recording = spec("--sitl", "--model", f"replay:{folder(tmp_path, said=said)}").replay
+def test_each_replayed_reply_names_the_model_that_served_it(tmp_path):
+    decisions = [{**row, "step": k} for k, row in enumerate([SAID[0]] * 4)]
+    decisions[1] |= {"served": "m-1 fp_1"}
+    decisions[3] |= {"served": "m-1 fp_2"}
+    recording = spec("--sitl", "--model", f"replay:{folder(tmp_path, decisions=decisions)}").replay
     assert recording is not None
-    assert [each.served for each in recording.steps] == [None, "m-1 fp_1", "m-1 fp_1", "m-1 fp_2"]
+    assert [step.served for step in recording.steps] == [None, "m-1 fp_1", "m-1 fp_1", "m-1 fp_2"]
 
 
-def test_what_answered_as_the_commander_is_said_again_too(tmp_path):
+def test_replayed_commander_replies_name_the_model_that_served_them(tmp_path):
     run = folder(tmp_path)
-    said = {"t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}", "orders": [],
-            "confirms": [], "model": "m"}  # fmt: skip
-    told: list[dict[str, str]] = [{}, {"served": "m-1 fp_1"}, {}, {"served": "m-1 fp_2"}]
-    lines = [json.dumps({"number": k, **said, **each}) for k, each in enumerate(told)]
+    exchange = {"t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}",
+                "orders": [], "confirms": [], "model": "m"}  # fmt: skip
+    changes: list[dict[str, str]] = [{}, {"served": "m-1 fp_1"}, {}, {"served": "m-1 fp_2"}]
+    lines = [json.dumps({"number": k, **exchange, **each}) for k, each in enumerate(changes)]
     (run / EASY / "commander.jsonl").write_text("\n".join(lines) + "\n")
     recording = spec("--sitl", "--model", f"replay:{run}").replay
     assert recording is not None

@@ -1,4 +1,4 @@
-"""Run folders as a benchmark leaves them, with shipped records, made without flying."""
+"""Run folders like a benchmark's, with shipped records, written without flying."""
 
 import json
 from pathlib import Path
@@ -14,23 +14,23 @@ from foundation.run_folder import folder as folders
 from tests.judge.episode_logs import BEGIN, END, frame, pose, write
 
 START_M, SPEED = 20.0, 1.0  # m from the target, and m/s towards it
-SECONDS = 24.0  # of the log, which tells that it ended at its cap
+SECONDS = 24.0  # length of the log, whose end row says that the episode ended at its cap
 
 
 def write_run(folder: Path, ids: tuple[str, ...], pilot: str = "oracle", seed: int = 0, **settings: Any) -> Path:
     """Write a run of these episodes, each flown straight to its target, and return its folder."""
     spec = FlightSpec(pilot=pilot, simulated=Simulated(speed=None, rendered=False), seed=seed, **settings)
     folder.mkdir(parents=True, exist_ok=True)
-    told = {"flight": as_kept(spec), "agent": "dronecats.run.pilot.papers_agent",
+    configuration = {"flight": as_kept(spec), "agent": "dronecats.run.pilot.papers_agent",
             "prompt_sha256": Prompt.load().digest, "clock": "lockstep", "camera": None}  # fmt: skip
-    folders.write_run(folder, told)
+    folders.write_run(folder, configuration)
     for id in ids:
         write_episode(folder / id, declares=pilot != "failing:never-declares")
     return folder
 
 
 def write_episode(folder: Path, declares: bool = True) -> Path:
-    """Write an episode: all drones fly to within a metre of the target, and the first declares there if at all."""
+    """Write an episode. All drones fly to within a metre of the target. The first declares there if `declares`."""
     record = catalogue.FOLDER / f"{folder.name}.json"
     drones = range(len(json.loads(record.read_text())["starts"]))
     decisions, truth = [], [BEGIN]
@@ -59,7 +59,7 @@ def write_episode(folder: Path, declares: bool = True) -> Path:
 
 
 def tell_incidents(folder: Path, *rows: dict[str, Any]) -> None:
-    """Have an episode's truth.jsonl tell these hits, clears and resets, all that there were, and judge it anew."""
+    """Add these hits, clears and resets to an episode's truth.jsonl as the complete list, and judge it again."""
     path = folder / "truth.jsonl"
     begin, *rest = path.read_text(encoding="utf-8").splitlines()
     begun = json.dumps({**json.loads(begin), "contacts": True, "resets": True})

@@ -1,4 +1,4 @@
-"""A study's folder read back, and refused where its runs differ in more than their levels."""
+"""Loading of a study's folder, which is refused if its runs differ in more than their levels."""
 
 import json
 import re
@@ -13,87 +13,87 @@ from dronecats.study import design
 from dronecats.study.analysis.loading import load_results
 from foundation.errors import UsageError
 from tests.report.results.synthetic_runs import reset, tell_incidents
-from tests.study.studies import APPROACHING, TRACKING, changed_run, falling, other_flight, write_study
+from tests.study.studies import APPROACHING, TRACKING, change_flight, change_run, falling, write_study
 
 LEVELS = {"latency": (0.0, 0.5, 1.0)}
 EPISODES = (*TRACKING[:2], *APPROACHING[:1])
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory):
+def study_folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("study") / "s"
     write_study(out, LEVELS, falling(), pilots=("vision", "oracle"), episodes=EPISODES, flights=2)
     return out
 
 
 @pytest.fixture
-def changed(flown, tmp_path):
-    """Return a copy that a test may spoil."""
-    return shutil.copytree(flown, tmp_path / "s")
+def changed(study_folder, tmp_path):
+    """Return a copy that a test may change."""
+    return shutil.copytree(study_folder, tmp_path / "s")
 
 
-def test_every_flight_has_its_levels_and_its_pair(flown):
-    studied = load_results(flown)
+def test_every_flight_has_its_levels_and_its_pair(study_folder):
+    studied = load_results(study_folder)
     assert len(studied.flights) == studied.planned == 2 * 3 * 2 * 3
     assert studied.cells == ("approaching", "tracking")
     assert set(studied.entrants) == {"oracle", "vision"}
     assert studied.notes == ()
-    for each in studied.flights:
-        [level] = each.levels
-        assert each.scored.run.flight["latency"] == f"fixed:{level:g}"
-        assert each.scored.run.folder.name.startswith(f"{each.entrant}-latency-{level:g}-f{each.number}")
-    pairs = {(each.entrant, each.pair) for each in studied.flights}
+    for flight in studied.flights:
+        [level] = flight.levels
+        assert flight.scored.run.flight["latency"] == f"fixed:{level:g}"
+        assert flight.scored.run.folder.name.startswith(f"{flight.entrant}-latency-{level:g}-f{flight.number}")
+    pairs = {(flight.entrant, flight.pair) for flight in studied.flights}
     assert len(pairs) * 3 == len(studied.flights)
 
 
 @pytest.mark.parametrize(
-    ("told", "parts"),
+    ("fields", "parts"),
     [({"code_sha256": "b" * 64}, "code.*b{8}"), ({"prompt_sha256": "d" * 64}, "prompt.*d{8}"),
      ({"protocol": {"RADIUS_M": 6.0, "CAP_S": 300.0}}, "RADIUS_M.*6.0")],
 )  # fmt: skip
-def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, told, parts):
-    changed_run(changed / "vision-latency-1-f2", **told)
+def test_runs_that_differ_in_more_than_the_factor_are_refused(changed, fields, parts):
+    change_run(changed / "vision-latency-1-f2", **fields)
     with pytest.raises(UsageError, match=f"vision-latency-1-f2.*{parts}"):
         load_results(changed)
 
 
-def test_so_are_flights_that_differ_in_what_was_asked_for(changed):
-    other_flight(changed / "vision-latency-0.5-f1", parser="lenient")
+def test_flights_with_other_options_are_refused(changed):
+    change_flight(changed / "vision-latency-0.5-f1", parser="lenient")
     with pytest.raises(UsageError, match=r"vision-latency-0.5-f1.*parser.*strict.*lenient"):
         load_results(changed)
 
 
-def test_levels_that_were_not_flown_are_not_believed(changed):
-    other_flight(changed / "vision-latency-0.5-f1", latency="fixed:0.6")
+def test_levels_that_were_not_flown_are_refused(changed):
+    change_flight(changed / "vision-latency-0.5-f1", latency="fixed:0.6")
     with pytest.raises(UsageError, match=r"vision-latency-0\.5-f1.*study\.json.*latency 0\.5"):
         load_results(changed)
 
 
-def test_pairs_of_other_seeds_are_none(changed):
-    other_flight(changed / "oracle-latency-1-f2", seed=7)
+def test_pairs_with_other_seeds_are_refused(changed):
+    change_flight(changed / "oracle-latency-1-f2", seed=7)
     with pytest.raises(UsageError, match=r"oracle-latency-1-f2.*seeds.*7"):
         load_results(changed)
 
 
-def test_a_flight_under_two_names_is_not_counted_twice(changed):
-    told = json.loads((changed / "study.json").read_text())
-    [run] = [each for each in told["runs"] if each["name"] == "vision-latency-1-f2"]
+def test_a_flight_under_two_names_is_refused(changed):
+    document = json.loads((changed / "study.json").read_text())
+    [run] = [entry for entry in document["runs"] if entry["name"] == "vision-latency-1-f2"]
     (changed / "study.json").write_text(
-        json.dumps({**told, "runs": [*told["runs"], {**run, "name": "vision-point-3-f2"}]})
+        json.dumps({**document, "runs": [*document["runs"], {**run, "name": "vision-point-3-f2"}]})
     )
     shutil.copytree(changed / "vision-latency-1-f2", changed / "vision-point-3-f2")
     with pytest.raises(UsageError, match=r"vision-latency-1-f2.*vision-point-3-f2.*study\.json"):
         load_results(changed)
 
 
-def test_entrants_that_were_not_flown_alike_are_told(changed):
+def test_entrants_with_different_code_are_reported(changed):
     for run in changed.glob("oracle-*"):
-        changed_run(run, code_sha256="b" * 64)
-    [said] = load_results(changed).notes
-    assert re.search("oracle.*vision.*code", said)
+        change_run(run, code_sha256="b" * 64)
+    [note] = load_results(changed).notes
+    assert re.search("oracle.*vision.*code", note)
 
 
-def test_what_is_missing_is_counted(changed):
+def test_missing_flights_are_counted(changed):
     shutil.rmtree(changed / "vision-latency-1-f2")
     studied = load_results(changed)
     assert studied.planned - len(studied.flights) == 3
@@ -121,7 +121,7 @@ def test_a_rate_is_compared_with_the_fastest_and_an_agent_is_an_entrant(tmp_path
         ("wind", (0.0, 8.0), 0.0),
     ],
 )
-def test_the_reference_is_the_level_that_is_the_easiest_to_fly(tmp_path, name, levels, easiest):
+def test_the_reference_is_the_easiest_level(tmp_path, name, levels, easiest):
     write_study(tmp_path, {name: levels}, lambda pilot, levels: 1.0, episodes=TRACKING[:1])
     assert [factor.reference for factor in load_results(tmp_path).factors] == [easiest]
 
@@ -134,7 +134,7 @@ def test_the_reference_is_the_level_that_is_the_easiest_to_fly(tmp_path, name, l
         ({"wind_towards": (0.0, 30.0, 45.0)}, {"wind": 6.0}),
     ],
 )
-def test_what_refines_something_else_is_read_back(tmp_path, axes, held):
+def test_refining_factors_are_read_back(tmp_path, axes, held):
     write_study(tmp_path, axes, lambda pilot, levels: 1.0, episodes=TRACKING[:1], held=held)
     studied = load_results(tmp_path)
     assert [factor.levels for factor in studied.factors] == list(axes.values())
@@ -158,55 +158,67 @@ def test_recorded_latencies_travel_with_the_flights(tmp_path, monkeypatch):
     )  # fmt: skip
     assert len(studied.flights) == 3
     slow = next((tmp_path / "s").glob("*slow.csv*"))
-    other_flight(slow, latency=f"stall:0.1,2+trace:{trace_name((2.0,))}", latency_trace=[2.0])
-    with pytest.raises(UsageError, match=r"slow.csv@"):  # nor are other latencies taken for them
+    change_flight(slow, latency=f"stall:0.1,2+trace:{trace_name((2.0,))}", latency_trace=[2.0])
+    with pytest.raises(UsageError, match=r"slow.csv@"):  # other latencies are not taken for them
         load_results(tmp_path / "s")
 
 
-def test_of_one_factor_at_a_time_the_other_stays_at_its_base(tmp_path):
+def test_one_factor_at_a_time_keeps_the_other_at_its_base(tmp_path):
     from dronecats.study.analysis.steps import served_rates, target_motions
     from dronecats.study.analysis.study_results import level_results
 
     write_study(tmp_path, {"latency": (0.0, 1.0), "wind": (0.0, 5.0, 8.0)}, lambda pilot, levels: 1.0,
                 episodes=TRACKING[:2], made=design.one_at_a_time)  # fmt: skip
     studied = load_results(tmp_path)
-    assert [(each.step.title, each.success.trials) for each in level_results(studied, 0)] == [("0 s", 2), ("1 s", 2)]
-    assert [each.success.trials for each in level_results(studied, 1)] == [2, 2, 2]
-    flown = [[each.scored.steps["latency_s"] for each in studied.of("vision") if each.levels == (s, 0.0)]
+    assert [(row.step.title, row.success.trials) for row in level_results(studied, 0)] == [("0 s", 2), ("1 s", 2)]
+    assert [row.success.trials for row in level_results(studied, 1)] == [2, 2, 2]
+    latencies = [[flight.scored.steps["latency_s"] for flight in studied.of("vision") if flight.levels == (s, 0.0)]
              for s in (0.0, 1.0)]  # fmt: skip
-    decisions = [sum(len(steps) for steps in some) for some in flown]
-    assert [each.latency_s.steps for each in served_rates(studied, 0)] == decisions
-    assert [each.width_m.steps for each in target_motions(studied, 0)] == decisions
+    decisions = [sum(len(steps) for steps in flights) for flights in latencies]
+    assert [row.latency_s.steps for row in served_rates(studied, 0)] == decisions
+    assert [row.width_m.steps for row in target_motions(studied, 0)] == decisions
 
 
-def test_held_factors_are_the_flights_own(tmp_path):
+def test_held_factors_are_those_of_the_flights(tmp_path):
     write_study(tmp_path, {"latency": (0.0, 1.0)}, falling(), episodes=TRACKING[:1], held={"wind": 3.0})
     assert len(load_results(tmp_path).flights) == 2
-    told = json.loads((tmp_path / "study.json").read_text())
-    (tmp_path / "study.json").write_text(json.dumps({**told, "held": {"wind": 4.0}}))
+    document = json.loads((tmp_path / "study.json").read_text())
+    (tmp_path / "study.json").write_text(json.dumps({**document, "held": {"wind": 4.0}}))
     with pytest.raises(UsageError, match=r"study\.json.*wind 4"):
         load_results(tmp_path)
 
 
-def test_flights_with_many_resets_are_left_out_where_that_is_asked_for_and_the_study_says_so(changed):
+def test_flights_with_many_resets_are_excluded_on_request_and_noted(changed):
     for run in sorted(changed.glob("vision-latency-*")):
         for episode in run.glob("*-*"):
             tell_incidents(episode, *[reset(3.0, 3)] * (run.name == "vision-latency-1-f1"))
     every = load_results(changed)
     assert every.scored == every.flights
     chosen = load_results(changed, exclusions=[parse_exclusion("estimator_resets=2")])
-    out = [each for each in chosen.flights if each not in chosen.scored]
-    assert {each.scored.run.folder.name for each in out} == {"vision-latency-1-f1"}
-    assert len(out) == len(EPISODES)
-    told = " ".join(chosen.notes)
-    assert re.search(r"3 of 36 .*estimator_resets above 2", told)
-    assert re.search(r"0 of 12 at 0 s.* 0 of 12 at 0\.5 s.* 3 of 12 at 1 s", told)
-    assert re.search(r"18 flights .*estimator_resets", told)  # the oracle's, whose logs tell no resets
-    [said, _] = load_results(changed, exclusions=[parse_exclusion("estimator_resets=3")]).notes
-    assert re.search(r"0 of 36 .*estimator_resets above 3", said)
+    excluded = [flight for flight in chosen.flights if flight not in chosen.scored]
+    assert {flight.scored.run.folder.name for flight in excluded} == {"vision-latency-1-f1"}
+    assert len(excluded) == len(EPISODES)
+    notes = " ".join(chosen.notes)
+    assert re.search(r"3 of 36 .*estimator_resets above 2", notes)
+    assert re.search(r"0 of 12 at 0 s.* 0 of 12 at 0\.5 s.* 3 of 12 at 1 s", notes)
+    assert re.search(r"18 flights .*estimator_resets", notes)  # the oracle's, whose logs have no resets
+    [note, _] = load_results(changed, exclusions=[parse_exclusion("estimator_resets=3")]).notes
+    assert re.search(r"0 of 36 .*estimator_resets above 3", note)
 
 
 @pytest.mark.parametrize("text", ["hits", "hitz=3", "hits=many", "hits=nan", "rate_hz=1"])
-def test_an_exclusion_that_means_nothing_is_refused(text):
+def test_invalid_exclusions_are_rejected(text):
     with pytest.raises(UsageError, match=f"--exclude-above.*{text.split('=')[0]}"):
         parse_exclusion(text)
+
+
+def test_changed_prices_of_a_model_do_not_matter(tmp_path, monkeypatch):
+    rows = tmp_path / "models.toml"
+    monkeypatch.setenv("DRONECATS_MODELS", str(rows))
+    row = '[mine]\nprovider = "local"\nidentifier = "m"\nbase_url = "http://h/v1"\ninput_usd = 1\noutput_usd = 2\n'
+    rows.write_text(row)
+    write_study(tmp_path / "s", {"model": ("mine", "local/other")}, lambda pilot, levels: 1.0, episodes=TRACKING[:1])
+    rows.write_text(row.replace("input_usd = 1", "input_usd = 3"))
+    assert len(load_results(tmp_path / "s").flights) == 2
+    rows.write_text("")
+    assert len(load_results(tmp_path / "s").flights) == 2
