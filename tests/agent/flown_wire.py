@@ -1,4 +1,4 @@
-"""The agent's own loop before a real endpoint: what it asks, byte for byte, and what it makes of the answers."""
+"""The agent's loop against a local HTTP endpoint. Records every request and gives scripted replies."""
 
 import base64
 import contextlib
@@ -26,7 +26,7 @@ CAMERA = CameraModel()
 
 
 class Clock:
-    """A vehicle of which the agent needs the clock and nothing else."""
+    """A vehicle with only a clock."""
 
     def __init__(self):
         self.time_us = 0
@@ -49,7 +49,7 @@ class Clock:
 
 
 class Views:
-    """A camera whose every frame is a picture of its own, too wide for the wire, and different for every drone."""
+    """A camera with a different image for every frame and drone, wider than the images on the wire."""
 
     def __init__(self, height=720, width=1280):
         self.size = (height, width)
@@ -71,7 +71,7 @@ class Views:
 
 @dataclass
 class Endpoint:
-    """A server of chat completions that keeps every request and gives the replies in order, the last one for ever."""
+    """A chat completion server that records every request. It gives the replies in order and repeats the last."""
 
     replies: list[str]
     bodies: list[dict[str, Any]] = field(default_factory=list)
@@ -84,9 +84,9 @@ class Endpoint:
 
             def do_POST(self):
                 body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-                said = endpoint.replies[min(len(endpoint.bodies), len(endpoint.replies) - 1)]
+                text = endpoint.replies[min(len(endpoint.bodies), len(endpoint.replies) - 1)]
                 endpoint.bodies.append(body)
-                data = json.dumps({"choices": [{"message": {"content": said}}]}).encode()
+                data = json.dumps({"choices": [{"message": {"content": text}}]}).encode()
                 self.send_response(200)
                 self.send_header("Content-Length", str(len(data)))
                 self.end_headers()
@@ -111,27 +111,27 @@ class Endpoint:
 
     @property
     def jpegs(self):
-        """Per request the bytes of its pictures."""
+        """The bytes of the images, per request."""
         parts = [body["messages"][0]["content"] for body in self.bodies]
         urls = [[part["image_url"]["url"] for part in several if "image_url" in part] for several in parts]
         return [[base64.b64decode(url.partition(",")[2], validate=True) for url in several] for several in urls]
 
 
 def fly(endpoint, folder, *, steps, drones=1, provider="openrouter", views=None, axis_order="xy", prompt=None):
-    """Fly steps with the real loop, history, picture, prompt and client; return (decisions, camera, vehicles)."""
+    """Fly steps with the production loop, history, image, prompt and client; return (decisions, camera, vehicles)."""
     folder.mkdir(exist_ok=True)
     views = views or Views()
     vehicles = [Clock() for _ in range(drones)]
     model = open_model(ModelSpec(provider=provider, name="maker/model-1", base_url=endpoint.url))
     log = LineLog(folder / "decisions.jsonl")
-    asked = Questions(
+    questions = Questions(
         model, prompt or Prompt.load(None), "go to the cyan SUV", LatencyPolicy.parse("fixed:0"), axis_order=axis_order
     )
     cockpit = Cockpit(
         aircraft=vehicles, camera=views, camera_model=CAMERA, log=log,
         frames_dir=folder, executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
-    agent = PaperAgent(asked, cockpit)
+    agent = PaperAgent(questions, cockpit)
     agent.fly(stop=lambda decision: decision.step + 1 == steps and decision.drone + 1 == drones)
     log.close()
     model.close()

@@ -1,4 +1,4 @@
-"""An action is told of in several places; each of them knows every one."""
+"""Every module that handles actions handles every action."""
 
 from dataclasses import fields
 from typing import get_args
@@ -29,7 +29,7 @@ def test_every_place_knows_the_action(action):
     words = {word for word in (*declared, declared["action"]) if len(word) >= MIN_CHARS}
     assert words <= SPOKEN, "a key that is spelt so would garble the pilot's own words"
     assert plan(action, CAMERA)
-    told = History(CAMERA)
-    told.append(action)
-    assert compact(action, CAMERA) in told.render()
-    assert [past.kind for past in actions.read_prompt(told.render()).past(0)] == [declared["action"]]
+    history = History(CAMERA)
+    history.append(action)
+    assert compact(action, CAMERA) in history.render()
+    assert [past.kind for past in actions.read_prompt(history.render()).past(0)] == [declared["action"]]

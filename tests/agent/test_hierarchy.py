@@ -1,4 +1,4 @@
-"""A commander over a pilot for each drone: who decides what, on which picture, and how it all ends."""
+"""A commander with one pilot per drone: the decisions of each, the images that they use, and the end of a flight."""
 
 import json
 import re
@@ -35,8 +35,8 @@ GO, TURN, DONE = (
 EVERYBODY = [{"drone": k, "goal": f"goal {k}"} for k in (1, 2, 3)]
 
 
-class Said:
-    """A model that answers with what a function makes of the request, and keeps the requests."""
+class FunctionModel:
+    """A model that answers by a function of the request and records the requests."""
 
     name = "said"
 
@@ -45,10 +45,10 @@ class Said:
 
     def ask(self, request):
         self.asked.append(request)
-        said = self.answer(request)
-        if isinstance(said, Exception):
-            raise said
-        return Reply(said if isinstance(said, str) else json.dumps(said), 0.1, 10, 1)
+        reply = self.answer(request)
+        if isinstance(reply, Exception):
+            raise reply
+        return Reply(reply if isinstance(reply, str) else json.dumps(reply), 0.1, 10, 1)
 
     def check(self):
         pass
@@ -58,7 +58,7 @@ class Said:
 
 
 class Timed(Views):
-    """A camera whose frames have the time of their vehicle."""
+    """A camera whose frames have their vehicle's time."""
 
     def __init__(self, vehicles):
         super().__init__(72, 128)
@@ -70,7 +70,7 @@ class Timed(Views):
 
 
 class Holding(Clock):
-    """A vehicle that remembers when it was last told to hold or to move."""
+    """A vehicle that records whether its last setpoint moves it."""
 
     def fly(self, setpoint, seconds=None, seen=None):
         self.moves = not isinstance(setpoint, Hold)
@@ -78,9 +78,9 @@ class Holding(Clock):
 
 
 def script(*replies):
-    """A commander that gives these replies in order, and then nothing to do."""
+    """Return a commander that gives these replies in order, and then empty orders."""
     coming = iter(replies)
-    return Said(lambda request: next(coming, {"orders": []}))
+    return FunctionModel(lambda request: next(coming, {"orders": []}))
 
 
 def fly(folder, pilot, commander, *, seconds=30.0, drones=3, policy="fixed:0.5", executor=None, stop=None):
@@ -108,33 +108,33 @@ def command_of(request):
 
 
 def test_all_hover_until_the_commander_has_spoken_and_then_fly_its_goals(tmp_path):
-    pilot, commander = Said(lambda request: GO), script({"orders": EVERYBODY[:2]})
+    pilot, commander = FunctionModel(lambda request: GO), script({"orders": EVERYBODY[:2]})
     decisions, (first, *_), _ = fly(tmp_path, pilot, commander, policy="fixed:2", seconds=12.0)
     assert first.t_answered == pytest.approx(2.0, abs=0.1)
     assert min(d["t_frame"] for d in decisions) >= first.t_answered
-    told = {request.drone: command_of(request) for request in pilot.asked}
-    assert told == {0: "goal 1", 1: "goal 2", 2: "find it"}  # who has no goal yet goes by the episode's instruction
+    goals = {request.drone: command_of(request) for request in pilot.asked}
+    assert goals == {0: "goal 1", 1: "goal 2", 2: "find it"}  # a drone without a goal uses the episode's instruction
     assert {len(request.images_jpeg) for request in pilot.asked} == {1}
-    asked = commander.asked[0]
-    assert (asked.role, len(asked.images_jpeg)) == ("commander", 3)
-    assert asked.labels == ("Drone 1:", "Drone 2:", "Drone 3:")
+    first_request = commander.asked[0]
+    assert (first_request.role, len(first_request.images_jpeg)) == ("commander", 3)
+    assert first_request.labels == ("Drone 1:", "Drone 2:", "Drone 3:")
     assert sorted({d["step"] for d in decisions}) == list(range(len(decisions)))
 
 
 def test_finished_is_a_report_and_the_confirmation_the_declaration_on_the_commanders_picture(tmp_path):
-    pilot = Said(lambda request: DONE if request.drone == 1 else GO)
+    pilot = FunctionModel(lambda request: DONE if request.drone == 1 else GO)
     commander = script({"orders": EVERYBODY}, {"confirm": [2]})
-    decisions, told, vehicles = fly(tmp_path, pilot, commander, seconds=9.0)
+    decisions, exchange_log, vehicles = fly(tmp_path, pilot, commander, seconds=9.0)
     report, confirmed = (d for d in decisions if d["drone"] == 1)
     assert (report["action"], report["report"]) == ({"action": "finished"}, True)
     assert (confirmed["action"], confirmed["confirmed_by"]) == ({"action": "finished"}, 1)
     assert "report" not in confirmed
     assert "reply" not in confirmed
-    assert [cause.why for cause in told[1].causes] == ["report"]
-    assert told[1].confirms == (1,)
-    assert confirmed["frame_id"] == told[1].frames[1] != report["frame_id"]
+    assert [cause.why for cause in exchange_log[1].causes] == ["report"]
+    assert exchange_log[1].confirms == (1,)
+    assert confirmed["frame_id"] == exchange_log[1].frames[1] != report["frame_id"]
     assert confirmed["t_frame"] >= report["t_decided"]
-    assert sum(request.drone == 1 for request in pilot.asked) == 1  # then it hovers
+    assert sum(request.drone == 1 for request in pilot.asked) == 1  # afterwards it hovers
     assert vehicles[1].moves is False
     assert all(d["report"] is False for d in decisions if d["drone"] != 1)
 
@@ -146,7 +146,7 @@ def test_only_a_confirmation_may_end_the_flight(tmp_path):
         seen.append(decision)
         return decision.declares
 
-    pilot, commander = Said(lambda request: DONE), script({"orders": EVERYBODY}, {"confirm": [1]})
+    pilot, commander = FunctionModel(lambda request: DONE), script({"orders": EVERYBODY}, {"confirm": [1]})
     decisions, *_ = fly(tmp_path, pilot, commander, stop=stop, seconds=60.0, policy="fixed:4")
     assert [d["drone"] for d in decisions if "confirmed_by" in d] == [0]
     assert decisions[-1]["confirmed_by"] == 1
@@ -157,97 +157,107 @@ def test_a_report_waits_for_its_answer_and_an_order_is_a_refusal_with_a_fresh_hi
     def answer(request):
         return DONE if request.drone == 0 and command_of(request) == "goal 1" else GO
 
-    pilot = Said(answer)
+    pilot = FunctionModel(answer)
     commander = script({"orders": EVERYBODY}, {"orders": []}, {"orders": [{"drone": 1, "goal": "the next"}]})
-    decisions, told, _ = fly(tmp_path, pilot, commander, seconds=INTERVAL_S + 20.0)
-    assert [exchange.causes[0].why for exchange in told[:3]] == ["start", "report", "time"]  # it is asked about once
+    decisions, exchange_log, _ = fly(tmp_path, pilot, commander, seconds=INTERVAL_S + 20.0)
+    assert [exchange.causes[0].why for exchange in exchange_log[:3]] == [
+        "start",
+        "report",
+        "time",
+    ]  # a report is asked about once
     own = [d for d in decisions if d["drone"] == 0]
     assert own[0]["report"] is True
-    assert own[1]["t_frame"] >= told[2].t_answered > INTERVAL_S
+    assert own[1]["t_frame"] >= exchange_log[2].t_answered > INTERVAL_S
     requests = [request for request in pilot.asked if request.drone == 0]
     assert [command_of(request) for request in requests[:2]] == ["goal 1", "the next"]
-    assert actions.read_prompt(requests[1].text).past(0) == ()  # a new goal is a new context
+    assert actions.read_prompt(requests[1].text).past(0) == ()  # a new goal starts a new context
     assert [past.kind for past in actions.read_prompt(requests[2].text).past(0)] == ["go"]
 
 
-class Updated(Said):
-    """A commander whose vendor puts another version in its place while it is asked."""
+class Updated(FunctionModel):
+    """A commander whose vendor replaces its version during the flight."""
 
-    said = (None, "said fp_1", "said fp_1", "said fp_2", None)
+    served_names = (None, "said fp_1", "said fp_1", "said fp_2", None)
 
     def ask(self, request):
         reply = super().ask(request)
-        return replace(reply, served=self.said[min(len(self.asked), len(self.said)) - 1])
+        return replace(reply, served=self.served_names[min(len(self.asked), len(self.served_names)) - 1])
 
 
-def test_what_answers_as_the_commander_is_told_when_it_changes(tmp_path):
+def test_the_commanders_served_model_is_logged_when_it_changes(tmp_path):
     commander = Updated(lambda request: {"orders": EVERYBODY[:1]})
-    _, told, _ = fly(tmp_path, Said(lambda request: DONE), commander, seconds=60.0)
-    served = [None if exchange.served is UNSET else exchange.served for exchange in told]
+    _, exchange_log, _ = fly(tmp_path, FunctionModel(lambda request: DONE), commander, seconds=60.0)
+    served = [None if exchange.served is UNSET else exchange.served for exchange in exchange_log]
     assert served[:6] == [None, "said fp_1", None, "said fp_2", "said", None]
 
 
 def test_a_commander_that_cannot_be_read_changes_nothing_and_is_kept(tmp_path):
-    pilot = Said(lambda request: DONE if request.drone == 2 else GO)
-    commander = Said(lambda request: "I would go left, I think.")
-    decisions, told, _ = fly(tmp_path, pilot, commander, seconds=20.0)
+    pilot = FunctionModel(lambda request: DONE if request.drone == 2 else GO)
+    commander = FunctionModel(lambda request: "I would go left, I think.")
+    decisions, exchange_log, _ = fly(tmp_path, pilot, commander, seconds=20.0)
     assert {command_of(request) for request in pilot.asked} == {"find it"}
     assert {d["drone"] for d in decisions} == {0, 1, 2}
     assert not [d for d in decisions if "confirmed_by" in d]
-    assert all('"orders"' in exchange.error for exchange in told)
-    assert told[0].reply == "I would go left, I think."
-    assert told[0].orders == told[0].confirms == ()
+    assert all('"orders"' in exchange.error for exchange in exchange_log)
+    assert exchange_log[0].reply == "I would go left, I think."
+    assert exchange_log[0].orders == exchange_log[0].confirms == ()
 
 
 def test_it_acts_on_what_it_was_shown(tmp_path):
-    """What a drone reports while the commander thinks is neither confirmed by that reply nor overruled by it."""
+    """A report made while the commander thinks is neither confirmed nor overruled by that reply."""
 
-    def answer(request):  # the second drone's report comes while the commander thinks about the first one's
+    def answer(request):  # the second drone reports while the commander thinks about the first one's report
         turn = {0: 15, 1: 21}.get(request.drone)
         return GO if turn is None else DONE if request.step else {"action": "rotate", "angle_deg": turn}
 
-    said = {"orders": [{"drone": 2, "goal": "other"}], "confirm": [1, 2, 3]}
-    commander = script({"orders": EVERYBODY}, said, {"confirm": [2]})
-    decisions, told, _ = fly(tmp_path, Said(answer), commander, seconds=12.0)
-    assert [(cause.why, cause.drone) for cause in told[1].causes] == [("report", 0)]
-    assert told[1].confirms == (0,)
-    assert told[1].orders == ()
-    assert re.findall(r"drone (\d)", told[1].error) == ["2", "3", "2"]  # no report, no report, and one meanwhile
-    assert [(cause.why, cause.drone) for cause in told[2].causes] == [("report", 1)]  # and it is asked at once
+    reply = {"orders": [{"drone": 2, "goal": "other"}], "confirm": [1, 2, 3]}
+    commander = script({"orders": EVERYBODY}, reply, {"confirm": [2]})
+    decisions, exchange_log, _ = fly(tmp_path, FunctionModel(answer), commander, seconds=12.0)
+    assert [(cause.why, cause.drone) for cause in exchange_log[1].causes] == [("report", 0)]
+    assert exchange_log[1].confirms == (0,)
+    assert exchange_log[1].orders == ()
+    assert re.findall(r"drone (\d)", exchange_log[1].error) == [
+        "2",
+        "3",
+        "2",
+    ]  # two without a report, and one that came meanwhile
+    assert [(cause.why, cause.drone) for cause in exchange_log[2].causes] == [("report", 1)]  # and it is asked at once
     assert [(d["drone"], d["confirmed_by"]) for d in decisions if "confirmed_by" in d] == [(0, 1), (1, 2)]
 
 
 def test_it_is_asked_when_a_drone_does_not_move_and_when_nothing_happens(tmp_path):
-    pilot = Said(lambda request: TURN if request.drone == 1 else GO)
-    decisions, told, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), seconds=40.0)
-    (start, *others) = [[(cause.why, cause.drone) for cause in exchange.causes] for exchange in told]
+    pilot = FunctionModel(lambda request: TURN if request.drone == 1 else GO)
+    decisions, exchange_log, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), seconds=40.0)
+    (start, *others) = [[(cause.why, cause.drone) for cause in exchange.causes] for exchange in exchange_log]
     assert start == [("start", None)]
     assert others
     assert all(("stall", 1) in causes and ("stall", 0) not in causes for causes in others)
-    still = [d for d in decisions if d["drone"] == 1 and d["t_decided"] <= told[1].t_asked]
+    still = [d for d in decisions if d["drone"] == 1 and d["t_decided"] <= exchange_log[1].t_asked]
     assert len(still) == STALL_STEPS
-    asked = [exchange.t_asked for exchange in told[1:]]
-    assert min(after - before for before, after in pairwise(asked)) > 0.9 * STALL_STEPS  # 1 s a turn and its question
-    pilot = Said(lambda request: GO)
-    _, told, _ = fly(tmp_path / "calm", pilot, script({"orders": EVERYBODY}), seconds=100.0)
-    assert [exchange.causes[0].why for exchange in told] == ["start", "time", "time"]
-    assert told[2].t_asked - told[1].t_asked == pytest.approx(INTERVAL_S, abs=0.2)
+    times_s = [exchange.t_asked for exchange in exchange_log[1:]]
+    assert (
+        min(after - before for before, after in pairwise(times_s)) > 0.9 * STALL_STEPS
+    )  # 1 s for each turn and its question
+    pilot = FunctionModel(lambda request: GO)
+    _, exchange_log, _ = fly(tmp_path / "calm", pilot, script({"orders": EVERYBODY}), seconds=100.0)
+    assert [exchange.causes[0].why for exchange in exchange_log] == ["start", "time", "time"]
+    assert exchange_log[2].t_asked - exchange_log[1].t_asked == pytest.approx(INTERVAL_S, abs=0.2)
 
 
 def test_both_levels_are_charged_and_their_draws_are_their_own(tmp_path):
-    pilot, commander = Said(lambda request: GO), script({"orders": EVERYBODY})
-    decisions, told, _ = fly(tmp_path, pilot, commander, policy="lognormal:1,0.5", seconds=60.0)
+    pilot, commander = FunctionModel(lambda request: GO), script({"orders": EVERYBODY})
+    decisions, exchange_log, _ = fly(tmp_path, pilot, commander, policy="lognormal:1,0.5", seconds=60.0)
     first = [next(d for d in decisions if d["drone"] == k)["latency_s"] for k in range(3)]
-    assert len({*first, told[0].latency_s}) == 4  # all of number 0
-    assert told[0].t_answered - told[0].t_asked == pytest.approx(told[0].latency_s, abs=0.06)
-    again, told_again, _ = fly(
+    assert len({*first, exchange_log[0].latency_s}) == 4  # all of number 0
+    assert exchange_log[0].t_answered - exchange_log[0].t_asked == pytest.approx(exchange_log[0].latency_s, abs=0.06)
+    again, exchange_log_again, _ = fly(
         tmp_path / "again", pilot, script({"orders": EVERYBODY}), policy="lognormal:1,0.5", seconds=60.0
     )
-    assert (again, told_again) == (decisions, told)
+    assert (again, exchange_log_again) == (decisions, exchange_log)
 
 
 class Slow(Executor):
-    """Makes every call at once, and lets its result be known some polls later; counts those that are under way."""
+    """Runs every call at once and reports it as done some polls later. Counts the calls in progress."""
 
     def __init__(self):
         self.under_way, self.most = 0, 0
@@ -277,7 +287,7 @@ class Slow(Executor):
 
 def test_the_pilots_are_asked_at_once_and_the_commander_beside_them(tmp_path):
     executor = Slow()
-    fly(tmp_path, Said(lambda request: DONE if request.step == 2 else GO), script({"orders": EVERYBODY}),
+    fly(tmp_path, FunctionModel(lambda request: DONE if request.step == 2 else GO), script({"orders": EVERYBODY}),
         policy="real", executor=executor, seconds=30.0)  # fmt: skip
     assert executor.most >= 3
 
@@ -285,24 +295,24 @@ def test_the_pilots_are_asked_at_once_and_the_commander_beside_them(tmp_path):
 @pytest.mark.parametrize("role", ["pilot", "commander"])
 def test_a_model_that_fails_ends_the_flight_whichever_it_is(tmp_path, role):
     broken = ModelError("gone")
-    pilot = Said(lambda request: broken if role == "pilot" else DONE)
+    pilot = FunctionModel(lambda request: broken if role == "pilot" else DONE)
     commander = script({"orders": EVERYBODY}, broken if role == "commander" else {"orders": []})
     with pytest.raises(ModelError, match="gone"):
         fly(tmp_path, pilot, commander)
 
 
 def test_a_reply_that_is_too_late_is_kept_as_such_and_one_that_never_comes_is_an_error(tmp_path):
-    pilot = Said(lambda request: DONE)
-    _, told, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy="fixed:2", seconds=5.0)
-    assert told[-1].t_answered is None
-    assert told[-1].error
+    pilot = FunctionModel(lambda request: DONE)
+    _, exchange_log, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy="fixed:2", seconds=5.0)
+    assert exchange_log[-1].t_answered is None
+    assert exchange_log[-1].error
     with pytest.raises(ModelError, match="commander"):
         fly(tmp_path / "never", pilot, script(), policy="fixed:20", seconds=5.0)
 
 
 def test_a_drone_that_is_not_answered_before_the_end_is_nobodys_fault_where_others_were(tmp_path):
-    """The third drone's only question is under way at the cap; the numbers of the steps have no gap."""
-    pilot = Said(lambda request: GO)
+    """The third drone's only question is open at the cap. The step numbers have no gap."""
+    pilot = FunctionModel(lambda request: GO)
     policy = Charged((), lambda question: 100.0 if question.drone == 2 else 0.5)
     decisions, *_ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy=policy, seconds=8.0)
     assert {d["drone"] for d in decisions} == {0, 1}

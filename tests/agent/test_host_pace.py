@@ -1,4 +1,4 @@
-"""A step that the host delayed is told from one that the model delayed, on clocks of the test's own."""
+"""Delays of the host are distinguished from delays of the model, on simulated clocks."""
 
 import json
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from tests.agent.flown_wire import CAMERA, Clock, Views
 
 
 class Wall:
-    """A wall's clock."""
+    """A wall clock."""
 
     def __init__(self) -> None:
         self.now_s = 0.0
@@ -30,7 +30,7 @@ class Wall:
         return self.now_s
 
 
-def heard(wall: Wall, pace: HostPace, wall_s: float, vehicle_s: float) -> None:
+def tick_at(wall: Wall, pace: HostPace, wall_s: float, vehicle_s: float) -> None:
     wall.now_s = wall_s
     pace.tick(vehicle_s)
 
@@ -41,7 +41,7 @@ def test_a_clock_that_keeps_up_has_no_lag_whatever_it_counts_from(speed: float) 
     pace = HostPace(wall, speed)
     watch = pace.watch()
     for k in range(100):
-        heard(wall, pace, 0.05 * k / speed, 12.0 + 0.05 * k)
+        tick_at(wall, pace, 0.05 * k / speed, 12.0 + 0.05 * k)
     lag_s, waited_s = watch.take()
     assert (lag_s, waited_s) == pytest.approx((0.0, 0.0), abs=1e-9)
 
@@ -50,22 +50,22 @@ def test_a_stall_counts_though_it_is_caught_up_and_is_of_one_step_alone() -> Non
     wall = Wall()
     pace = HostPace(wall, 1.0)
     watch, other = pace.watch(), pace.watch()
-    heard(wall, pace, 0.0, 5.0)
-    heard(wall, pace, 0.6, 5.1)  # it stood still for half a second …
-    heard(wall, pace, 0.7, 5.7)  # … and has made up for it
+    tick_at(wall, pace, 0.0, 5.0)
+    tick_at(wall, pace, 0.6, 5.1)  # it stopped for half a second …
+    tick_at(wall, pace, 0.7, 5.7)  # … and has caught up
     assert watch.take()[0] == pytest.approx(0.5)
-    heard(wall, pace, 0.8, 5.8)
+    tick_at(wall, pace, 0.8, 5.8)
     assert watch.take()[0] == pytest.approx(0.0, abs=1e-9)
-    assert other.take()[0] == pytest.approx(0.5)  # each who decides has steps of its own
+    assert other.take()[0] == pytest.approx(0.5)  # each decider has its own steps
 
 
 def test_a_stall_that_begins_with_the_step_is_that_steps() -> None:
     wall = Wall()
     pace = HostPace(wall, 1.0)
     watch = pace.watch()
-    heard(wall, pace, 0.0, 5.0)
+    tick_at(wall, pace, 0.0, 5.0)
     watch.take()
-    heard(wall, pace, 0.55, 5.05)
+    tick_at(wall, pace, 0.55, 5.05)
     assert watch.take()[0] == pytest.approx(0.5)
 
 
@@ -73,11 +73,11 @@ def test_time_that_was_given_up_is_no_lag_of_the_steps_after_it() -> None:
     wall = Wall()
     pace = HostPace(wall, 1.0)
     watch = pace.watch()
-    heard(wall, pace, 0.0, 0.0)
-    heard(wall, pace, 3.0, 0.05)
+    tick_at(wall, pace, 0.0, 0.0)
+    tick_at(wall, pace, 3.0, 0.05)
     assert watch.take()[0] == pytest.approx(2.95)
     for k in range(1, 40):
-        heard(wall, pace, 3.0 + 0.05 * k, 0.05 + 0.05 * k)
+        tick_at(wall, pace, 3.0 + 0.05 * k, 0.05 + 0.05 * k)
     assert watch.take()[0] == pytest.approx(0.0, abs=1e-9)
 
 
@@ -88,14 +88,14 @@ def test_the_lag_is_the_greatest_fall_between_any_two_moments(steps: list[tuple[
     watch = pace.watch()
     for wall_s, flown_s in steps:
         vehicle_s += flown_s
-        heard(wall, pace, wall.now_s + wall_s, vehicle_s)
+        tick_at(wall, pace, wall.now_s + wall_s, vehicle_s)
         late.append(wall.now_s - vehicle_s)
     naive = max(b - a for k, a in enumerate(late) for b in late[k:])
     assert watch.take()[0] == pytest.approx(naive, abs=1e-9)
 
 
 class Slow:
-    """A model that takes its time on the wall's clock, as the vehicle flies on."""
+    """A model whose reply takes time on the wall clock while the vehicle flies on."""
 
     name = "slow"
 
@@ -115,7 +115,7 @@ class Slow:
 
 
 class Late(Views):
-    """A camera that takes its time on the wall's clock for its third picture."""
+    """A camera that takes time on the wall clock for its third image."""
 
     def __init__(self, wall: Wall) -> None:
         super().__init__()
@@ -131,7 +131,7 @@ class Late(Views):
 def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_path) -> None:
     wall, vehicle = Wall(), Clock()
     pace = HostPace(wall, 1.0)
-    stalls = {60: 0.4}  # at this tick the simulator stands still
+    stalls = {60: 0.4}  # the simulator stops at this tick
 
     def on_tick() -> None:
         ticks = vehicle.time_us // 50_000
@@ -144,15 +144,15 @@ def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_p
         executor=InlineExecutor(), t0_us=0, on_tick=on_tick, host=pace,
     )  # fmt: skip
     policy = LatencyPolicy.parse("fixed:2.0")  # slower than any host in this test
-    PaperAgent(Questions(Slow(lambda asked: None), Prompt.load(None), "go", policy), cockpit).fly(14.0)
+    PaperAgent(Questions(Slow(lambda _count: None), Prompt.load(None), "go", policy), cockpit).fly(14.0)
     log.close()
-    told = list(rows(tmp_path / "decisions.jsonl", Decision))
-    assert len(told) >= 5
-    assert [delayed(each) for each in told] == [False, True, True, *[False] * (len(told) - 3)]
-    assert told[1].host_lag_s == pytest.approx(0.4, abs=0.06)
-    assert told[2].frame_wait_s == pytest.approx(0.4, abs=0.06)
-    assert host_stalls(told) == 2
-    assert all(each.latency_s == 2.0 for each in told)
+    decisions = list(rows(tmp_path / "decisions.jsonl", Decision))
+    assert len(decisions) >= 5
+    assert [delayed(decision) for decision in decisions] == [False, True, True, *[False] * (len(decisions) - 3)]
+    assert decisions[1].host_lag_s == pytest.approx(0.4, abs=0.06)
+    assert decisions[2].frame_wait_s == pytest.approx(0.4, abs=0.06)
+    assert host_stalls(decisions) == 2
+    assert all(decision.latency_s == 2.0 for decision in decisions)
 
 
 def test_where_no_clock_is_held_nothing_is_said_of_the_host(tmp_path) -> None:
@@ -162,7 +162,7 @@ def test_where_no_clock_is_held_nothing_is_said_of_the_host(tmp_path) -> None:
         executor=InlineExecutor(), t0_us=0,
     )  # fmt: skip
     PaperAgent(
-        Questions(Slow(lambda asked: None), Prompt.load(None), "go", LatencyPolicy.parse("fixed:0.5")), cockpit
+        Questions(Slow(lambda _count: None), Prompt.load(None), "go", LatencyPolicy.parse("fixed:0.5")), cockpit
     ).fly(5.0)
     log.close()
     assert "host" not in (tmp_path / "decisions.jsonl").read_text()
@@ -177,4 +177,4 @@ def test_the_threshold_is_what_it_says(lag_s: float, wait_s: float, is_delayed: 
         step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=None, host_lag_s=lag_s, frame_wait_s=wait_s
     )
     assert delayed(step) is is_delayed
-    assert host_stalls([step, step]) == int(is_delayed)  # a fleet's rows of one step are one
+    assert host_stalls([step, step]) == int(is_delayed)  # the rows of a fleet's step count once

@@ -1,4 +1,4 @@
-"""What a decision counts from where the vehicle tells late how it stood when its picture was taken."""
+"""Decisions count from the vehicle's pose at the image's time, also if telemetry reports it late."""
 
 import math
 
@@ -17,17 +17,17 @@ AHEAD, ASIDE = Go(500.0, 500.0, 20.0), Go(970.0, 500.0, 20.0)  # this one turns 
 
 
 class TellsLate:
-    """A vehicle that flies north and turns all the time, and tells half a second later where it was."""
+    """A vehicle that flies north and turns. It reports each pose half a second late."""
 
     def __init__(self):
         self.time_us, self.steady = TAKEN_US, True
-        self.flown = []  # what each setpoint's angles count from
+        self.flown = []  # the pose from which each setpoint's angles count
         self._told_us = -TELLS_US
         self._track = PoseHistory()
         self.listen()
 
     def pose(self, time_us):
-        return (2.0 * time_us / 1e6) ** 2, 0.8 * (time_us / 1e6) ** 2  # nothing that could be carried on
+        return (2.0 * time_us / 1e6) ** 2, 0.8 * (time_us / 1e6) ** 2  # cannot be extrapolated
 
     def listen(self):
         while self._told_us <= self.time_us - 500_000 - TELLS_US:
@@ -57,48 +57,48 @@ def where(sight):
 
 @pytest.mark.parametrize("action", [AHEAD, ASIDE, Rotate(30.0)])
 def test_a_decision_counts_from_where_the_vehicle_was_and_not_from_what_was_known_at_the_shutter(action):
-    one = TellsLate()
-    drone = Drone(0, one, CAMERA)
+    vehicle = TellsLate()
+    drone = Drone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
-    assert where(one.sight(TAKEN_US)) != pytest.approx(one.pose(TAKEN_US), abs=0.1)  # not told yet
-    one.pass_to(1_600_000)
+    assert where(vehicle.sight(TAKEN_US)) != pytest.approx(vehicle.pose(TAKEN_US), abs=0.1)  # not reported yet
+    vehicle.pass_to(1_600_000)
     drone.plan(action)
     drone.begin(0.6)
-    assert where(one.flown[0]) == pytest.approx(one.pose(TAKEN_US))
+    assert where(vehicle.flown[0]) == pytest.approx(vehicle.pose(TAKEN_US))
 
 
-def test_what_is_told_during_the_turn_counts_for_the_move_after_it():
-    one = TellsLate()
-    drone = Drone(0, one, CAMERA)
+def test_telemetry_during_a_turn_counts_for_the_next_move():
+    vehicle = TellsLate()
+    drone = Drone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
-    one.pass_to(1_100_000)
+    vehicle.pass_to(1_100_000)
     drone.plan(ASIDE)
     drone.begin(0.1)
-    one.pass_to(4_100_000)
+    vehicle.pass_to(4_100_000)
     drone.advance(3.1)
-    assert [where(seen) == pytest.approx(one.pose(TAKEN_US)) for seen in one.flown] == [False, True]
+    assert [where(seen) == pytest.approx(vehicle.pose(TAKEN_US)) for seen in vehicle.flown] == [False, True]
 
 
 def test_the_steady_drone_sees_its_place_from_there_too():
-    one = TellsLate()
-    drone = SteadyDrone(0, one, CAMERA)
+    vehicle = TellsLate()
+    drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
-    one.pass_to(1_600_000)
+    vehicle.pass_to(1_600_000)
     drone.plan(AHEAD)
     assert drone._place is not None
-    assert drone._place == seen_place(AHEAD, one.sight(TAKEN_US), CAMERA)
-    north, heading = one.pose(TAKEN_US)
+    assert drone._place == seen_place(AHEAD, vehicle.sight(TAKEN_US), CAMERA)
+    north, heading = vehicle.pose(TAKEN_US)
     assert drone._place.from_ned[0] == pytest.approx(north)
     bearing = math.atan2(drone._place.place_ned[1], drone._place.place_ned[0] - north)
     assert bearing == pytest.approx(heading, abs=0.01)
 
 
 def test_after_the_slowest_reply_to_the_latest_picture_it_is_still_known():
-    """A minute from the shutter to the agent, five to the reply."""
-    one = TellsLate()
-    drone = Drone(0, one, CAMERA)
+    """A minute from the shutter to the agent, five minutes to the reply."""
+    vehicle = TellsLate()
+    drone = Drone(0, vehicle, CAMERA)
     drone.see(TAKEN_US)
-    one.pass_to(TAKEN_US + 360_000_000)
+    vehicle.pass_to(TAKEN_US + 360_000_000)
     drone.plan(AHEAD)
     drone.begin(360.0)
-    assert where(one.flown[0]) == pytest.approx(one.pose(TAKEN_US))
+    assert where(vehicle.flown[0]) == pytest.approx(vehicle.pose(TAKEN_US))

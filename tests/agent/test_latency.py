@@ -36,7 +36,7 @@ class Answering:
 
 
 class Later(Executor):
-    """An executor whose call is still under way."""
+    """An executor whose call is still in progress."""
 
     def __init__(self):
         self.future: Future[Reply] = Future()
@@ -122,7 +122,7 @@ def test_a_latency_is_drawn_once_however_often_the_clock_ticks():
 
 
 class Thinking(Answering):
-    """Answers when it is told to."""
+    """Answers when `may_answer` is set."""
 
     def __init__(self):
         super().__init__(latency_s=7.0)
@@ -148,7 +148,7 @@ def test_a_clock_that_waits_goes_on_beside_a_question_until_its_reply_is_due():
 
 
 def test_a_reply_that_is_there_is_not_looked_at_before_it_is_due():
-    """Nor is a fault: when it came is the machine's affair, and a flight is the same twice."""
+    """The same applies to a fault. Its arrival time depends on the machine, and a flight must be reproducible."""
     asking = Asking(
         Answering(error=ModelError("gone")),
         REQUEST,
@@ -166,7 +166,7 @@ def test_a_reply_that_is_there_is_not_looked_at_before_it_is_due():
 
 
 @pytest.mark.parametrize("policy", ["measured", "real"])
-def test_what_is_not_foreseen_is_not_asked_beside(policy):
+def test_unforeseeable_latencies_are_not_asked_in_parallel(policy):
     asked_by = []
 
     class Here(Answering):

@@ -1,4 +1,4 @@
-"""What a reply is charged: each policy against its distribution, each draw a question's own, each word read."""
+"""Latency policies: each against its distribution, each draw per question, each policy text parsed."""
 
 import itertools
 import math
@@ -61,9 +61,9 @@ def sigma_of(cv: float) -> float:
         ("jitter:0.5,1,0.9", stats.lognorm(sigma_of(1.0), scale=2.0 * math.exp(-(sigma_of(1.0) ** 2) / 2))),
     ],
 )
-def test_what_is_drawn_has_the_distribution_that_was_asked_for(policy, expected):
+def test_draws_have_the_requested_distribution(policy, expected):
     drawn = draws(policy, 600, 3)
-    for step in (0, 2):  # of different seeds, so that they are independent whatever two in a row have in common
+    for step in (0, 2):  # different seeds, so that the samples are independent
         assert stats.kstest(drawn[:, step], expected.cdf).pvalue > 0.003
     assert np.median(drawn) == pytest.approx(expected.median(), rel=0.15)
 
@@ -91,12 +91,12 @@ def test_jitter_has_the_mean_of_its_rate_the_spread_and_what_two_in_a_row_have_i
     ("policy", "rare_s", "often_s", "share"),
     [("bimodal:0.2,4,0.75", 4.0, 0.2, 0.25), ("stall:0.1,6", 6.0, 0.0, 0.1), ("stall:0,6", 6.0, 0.0, 0.0)],
 )
-def test_what_happens_with_a_probability_happens_so_often(policy, rare_s, often_s, share):
+def test_rare_events_have_the_requested_probability(policy, rare_s, often_s, share):
     drawn = draws(policy)
     assert set(drawn.ravel()) <= {rare_s, often_s}
     rare, total = int((drawn == rare_s).sum()), drawn.size
     assert stats.binomtest(rare, total, share).pvalue > 0.003
-    following = drawn[:, 1:][drawn[:, :-1] == rare_s] == rare_s  # one says nothing of the next
+    following = drawn[:, 1:][drawn[:, :-1] == rare_s] == rare_s  # each is independent of the next
     assert following.size == 0 or stats.binomtest(int(following.sum()), following.size, share).pvalue > 0.003
 
 
@@ -107,9 +107,9 @@ def test_more_stalls_stall_the_same_questions_and_others_besides():
 
 
 def test_a_trace_is_replayed_in_its_order_from_a_drawn_place_and_round_again():
-    whole = draws(TRACE, 60, 12)
+    latencies = draws(TRACE, 60, 12)
     begins = set()
-    for replayed in whole:
+    for replayed in latencies:
         begin = RECORDED.index(replayed[0])
         begins.add(begin)
         assert list(replayed) == [RECORDED[(begin + k) % len(RECORDED)] for k in range(12)]
@@ -124,7 +124,7 @@ def test_tokens_cost_what_they_are_many_and_uncounted_ones_four_characters_each(
     assert charged("measured+fixed:1", question, Reply("", 9.0)) == 10.0
 
 
-class Said:
+class FixedReply:
     """A model with one reply."""
 
     name = "said"
@@ -145,7 +145,8 @@ class Said:
 @pytest.mark.parametrize(("last_s", "due_s"), [(None, 10.3), (9.5, 14.5), (2.0, 10.3), (5.3, 10.3)])
 def test_a_capped_rate_holds_a_reply_back_until_so_long_after_the_last_one(last_s, due_s):
     asking = Asking(
-        Said(Reply("{}", 0.0)), Request("p", (b"",), False), InlineExecutor(), LatencyPolicy.parse("fixed:0.3+cap:0.2"),
+        FixedReply(Reply("{}", 0.0)), Request("p", (b"",), False), InlineExecutor(),
+        LatencyPolicy.parse("fixed:0.3+cap:0.2"),
         Question((0,), 4, 0), 10.0, False, last_s,
     )  # fmt: skip
     assert not asking.due(due_s - 0.01)
@@ -163,16 +164,16 @@ def test_a_draw_is_the_questions_and_nothing_elses(policy):
         "episode": [Question((seed, 2), 30, 0) for seed in range(2, 21)],
     }
     alone = charged(policy, question)
-    for asked in others.values():
-        assert len({charged(policy, each) for each in asked}) > 1
+    for questions in others.values():
+        assert len({charged(policy, other_question) for other_question in questions}) > 1
     assert charged(policy, question) == alone
 
 
-def test_what_is_added_up_is_drawn_apart_and_what_it_is_added_to_stays():
-    question = [Question((3, 1), step, 0) for step in range(300)]
-    for one in ("lognormal:1,0.5", "gamma:1,0.5", "jitter:1,0.5"):
-        both = np.array([charged(f"{one}+stall:0.5,200", each) for each in question])
-        own = np.array([charged(one, each) for each in question])
+def test_added_policies_have_independent_draws():
+    questions = [Question((3, 1), step, 0) for step in range(300)]
+    for base in ("lognormal:1,0.5", "gamma:1,0.5", "jitter:1,0.5"):
+        both = np.array([charged(f"{base}+stall:0.5,200", question) for question in questions])
+        own = np.array([charged(base, question) for question in questions])
         stalled = both > own + 100.0
         assert both[~stalled] == pytest.approx(own[~stalled], abs=1e-12)
         assert both[stalled] == pytest.approx(own[stalled] + 200.0, abs=1e-9)
@@ -180,7 +181,7 @@ def test_what_is_added_up_is_drawn_apart_and_what_it_is_added_to_stays():
 
 
 def test_no_two_draws_of_a_flight_are_one():
-    """Each draw of a flight begins at a state of its own: of what a reply takes, of pictures, of a pilot who errs."""
+    """Every draw of a flight has its own random state: of reply times, of images, and of a noisy pilot."""
     streams: dict[str, set[Any]] = {}
     begun = np.random.default_rng
 
@@ -206,8 +207,8 @@ def test_no_two_draws_of_a_flight_are_one():
             )
             pilot([at])
     assert len(streams) == len(RANDOM) + 3
-    for one, other in itertools.combinations(streams, 2):
-        assert not streams[one] & streams[other], (one, other)
+    for first, second in itertools.combinations(streams, 2):
+        assert not streams[first] & streams[second], (first, second)
 
 
 BOUNDS = {name: [(each.low, each.high) for each in kind.quantities] for name, kind in KINDS.items() if kind.quantities}
@@ -231,7 +232,7 @@ def test_every_policy_within_its_bounds_is_read_and_charges_what_is_its_sum(word
     assert str(policy) == text
     assert policy.foreseen == ("tokens" not in text)
     own = [charged(word, question, reply) for word in words]
-    assert all(0.0 <= each <= LONGEST_S for each in own)
+    assert all(0.0 <= charge <= LONGEST_S for charge in own)
     assert charged(text, question, reply) == pytest.approx(sum(own), abs=1e-9)  # a first reply is not held back
 
 
@@ -244,7 +245,7 @@ def test_every_policy_within_its_bounds_is_read_and_charges_what_is_its_sum(word
         ),
     )
 )  # fmt: skip
-def test_whatever_is_no_policy_is_refused_and_what_is_one_charges(text):
+def test_any_text_is_rejected_or_a_policy_that_charges(text):
     try:
         policy = LatencyPolicy.parse(text)
     except UsageError:
@@ -252,7 +253,7 @@ def test_whatever_is_no_policy_is_refused_and_what_is_one_charges(text):
     assert policy.real or policy.charge_s(Question((0,), 0, 0), Circumstance(Reply("", 0.0))) >= 0.0
 
 
-def test_what_is_wrong_with_a_policy_is_said():
+def test_errors_in_a_policy_are_named():
     for text, word in [
         ("gamma:1", "gamma:MEAN,CV"),
         ("bimodal:1,2,3", "SHARE"),

@@ -1,4 +1,4 @@
-"""Nothing that hangs beside the loop keeps a vehicle in the air for longer than the pilot's patience."""
+"""A hanging camera or model does not keep a vehicle in the air for longer than the pilot's patience."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""A pitched camera: the pixel of a known place leads to that place."""
+"""A pitched camera: the pixel of a known place leads back to that place."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What a commander's reply is read as: all of it or, with the reason, nothing."""
+"""A commander's reply is parsed completely, or rejected with a reason."""
 
 import json
 from typing import Any
@@ -13,7 +13,7 @@ from tests.support.refusal import refusal
 LOOK: dict[str, Any] = {"drone": 2, "goal": "look at the left one"}
 
 
-def test_what_can_be_read():
+def test_valid_replies_are_read():
     for reply, read in [
         ({"orders": [LOOK], "confirm": [3]}, FleetOrders(((1, "look at the left one"),), (2,))),
         ({"orders": [], "confirm": []}, FleetOrders()),
@@ -30,7 +30,7 @@ def test_what_can_be_read():
         assert parse_orders(reply if isinstance(reply, str) else json.dumps(reply), 4) == read, reply
 
 
-def test_what_cannot_is_told_and_changes_nothing():
+def test_invalid_replies_are_rejected_with_a_reason():
     for reply, word in [
         ("", "JSON"),
         ("all of them: go left", "JSON"),
@@ -80,5 +80,5 @@ def test_any_reply_is_orders_for_drones_that_there_are_or_an_error(reply, drones
 def test_a_reply_without_end_is_read_in_part(reply):
     with pytest.raises(OrdersError):
         parse_orders(reply, 4)
-    with pytest.raises(OrdersError):  # what is beyond the limit is not read
+    with pytest.raises(OrdersError):  # text beyond the limit is not read
         parse_orders(" " * MAX_REPLY_CHARS + '{"confirm":[1]}', 4)

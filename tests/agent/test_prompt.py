@@ -8,7 +8,7 @@ from dronecats.agent.prompt import FLEET, FRAMED, SINGLE, History, Prompt
 from dronecats.pilots import actions
 from foundation.camera import CameraModel
 from foundation.errors import UsageError
-from tests.agent.paper_words import known, rows
+from tests.agent.paper_words import paper_fingerprints, rows
 
 
 def test_history_is_five_lines_in_pixels_with_the_newest_tagged():
@@ -37,7 +37,7 @@ def test_prompt_fills_its_fields_and_nothing_else():
 
 
 def test_the_prompt_says_what_a_think_is_worth_and_how_depths_make_strides():
-    """Of substance in the paper's prompt: a think is no wasted step, and far things want large depths."""
+    """Content of the paper's prompt: a think is no wasted step, and far targets need large depths."""
     _, think, finished = (
         part.partition("\n# ")[0] for part in re.split('"(?:think|finished)"', Prompt.load().template)
     )
@@ -69,19 +69,19 @@ def test_a_fleet_is_asked_for_an_array_and_told_about_its_pictures():
 
 @pytest.mark.parametrize("drones", [1, 4])
 def test_the_prompt_keeps_to_itself_what_the_benchmark_measures(drones):
-    """Neither the radius, nor that one arrival settles a fleet's episode, nor how a fleet should go about it."""
+    """The prompt hides the radius, that one arrival ends a fleet's episode, and how a fleet should search."""
     prompts = [Prompt.load().render("go to the van", "(none)", 5, drones=drones), CommandPrompt.load().template]
     text = " ".join(" ".join(prompts).split()).lower()
     assert not re.search(r"\b(five|5|5\.0)\s*(m|met\w+)\b", text)
-    told = r"\b(radius|enough|divide|share|split|spread|pool\w*|one drone|any drone|verif\w+|score\w*)\b"
-    assert not re.search(told, text)
+    forbidden = r"\b(radius|enough|divide|share|split|spread|pool\w*|one drone|any drone|verif\w+|score\w*)\b"
+    assert not re.search(forbidden, text)
 
 
 def test_not_six_words_in_a_row_are_the_papers():
     of_commander = (CommandPrompt.load().template, *CAUSES.values())
     ours = rows("\n".join((Prompt.load().template, *SINGLE.values(), *FLEET.values(), *FRAMED, *of_commander)))
-    assert len(known()) > 800
-    assert [words for key, words in ours.items() if key in known()] == []
+    assert len(paper_fingerprints()) > 800
+    assert [words for key, words in ours.items() if key in paper_fingerprints()] == []
 
 
 ONE_OBJECT = """Fly there: {instruction}

@@ -1,4 +1,4 @@
-"""The listing of a prompt in a LaTeX source: which it is, and to the character."""
+"""The prompt's listing in a LaTeX source: it is identified and returned unchanged."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What reaches the model is what the paper declares: prompt, history, pictures, sampling, reasoning when asked for."""
+"""The model receives the paper's declared input: prompt, history, images, sampling, and reasoning on request."""
 
 import struct
 
@@ -49,7 +49,7 @@ def test_any_drone_of_a_fleet_lifts_the_next_call_that_answers_for_all(tmp_path)
 @pytest.mark.parametrize(
     ("provider", "quick", "slow"),
     [
-        ("openai", {}, {}),  # whose models differ: their rows say how each reasons
+        ("openai", {}, {}),  # models of OpenAI differ: their rows define how each reasons
         ("openrouter", {"reasoning": {"enabled": False}}, {"reasoning": {"enabled": True}}),
         ("vllm", *({"chat_template_kwargs": {"enable_thinking": on}} for on in (False, True))),
         ("local", {}, {}),
@@ -118,7 +118,7 @@ def test_a_picture_is_reduced_to_640_px_and_never_enlarged_at_quality_85(tmp_pat
     assert (picture.shape[1], picture.shape[0]) == sent
     assert luminance_table(jpeg) == [max(1, (base * 30 + 50) // 100) for base in LUMINANCE]  # of quality 85
     assert apart(picture, views.picture(1)) < 8.0
-    assert (tmp_path / "000001.jpg").read_bytes() == jpeg  # and what is kept is what was sent
+    assert (tmp_path / "000001.jpg").read_bytes() == jpeg  # the stored image is the sent image
 
 
 # The luminance table of quality 50, ITU-T T.81 annex K, in the order of the file (zigzag).
@@ -129,7 +129,7 @@ LUMINANCE = [16, 11, 12, 14, 12, 10, 16, 14, 13, 14, 18, 17, 16, 19, 24, 40,
 
 
 def luminance_table(jpeg):
-    """The first quantisation table of a JPEG: marker FFDB, length, class and number, 64 bytes."""
+    """Return the first quantisation table of a JPEG: marker FFDB, length, class and number, 64 bytes."""
     at = 2
     while jpeg[at : at + 2] != b"\xff\xdb":
         at += 2 + struct.unpack(">H", jpeg[at + 2 : at + 4])[0]
@@ -142,6 +142,6 @@ def decoded(jpeg):
 
 
 def apart(picture, taken):
-    """The mean difference (of 255) between two pictures, colours in order, at the size of the first."""
+    """Return the mean difference (of 255) between two images, at the size of the first."""
     resized = cv2.resize(taken, (picture.shape[1], picture.shape[0]), interpolation=cv2.INTER_AREA)
     return float(np.abs(picture.astype(int) - resized.astype(int)).mean())

@@ -1,4 +1,4 @@
-"""Which file imports which, whenever it does: at the top, in a function, or for a type checker only.
+"""The import graph of the files: imports at the top, in a function, or for a type checker only.
 
 A module that is named in a string, as a child process is, counts as imported by the file that names it.
 """
@@ -12,30 +12,30 @@ ROOMS = ("dronecats", "autopilot", "vehicles", "episodes", "hil", "foundation")
 
 def modules(root: Path = ROOT, rooms: tuple[str, ...] = ROOMS) -> dict[str, Path]:
     """Return module → file of every module of the rooms."""
-    found = {}
+    paths = {}
     for room in rooms:
         for path in sorted((root / room).rglob("*.py")):
             parts = path.relative_to(root).with_suffix("").parts
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
-    return found
+            paths[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return paths
 
 
-def graph(known: dict[str, Path]) -> dict[str, set[str]]:
+def graph(modules_by_name: dict[str, Path]) -> dict[str, set[str]]:
     """Return module → the modules that its file imports or names."""
-    return {name: _imported(path, known) - {name} for name, path in known.items()}
+    return {name: _imported(path, modules_by_name) - {name} for name, path in modules_by_name.items()}
 
 
-def _imported(path: Path, known: dict[str, Path]) -> set[str]:
-    found: set[str] = set()
+def _imported(path: Path, modules_by_name: dict[str, Path]) -> set[str]:
+    names: set[str] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
+            names.update(alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
             inner = {f"{node.module}.{alias.name}" for alias in node.names}
-            found.update(inner & known.keys() or {node.module})
+            names.update(inner & modules_by_name.keys() or {node.module})
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and "." in node.value:
-            found.add(node.value)
-    return found & known.keys()
+            names.add(node.value)
+    return names & modules_by_name.keys()
 
 
 def circles(edges: dict[str, set[str]]) -> list[list[str]]:
@@ -43,7 +43,7 @@ def circles(edges: dict[str, set[str]]) -> list[list[str]]:
     index: dict[str, int] = {}
     low: dict[str, int] = {}
     stack: list[str] = []
-    found: list[list[str]] = []
+    cycles: list[list[str]] = []
 
     def visit(name: str) -> None:
         index[name] = low[name] = len(index)
@@ -59,9 +59,9 @@ def circles(edges: dict[str, set[str]]) -> list[list[str]]:
             while not circle or circle[-1] != name:
                 circle.append(stack.pop())
             if len(circle) > 1:
-                found.append(sorted(circle))
+                cycles.append(sorted(circle))
 
     for name in edges:
         if name not in index:
             visit(name)
-    return sorted(found)
+    return sorted(cycles)

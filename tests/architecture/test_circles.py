@@ -1,4 +1,4 @@
-"""No file needs a file that needs it, however late it asks for it; and nothing of ours stands outside the rooms."""
+"""No file needs itself through other files, however late it imports them. Nothing of ours is outside the rooms."""
 
 from functools import cache
 from importlib.util import find_spec
@@ -35,8 +35,8 @@ def test_every_kind_of_circle_is_found(line, tmp_path):
     (tmp_path / "foundation").mkdir()
     for name, text in (("__init__", ""), ("first", line), ("second", "import foundation.first")):
         (tmp_path / "foundation" / f"{name}.py").write_text(text)
-    found = circles(graph(modules(tmp_path, ("foundation",))))
-    assert found == [["foundation.first", "foundation.second"]]
+    cycles = circles(graph(modules(tmp_path, ("foundation",))))
+    assert cycles == [["foundation.first", "foundation.second"]]
 
 
 def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_rooms():
@@ -48,11 +48,11 @@ def test_no_room_imports_tests_or_benchmarks_and_no_package_stands_outside_the_r
 
 
 def test_children_that_are_named_can_be_imported():
-    known = modules()
+    module_paths = modules()
     named = {name for needed in edges().values() for name in needed if name.endswith(("_process", ".worker"))}
     assert {"dronecats.flight.sitl.simulator_process", "dronecats.bench.worker"} <= named
     assert all(find_spec(name) for name in named)
-    assert Path(known["dronecats.bench.worker"]).is_file()
+    assert Path(module_paths["dronecats.bench.worker"]).is_file()
 
 
 def test_a_model_is_opened_in_one_place():
@@ -63,6 +63,6 @@ def test_a_model_is_opened_in_one_place():
 
 
 def test_only_the_command_line_reads_a_command_line():
-    """And the fits of the vision pilot, which are no part of the command line: developers run them from a clone."""
+    """And the fits of the vision pilot, which are outside the command line: developers run them from a clone."""
     reading = {name for name, path in modules().items() if "import argparse" in path.read_text(encoding="utf-8")}
     assert {name for name in reading if not name.startswith("dronecats.cli.")} == {"dronecats.pilots.fitting.__main__"}

@@ -1,4 +1,4 @@
-"""The walls between the rooms, and what a base install without the simulator must be able to import."""
+"""The walls between the rooms, and the modules that a base install without the simulator must import."""
 
 import subprocess
 import sys
@@ -14,7 +14,7 @@ def test_import_contracts_hold():
 
 
 def test_a_base_install_imports_agent_link_logger_and_verifier_without_the_simulator():
-    """numba, embreex and matplotlib belong to [sim]; a Raspberry Pi has none of our use of them."""
+    """numba, embreex and matplotlib belong to [sim]; a Raspberry Pi does not need our use of them."""
     code = """
 import importlib.abc, sys
 class Refuse(importlib.abc.MetaPathFinder):

@@ -15,14 +15,14 @@ def file_of(module):
 
 def imported(path):
     """Return the files of ours that a file imports at its top level."""
-    found = set()
+    files = set()
     for node in ast.parse(path.read_text()).body:
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in ROOMS:
             names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-            found |= {file_of(name) for name in names} - {None}
+            files |= {file_of(name) for name in names} - {None}
         elif isinstance(node, ast.Import):
-            found |= {file_of(alias.name) for alias in node.names if alias.name.split(".")[0] in ROOMS} - {None}
-    return found
+            files |= {file_of(alias.name) for alias in node.names if alias.name.split(".")[0] in ROOMS} - {None}
+    return files
 
 
 def test_whatever_a_kernel_names_is_in_the_name_of_the_cache():
@@ -33,7 +33,7 @@ def test_whatever_a_kernel_names_is_in_the_name_of_the_cache():
         if re.search(r"^@njit|= njit\(", path.read_text(), re.MULTILINE)
     ]
     assert len(kernels) > 20
-    known = set(sources())
-    assert set(kernels) <= known
-    named = {(path, other) for path in kernels for other in imported(path) if other not in known}
+    source_files = set(sources())
+    assert set(kernels) <= source_files
+    named = {(path, other) for path in kernels for other in imported(path) if other not in source_files}
     assert not {(p, o) for p, o in named if o.name != "__init__.py" and "compile_ahead" not in o.name}

@@ -1,4 +1,4 @@
-"""The check of test natures stops a test that needs more than its nature allows."""
+"""The check of test natures stops a test that exceeds its nature."""
 
 import socket
 import subprocess

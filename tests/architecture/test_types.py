@@ -1,11 +1,11 @@
-"""Types are checked everywhere: a folder that the checker is not told of is checked by nobody."""
+"""Types are checked everywhere: the checker knows every folder."""
 
 import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 CHECKER = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
-OF_LIBRARIES = {"module", "ignore_missing_imports", "follow_imports"}  # what a library without types may be granted
+OF_LIBRARIES = {"module", "ignore_missing_imports", "follow_imports"}  # permissions for libraries without types
 
 
 def test_every_package_is_checked():

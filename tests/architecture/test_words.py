@@ -1,4 +1,4 @@
-"""One meaning a word: a public class or type of the rooms has its name alone."""
+"""One meaning a word: a public class or type of the rooms has a unique name."""
 
 import ast
 from collections import defaultdict
@@ -6,13 +6,13 @@ from pathlib import Path
 
 from tests.architecture.import_graph import modules
 
-# name → why two may bear it
+# name → the reason why two may have it
 EXCEPTIONS: dict[str, str] = {}
 
 
 def meanings(files: dict[str, Path]) -> dict[str, dict[str, list[str]]]:
-    """Return name → meaning → the modules where it has that: a class is one, an alias is the type it stands for."""
-    found: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    """Return name → meaning → its modules. A class is one meaning; an alias means its type."""
+    by_name: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
     for module, path in files.items():
         for node in ast.parse(path.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef):
@@ -22,12 +22,12 @@ def meanings(files: dict[str, Path]) -> dict[str, dict[str, list[str]]]:
             else:
                 continue
             if not name.startswith("_"):
-                found[name][meaning].append(module)
-    return found
+                by_name[name][meaning].append(module)
+    return by_name
 
 
 def _alias(node: ast.stmt) -> tuple[str, str] | None:
-    """Return name and meaning of a type that an assignment names; None of type variables, which name no type."""
+    """Return name and meaning of a type that an assignment names; None for type variables."""
     if isinstance(node, ast.Assign) and len(node.targets) == 1:
         target, value = node.targets[0], node.value
     elif isinstance(node, ast.AnnAssign) and ast.unparse(node.annotation) == "TypeAlias" and node.value is not None:

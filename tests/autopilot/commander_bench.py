@@ -37,13 +37,13 @@ class StandInCore:
         self.estimate = np.zeros(1, ESTIMATE)[0]
         self.setpoint = np.zeros(1, SETPOINT)[0]
         self.state = np.zeros(1, np.dtype([("landed", "i8")]))[0]
-        self.told: list[tuple[str, float]] = []
+        self.parameter_changes: list[tuple[str, float]] = []
         e = self.estimate
         e["attitude"] = e["attitude_setpoint"] = (1.0, 0.0, 0.0, 0.0)
         e["hover_thrust"] = 0.5
 
     def set_parameter(self, name: str, value: float) -> None:
-        self.told.append((name, value))
+        self.parameter_changes.append((name, value))
 
     def parameter_defaults(self) -> dict[str, float]:
         return {"MPC_XY_P": 0.95, "MPC_XY_VEL_MAX": 12.0, "MC_ROLLRATE_P": 0.15}
@@ -83,7 +83,7 @@ class StandInCore:
 
 
 class Client:
-    """What hangs on a port: packs requests, collects answers."""
+    """A client at a port: packs requests and collects answers."""
 
     def __init__(self, port: Port, system: int = 245, component: int = 190) -> None:
         self.port = port
@@ -96,7 +96,7 @@ class Client:
         self.port.receive(self._packer.pack(message))
 
     def drain(self) -> list[dialect.MAVLink_message]:
-        """Collect and return what came since the last drain."""
+        """Collect and return the messages since the last drain."""
         new = self._parser.feed(self.port.take())
         self.inbox += new
         return new
@@ -158,7 +158,7 @@ class Client:
 
 
 class Timed:
-    """An autopilot in a time that passes when it is told to."""
+    """An autopilot whose time passes only on request."""
 
     autopilot: Autopilot
 

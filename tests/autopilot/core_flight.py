@@ -1,4 +1,4 @@
-"""One vehicle with its flight core in a compiled loop, and the record of what it did."""
+"""One vehicle with its flight core in a compiled loop, and the record of its flight."""
 
 import numpy as np
 from numba import njit

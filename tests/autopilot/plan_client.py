@@ -1,4 +1,4 @@
-"""A client that keeps plans: items around the bench's home, and the dialogues that take them up and down the wire."""
+"""A client with plans: items around the bench's home, and the dialogues for their upload and download."""
 
 import math
 

@@ -24,7 +24,7 @@ def lost(bench: Bench) -> bool:
     return any("Failsafe: position lost" in text for text in bench.client.texts())
 
 
-def test_what_is_in_use_may_be_two_and_a_half_times_as_uncertain(bench: Bench) -> None:
+def test_an_estimate_in_use_may_be_two_and_a_half_times_as_uncertain(bench: Bench) -> None:
     bench.core.estimate["position_std_h"] = 12.4  # COM_POS_FS_EPH is 5 m
     bench.run(3.0)
     assert not bench.commander.in_failsafe
@@ -35,10 +35,10 @@ def test_what_is_in_use_may_be_two_and_a_half_times_as_uncertain(bench: Bench) -
     height = bench.height
     bench.run(2.0)
     assert bench.height < height - 0.5
-    assert all(math.isnan(x) for x in bench.core.setpoint["position_ned"][:2])  # no place to hold is believed
+    assert all(math.isnan(x) for x in bench.core.setpoint["position_ned"][:2])  # no position is trusted for a hold
 
 
-def test_what_is_lost_must_be_good_for_a_second(bench: Bench) -> None:
+def test_a_lost_estimate_must_be_good_for_a_second(bench: Bench) -> None:
     estimate = bench.core.estimate
     estimate["position_std_h"] = 20.0
     bench.run(0.5)
@@ -46,7 +46,7 @@ def test_what_is_lost_must_be_good_for_a_second(bench: Bench) -> None:
     estimate["position_std_h"] = 6.0  # good enough to stay, not to come back
     bench.run(3.0)
     assert bench.commander.mode == "LAND"
-    for _ in range(4):  # a second is a second in one piece
+    for _ in range(4):  # a second without interruption
         estimate["position_std_h"] = 4.0
         bench.run(0.7)
         estimate["position_std_h"] = 6.0
@@ -65,7 +65,7 @@ def test_the_same_for_the_velocity(bench: Bench) -> None:
     assert bench.autopilot.state.velocity_valid
     bench.core.estimate["velocity_std_h"] = 2.6
     bench.run(0.3)
-    assert bench.autopilot.state.velocity_valid  # as after a blow, which the next fix puts right
+    assert bench.autopilot.state.velocity_valid  # as after a blow; the next fix corrects it
     bench.run(0.4)
     assert not bench.autopilot.state.velocity_valid
 
@@ -102,7 +102,7 @@ def test_a_landed_vehicle_is_judged_afresh(bench: Bench) -> None:
     assert bench.client.mode(4, 3) == 0
     assert bench.client.arm() == 0
     bench.client.disarm(force=True)
-    bench.core.estimate["position_std_h"] = 5.1  # on the ground it must be good to begin with
+    bench.core.estimate["position_std_h"] = 5.1  # on the ground it must be good from the beginning
     bench.run(0.1)
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
 

@@ -38,8 +38,8 @@ def heading(craft: Aircraft) -> float:
 
 def circle_through(places: np.ndarray) -> tuple[float, float, float]:
     """Return north and east (m) of the centre and the radius (m) of the circle that fits best."""
-    known = np.c_[2.0 * places[:, :2], np.ones(len(places))]
-    n, e, rest = np.linalg.lstsq(known, (places[:, :2] ** 2).sum(axis=1), rcond=None)[0]
+    coefficients = np.c_[2.0 * places[:, :2], np.ones(len(places))]
+    n, e, rest = np.linalg.lstsq(coefficients, (places[:, :2] ** 2).sum(axis=1), rcond=None)[0]
     return float(n), float(e), math.sqrt(rest + n * n + e * e)
 
 
@@ -53,14 +53,14 @@ def test_a_whole_circle_is_flown(craft: Aircraft, radius: float, speed: float) -
         places.append(craft.truth["position_ned"].copy())
         speeds.append(math.hypot(*craft.truth["velocity_ned"][:2]))
         headings.append(heading(craft))
-    flown = np.array(places)
-    n, e, r = circle_through(flown)
+    track = np.array(places)
+    n, e, r = circle_through(track)
     assert (n, e) == pytest.approx((NORTH, EAST), abs=1.5)  # the receiver's error
     assert r == pytest.approx(abs(radius), abs=0.25)
-    assert np.hypot(flown[:, 0] - n, flown[:, 1] - e) == pytest.approx(np.full(len(flown), r), abs=0.3)
+    assert np.hypot(track[:, 0] - n, track[:, 1] - e) == pytest.approx(np.full(len(track), r), abs=0.3)
     assert speeds == pytest.approx([speed] * len(speeds), rel=0.07)
-    assert -flown[:, 2] == pytest.approx(np.full(len(flown), HEIGHT), abs=1.5)
-    angles = np.arctan2(flown[:, 1] - e, flown[:, 0] - n)
+    assert -track[:, 2] == pytest.approx(np.full(len(track), HEIGHT), abs=1.5)
+    angles = np.arctan2(track[:, 1] - e, track[:, 0] - n)
     turned = np.unwrap(angles)[-1] - angles[0]
     assert turned == pytest.approx(math.copysign(2.2 * math.pi, radius), rel=0.1)  # positive: clockwise
     assert max(abs(wrap_pi(a + math.pi - h)) for a, h in zip(angles, headings, strict=True)) < math.radians(10.0)

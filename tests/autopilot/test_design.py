@@ -24,13 +24,13 @@ def test_every_loop_keeps_its_margins(name):
     checked = margins_by_control(load(name), gains)
     assert set(gains.margins) == set(checked)
     assert len(checked) == 10
-    for loop, found in checked.items():
-        assert found.phase_deg >= PHASE_MARGIN_MIN, loop
-        assert found.gain_db >= GAIN_MARGIN_MIN, loop
+    for loop, margins in checked.items():
+        assert margins.phase_deg >= PHASE_MARGIN_MIN, loop
+        assert margins.gain_db >= GAIN_MARGIN_MIN, loop
         own = gains.margins[loop]
-        assert own.phase_deg == pytest.approx(found.phase_deg, abs=0.1), loop
-        assert own.gain_db == pytest.approx(found.gain_db, abs=0.1), loop
-        assert own.crossover == pytest.approx(found.crossover, rel=1e-3), loop
+        assert own.phase_deg == pytest.approx(margins.phase_deg, abs=0.1), loop
+        assert own.gain_db == pytest.approx(margins.gain_db, abs=0.1), loop
+        assert own.crossover == pytest.approx(margins.crossover, rel=1e-3), loop
 
 
 @pytest.mark.parametrize("name", names())
@@ -45,9 +45,9 @@ def test_outer_loops_are_slower_than_inner_ones(name):
 
 def test_margin_of_a_loop_known_on_paper():
     """k / (s (s + 1) (s + 2)) turns at √2 rad/s, where its gain is k / 6."""
-    found = margin(lambda s: 1.0 / (s * (s + 1.0) * (s + 2.0)), np.geomspace(0.01, 100.0, 4000))
-    assert found.gain_db == pytest.approx(20.0 * math.log10(6.0), abs=0.01)
-    assert found.phase_deg == pytest.approx(53.41, abs=0.05)
+    margins = margin(lambda s: 1.0 / (s * (s + 1.0) * (s + 2.0)), np.geomspace(0.01, 100.0, 4000))
+    assert margins.gain_db == pytest.approx(20.0 * math.log10(6.0), abs=0.01)
+    assert margins.phase_deg == pytest.approx(53.41, abs=0.05)
 
 
 def test_slow_rotors_get_slower_loops():

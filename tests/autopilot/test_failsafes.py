@@ -1,4 +1,4 @@
-"""Each failsafe provoked: what the vehicle does, when, and what it says."""
+"""Each failsafe is triggered: the vehicle's action, its time, and its message."""
 
 import math
 
@@ -15,7 +15,7 @@ HEARTBEAT = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 
 FENCE_BIT = 0x100000
 
 
-def said(bench: Bench, *words: str) -> bool:
+def has_text(bench: Bench, *words: str) -> bool:
     return any(all(word in text for word in words) for text in bench.client.texts())
 
 
@@ -25,11 +25,11 @@ def fence_healthy(bench: Bench) -> bool:
 
 
 def after_delay(bench: Bench, mode: str, cause: str, name: str) -> None:
-    """The vehicle holds for COM_FAIL_ACT_T, then acts; both are said."""
+    """The vehicle holds for COM_FAIL_ACT_T, then acts; both are reported."""
     bench.until(lambda: bench.commander.in_failsafe, 3)
     began = bench.time_us
     assert bench.commander.mode == "HOLD"
-    assert said(bench, f"Failsafe: {cause}, {name} in 5 s")
+    assert has_text(bench, f"Failsafe: {cause}, {name} in 5 s")
     bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_HEARTBEAT)
     assert bench.client.of("HEARTBEAT")[-1].system_status == dialect.MAV_STATE_CRITICAL
     bench.until(lambda: bench.commander.mode == mode, 8)
@@ -47,7 +47,7 @@ def test_manual_control_loss(bench: Bench, choice: int, mode: str, name: str) ->
     after_delay(bench, mode, "manual control lost", name)
     bench.run(0.3, lambda: sticks(bench))
     assert bench.commander.mode == "HOLD"
-    assert said(bench, "Failsafe over")
+    assert has_text(bench, "Failsafe over")
 
 
 @pytest.mark.parametrize("exception", [{"COM_RCL_EXCEPT": 2}, {"COM_RC_IN_MODE": 4}, {"NAV_RCL_ACT": 0}])
@@ -68,7 +68,7 @@ def test_a_lost_link_lets_a_take_off_finish(bench: Bench) -> None:
     bench.client.command(dialect.MAV_CMD_NAV_TAKEOFF)
     bench.until(lambda: bench.commander.in_failsafe, 20)
     assert bench.height == pytest.approx(6.0, abs=0.4)
-    assert said(bench, "manual control lost")
+    assert has_text(bench, "manual control lost")
 
 
 def test_sticks_that_were_never_there_are_not_missed(bench: Bench) -> None:
@@ -85,7 +85,7 @@ def test_terminating_and_disarming_wait_for_nothing(bench: Bench, choice: int, m
     bench.run(11.0)
     if mode is None:
         assert not bench.commander.armed
-        assert said(bench, "Disarmed by failsafe")
+        assert has_text(bench, "Disarmed by failsafe")
     else:
         assert bench.commander.mode == mode
         assert bench.core.setpoint["kind"] == 0
@@ -100,7 +100,7 @@ def test_ground_station_loss_returns(bench: Bench) -> None:
     after_delay(bench, "RETURN", "ground station lost", "Return")
     bench.client.command(dialect.MAV_CMD_NAV_LAND)
     bench.run(1.0)
-    assert bench.commander.mode == "LAND"  # a landing vehicle is left alone
+    assert bench.commander.mode == "LAND"  # a landing vehicle continues
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_battery(bench: Bench, choice: int, level: float, mode: str, cause: str,
     bench.fly()
     bench.sensors["battery_remaining"] = 0.12
     bench.run(0.5)
-    assert said(bench, "Warning: battery low")
+    assert has_text(bench, "Warning: battery low")
     assert not bench.commander.in_failsafe
     bench.sensors["battery_remaining"] = level
     after_delay(bench, mode, cause, name)
@@ -136,7 +136,7 @@ def test_geofence_by_distance(bench: Bench, action: int, mode: str) -> None:
     bench.client.mode(6)
     bench.until(lambda: bench.commander.in_failsafe, 15, lambda: bench.client.velocity(6.0, 0.0, 0.0))
     assert 20.0 < bench.core.estimate["position_ned"][0] < 23.0
-    assert said(bench, "Failsafe: geofence breached")
+    assert has_text(bench, "Failsafe: geofence breached")
     assert not fence_healthy(bench)
     bench.run(5.5, lambda: bench.client.velocity(6.0, 0.0, 0.0))
     assert bench.commander.mode == mode
@@ -171,7 +171,7 @@ def test_geofence_polygon_with_a_hole(bench: Bench) -> None:
         bench.core.estimate["position_ned"][:2] = north, east
         bench.run(0.2)
         assert bool(bench.commander.supervision.breach) is breached, (north, east)
-        warned |= said(bench, "Warning: geofence breached")
+        warned |= has_text(bench, "Warning: geofence breached")
         assert fence_healthy(bench) is not breached
     assert not bench.commander.in_failsafe  # GF_ACTION 1 warns
     assert warned
@@ -181,7 +181,7 @@ def test_arming_outside_the_geofence_is_refused(bench: Bench) -> None:
     put(bench, GF_ACTION=3)
     assert upload(bench.client, [item(0, 5003, p=(10, 0, 0, 0), north=50.0, kind=1)], 1) == 0
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
-    assert said(bench, "outside the geofence")
+    assert has_text(bench, "outside the geofence")
 
 
 @pytest.mark.parametrize(
@@ -191,7 +191,7 @@ def test_a_vehicle_that_lies_is_not_fit(bench: Bench, attitude: tuple[float, ...
     bench.core.estimate["attitude"] = attitude
     bench.run(0.1)
     assert bench.client.arm() == dialect.MAV_RESULT_TEMPORARILY_REJECTED
-    assert said(bench, f"Attitude failure ({axis})")
+    assert has_text(bench, f"Attitude failure ({axis})")
     orbit = bench.client.command(dialect.MAV_CMD_DO_ORBIT, 10.0, 2.0, 0, math.nan, math.nan, math.nan, math.nan)
     assert orbit == dialect.MAV_RESULT_TEMPORARILY_REJECTED
     assert not bench.commander.armed
@@ -205,7 +205,7 @@ def test_position_loss_lands(bench: Bench) -> None:
     bench.core.estimate["position_valid"] = 0
     bench.run(0.5)
     assert bench.commander.mode == "LAND"
-    assert said(bench, "Failsafe: position lost")
+    assert has_text(bench, "Failsafe: position lost")
 
 
 def test_position_loss_leaves_the_pilot_the_altitude(bench: Bench) -> None:
@@ -215,12 +215,12 @@ def test_position_loss_leaves_the_pilot_the_altitude(bench: Bench) -> None:
     bench.core.estimate["position_valid"] = 0
     bench.run(0.5, lambda: sticks(bench))
     assert bench.commander.mode == "ALTCTL"
-    assert said(bench, "Failsafe: position lost")
+    assert has_text(bench, "Failsafe: position lost")
     bench.core.estimate["altitude_valid"] = 0
     bench.run(0.5, lambda: sticks(bench))
     assert bench.commander.mode == "STABILIZED"
     bench.core.converge()
-    bench.run(1.3, lambda: sticks(bench))  # what was lost must be good for a second
+    bench.run(1.3, lambda: sticks(bench))  # a regained estimate must be good for a second
     assert bench.commander.mode == "POSCTL"
 
 
@@ -239,7 +239,7 @@ def test_attitude_failure_in_flight(bench: Bench, breaker: int, outcome: str) ->
     assert bench.commander.mode == "HOLD"  # FD_FAIL_R_TTRI
     bench.run(0.4)
     assert bench.commander.mode == outcome
-    assert said(bench, "attitude failure")
+    assert has_text(bench, "attitude failure")
 
 
 def test_attitude_failure_on_take_off_disarms(bench: Bench) -> None:
@@ -249,7 +249,7 @@ def test_attitude_failure_on_take_off_disarms(bench: Bench) -> None:
     tilt(bench, -70.0)
     bench.run(0.6)
     assert not bench.commander.armed
-    assert said(bench, "Disarmed by failsafe: attitude failure")
+    assert has_text(bench, "Disarmed by failsafe: attitude failure")
 
 
 def test_no_delay_when_it_is_switched_off(bench: Bench) -> None:
@@ -280,7 +280,7 @@ def test_the_pilot_takes_over_by_the_sticks(bench: Bench, choice: int, mode: str
     assert bench.commander.mode == "HOLD"  # less than COM_RC_STICK_OV
     bench.run(1.0, lambda: sticks(bench, x=500))
     assert bench.commander.mode == mode
-    assert said(bench, "Pilot took over") is (mode == "POSCTL")
+    assert has_text(bench, "Pilot took over") is (mode == "POSCTL")
 
 
 def test_the_sticks_wait_while_a_failsafe_counts_down(bench: Bench) -> None:
@@ -323,7 +323,7 @@ def test_the_more_severe_action_wins() -> None:
     assert evaluate(c._replace(just_armed=True), p).action == Reaction.DISARM
 
 
-def test_what_cannot_be_done_falls_back() -> None:
+def test_impossible_failsafe_actions_fall_back() -> None:
     back = Failsafe("x", Reaction.RETURN)
     assert reaction(back, "HOLD", sticks=False, position=True, home=True) == ("RETURN", "RETURN")
     assert reaction(back, "HOLD", sticks=False, position=True, home=False) == ("LAND", "LAND")

@@ -1,4 +1,4 @@
-"""Parameters outlive a restart, and a kill at any moment leaves a whole file."""
+"""Parameters survive a restart. A kill at any moment leaves a complete file."""
 
 import json
 import os
@@ -17,7 +17,7 @@ from tests.support.refusal import refusal
 INT32, REAL32 = dialect.MAV_PARAM_TYPE_INT32, dialect.MAV_PARAM_TYPE_REAL32
 
 
-def test_what_a_client_sets_is_there_after_a_restart(tmp_path: Path) -> None:
+def test_parameters_set_by_a_client_survive_a_restart(tmp_path: Path) -> None:
     file = tmp_path / "parameters.json"
     bench = Bench(profile="minimal", parameter_file=file)
     bench.client.set_parameter("MIS_TAKEOFF_ALT", 12.5, REAL32)
@@ -27,7 +27,7 @@ def test_what_a_client_sets_is_there_after_a_restart(tmp_path: Path) -> None:
     again = Bench(profile="minimal", parameter_file=file)
     parameters = again.autopilot.parameters
     assert [parameters[n] for n in ("MIS_TAKEOFF_ALT", "MC_ROLLRATE_P", "COM_RCL_EXCEPT")] == [12.5, 0.25, 4]
-    assert ("MC_ROLLRATE_P", 0.25) in again.core.told  # the inner loop hears of it as well
+    assert ("MC_ROLLRATE_P", 0.25) in again.core.parameter_changes  # the inner loop gets it as well
     parameters.reset()
     assert ParameterTable(file=file)["MIS_TAKEOFF_ALT"] == DEFAULTS["MIS_TAKEOFF_ALT"]
 

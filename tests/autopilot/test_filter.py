@@ -1,4 +1,4 @@
-"""The filter alone, fed by a world whose noise is what it assumes: consistency, and references for its parts."""
+"""The filter alone, with the noise that it assumes: consistency, and references for its parts."""
 
 import math
 from collections.abc import Callable
@@ -51,7 +51,7 @@ class Filter:
         self.state["baro_reference_m"] = ORIGIN[2]
         for name in ("position", "velocity", "baro", "mag"):
             self.state[f"{name}_fused_us"] = 1
-        self.covariance = np.zeros((STATES, STATES))  # its magnetometer is known to have no hard iron
+        self.covariance = np.zeros((STATES, STATES))  # its magnetometer has no hard iron
         self.covariance[:MOTION, :MOTION] = np.diag(STD0**2)
         self.params["mag_bias_std"] = 0.0
         self.history = np.zeros((HISTORY, 7))
@@ -201,12 +201,12 @@ def test_normalised_errors_are_consistent(manoeuvre):
         truth["bg"], truth["ba"] = start[9:12], start[12:15]
         row = []
         for k in range(4):
-            found = world(5000, seed if k == 0 else -1, 1.0, manoeuvre, 100, *filter_.args, truth, past)
+            innovations = world(5000, seed if k == 0 else -1, 1.0, manoeuvre, 100, *filter_.args, truth, past)
             error = error_of(filter_, truth)
             row.append(NEES(np.array([error]), np.zeros((1, MOTION)), filter_.covariance[None, :MOTION, :MOTION])[0])
         scores.append(row)
-        baro.append(found[0])
-        mag.append(found[1])
+        baro.append(innovations[0])
+        mag.append(innovations[1])
     low, high = chi2.ppf([0.001, 0.999], 15 * flights) / flights
     means = np.array(scores).mean(axis=0)
     assert (means > low).all(), means
@@ -220,7 +220,7 @@ def test_normalised_errors_are_consistent(manoeuvre):
 )
 @pytest.mark.parametrize("latency_ms", [0, 100, 200])
 def test_a_late_fix_is_held_against_its_own_instant(velocity, force, latency_ms):
-    """Neither constant speed nor constant acceleration leaves a bias, however late the fixes are."""
+    """Neither constant speed nor constant acceleration leaves a bias, for any delay of the fixes."""
     filter_, truth, past = Filter(), fresh_truth(), np.zeros((1000, 6))
     truth["v"], truth["force"] = velocity, force
     filter_.state["velocity"] = velocity
@@ -286,7 +286,7 @@ def test_sparse_propagation_equals_the_dense_product():
 
 
 def test_hard_iron_is_told_from_heading_by_turning():
-    """A magnetometer that is off along the vehicle misleads the first heading; a turn on the spot mends both."""
+    """A body-fixed magnetometer offset misleads the first heading. A turn on the spot corrects both."""
     filter_, truth = Filter(), fresh_truth()
     filter_.params["mag_bias_std"] = 0.01
     iron = (0.006, -0.005)  # gauss: a heading that is off by 1.3° facing north

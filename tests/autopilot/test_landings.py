@@ -1,4 +1,4 @@
-"""A landing that does not end, or does not end upright, is explained."""
+"""A landing that does not end, or does not end upright, is explained to the pilot."""
 
 import math
 
@@ -9,7 +9,7 @@ from tests.autopilot.commander_bench import Bench
 
 
 def landing(monkeypatch, lean_deg, *, carried):
-    """Return a bench that is told to land, leaning so much; `carried`: something keeps it where it is."""
+    """Return a bench with an order to land, leaning so much; `carried`: something holds it in place."""
     bench = Bench()
     bench.fly(3.0)
     step, height = bench.core.step, bench.core.estimate["position_ned"][2]
@@ -31,10 +31,10 @@ def test_a_landing_that_is_blocked_says_so_once(monkeypatch):
     bench = landing(monkeypatch, 40.0, carried=True)
     bench.run(30.0)
     assert bench.commander.armed
-    said = [text for text in bench.client.texts() if "Landing blocked" in text]
-    assert len(said) == 1
-    assert "40" in said[0]
-    assert len(said[0]) <= 50
+    texts = [text for text in bench.client.texts() if "Landing blocked" in text]
+    assert len(texts) == 1
+    assert "40" in texts[0]
+    assert len(texts[0]) <= 50
 
 
 @pytest.mark.parametrize(("lean_deg", "is_told"), [(0.0, False), (15.0, False), (45.0, True)])
@@ -42,7 +42,7 @@ def test_a_vehicle_that_has_landed_leaning_says_how_far(monkeypatch, lean_deg, i
     bench = landing(monkeypatch, lean_deg, carried=False)
     bench.run(30.0)
     assert not bench.commander.armed
-    said = " ".join(bench.client.texts())
-    assert ("not upright" in said) == is_told
-    assert not is_told or "45" in said
-    assert "Landing blocked" not in said
+    texts = " ".join(bench.client.texts())
+    assert ("not upright" in texts) == is_told
+    assert not is_told or "45" in texts
+    assert "Landing blocked" not in texts

@@ -1,4 +1,4 @@
-"""Demands in, rotor thrusts out: the inverse holds inside the range, the priorities at its border."""
+"""From demands to rotor thrusts: the inverse holds inside the range, the priorities at its border."""
 
 from dataclasses import replace
 
@@ -81,7 +81,7 @@ def test_thrust_rises_for_attitude_only_with_airmode(name, roll, pitch, thrust):
 
 @unhurried
 @given(airframe_names, torques, torques, torques, st.floats(0.0, 1.0))
-def test_what_is_cut_keeps_its_direction(name, roll, pitch, yaw, thrust):
+def test_limited_demands_keep_their_direction(name, roll, pitch, yaw, thrust):
     (share, turn, collective), _, made = distribute(name, roll, pitch, yaw, thrust)
     assert made == pytest.approx([share * roll, share * pitch, turn * yaw, collective], abs=1e-9)
 

@@ -12,7 +12,7 @@ from tests.autopilot.plan_client import item, upload
 
 
 @pytest.fixture(scope="module")
-def flown() -> Aircraft:
+def landed_craft() -> Aircraft:
     """A vehicle that has just flown a short mission and landed at home."""
     craft = Aircraft("x500", seed=4)
     craft.until(lambda: not craft.commander.arming_failures(), 15.0)
@@ -37,15 +37,15 @@ def take_off(craft: Aircraft, height: float) -> None:
     craft.until(lambda: craft.commander.mode == "HOLD", 30.0)
 
 
-def test_the_mission_ends_where_it_began(flown: Aircraft) -> None:
-    assert math.hypot(*flown.truth["position_ned"][:2]) < 2.0
-    assert [m.seq for m in flown.client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
-    assert not any("Failsafe" in text for text in flown.client.texts())
+def test_the_mission_ends_where_it_began(landed_craft: Aircraft) -> None:
+    assert math.hypot(*landed_craft.truth["position_ned"][:2]) < 2.0
+    assert [m.seq for m in landed_craft.client.of("MISSION_ITEM_REACHED")] == [0, 1, 2, 3, 4]
+    assert not any("Failsafe" in text for text in landed_craft.client.texts())
 
 
-def test_a_mission_from_mavproxy_is_flown_to_its_end(flown: Aircraft) -> None:
-    """What MAVProxy 1.8.75 sends for `wp load`, `arm throttle` and `long MISSION_START`; item 0 is the file's home."""
-    craft, client = flown, Client(flown.autopilot.open_port("gcs"), 255, 230)
+def test_a_mission_from_mavproxy_is_flown_to_its_end(landed_craft: Aircraft) -> None:
+    """MAVProxy 1.8.75's messages for `wp load`, `arm throttle` and `long MISSION_START`; item 0 is the file's home."""
+    craft, client = landed_craft, Client(landed_craft.autopilot.open_port("gcs"), 255, 230)
     start = craft.truth["position_ned"].copy()
     zeros = (0.0, 0.0, 0.0, 0.0)  # MAVProxy gives each item a yaw, north
     plan = [item(0, 16, frame=0, p=zeros, z=ORIGIN[2]), item(1, 22, frame=3, p=zeros, z=6.0),
@@ -74,8 +74,8 @@ def test_a_mission_from_mavproxy_is_flown_to_its_end(flown: Aircraft) -> None:
     craft.autopilot.close_port(client.port)
 
 
-def test_orbit_then_follow_then_sticks_then_fence(flown: Aircraft) -> None:
-    craft, client = flown, flown.client
+def test_orbit_then_follow_then_sticks_then_fence(landed_craft: Aircraft) -> None:
+    craft, client = landed_craft, landed_craft.client
     take_off(craft, 8.0)
     here = craft.truth["position_ned"][:2].copy()
     assert client.command(dialect.MAV_CMD_DO_ORBIT, 10.0, 3.0, 0, math.nan, math.nan, math.nan, math.nan) == 0
@@ -136,8 +136,8 @@ def test_orbit_then_follow_then_sticks_then_fence(flown: Aircraft) -> None:
     assert any("geofence breached" in text for text in client.texts())
 
 
-def test_a_setpoint_a_thousand_kilometres_away_is_flown_towards(flown: Aircraft) -> None:
-    craft, client = flown, flown.client
+def test_a_setpoint_a_thousand_kilometres_away_is_flown_towards(landed_craft: Aircraft) -> None:
+    craft, client = landed_craft, landed_craft.client
     craft.autopilot.parameters.set("GF_ACTION", 0)
     take_off(craft, 8.0)
 

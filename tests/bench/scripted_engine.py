@@ -1,4 +1,4 @@
-"""An engine that flies nothing: it writes the folders that flights would have left, as a script has it."""
+"""An engine that flies nothing: it writes the folders of flights from a script."""
 
 import json
 from collections import deque
@@ -12,11 +12,11 @@ from tests.judge.episode_logs import BEGIN, END, decision, frame, pose, write
 STUCK, NEAR, MOVED, SOLVED, BROKEN, SPENT = "stuck", "stuck and solved", "moved", "solved", "broken", "spent"
 REJECTED = "rejected"
 REASONS = {BROKEN: "error", SPENT: "budget", REJECTED: "rejected"}
-Script = Callable[[Sortie, int], str]  # a flight, and which of its episode's and run's it is, to what comes of it
+Script = Callable[[Sortie, int], str]  # (a flight, its count among those of its episode and run) → the result
 
 
 class ScriptedEngine:
-    """Lands flights last in, first out, so that nobody may count on an order."""
+    """Lands flights last in, first out, so no test relies on an order."""
 
     def __init__(self, script: Script) -> None:
         self._script = script
@@ -40,7 +40,7 @@ class ScriptedEngine:
 
 
 def fly(sortie: Sortie, what: str) -> Result:
-    """Leave the folder of a flight to which this happened, and return its result."""
+    """Leave the folder of a flight with this result, and return the result."""
     assert not list(sortie.folder.glob("*.jpg"))
     (sortie.folder / "episode.json").write_text(json.dumps(sortie.flight.record))
     if what in REASONS:
@@ -49,7 +49,7 @@ def fly(sortie: Sortie, what: str) -> Result:
     far_m = 0.4 if what in (STUCK, NEAR) else 20.0
     trace = [pose(t / 2, 12.0, place=[far_m * (t % 2), 0.0, -2.0]) for t in range(601)]
     near_m = 1.0 if what in (SOLVED, NEAR) else 12.0
-    told = [{**decision(0, 1, 3.0), "rate_hz": None}, {**decision(1, 2, 6.0), "rate_hz": 0.5}]
-    write(sortie.folder, told, [BEGIN, *trace, frame(1, 2.5, near_m), frame(2, 5.5, near_m), END])
+    decisions = [{**decision(0, 1, 3.0), "rate_hz": None}, {**decision(1, 2, 6.0), "rate_hz": 0.5}]
+    write(sortie.folder, decisions, [BEGIN, *trace, frame(1, 2.5, near_m), frame(2, 5.5, near_m), END])
     verdict = write_verdict(sortie.folder)
     return Result(episode=sortie.folder.name, outcome=verdict.outcome)

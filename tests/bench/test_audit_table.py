@@ -1,4 +1,4 @@
-"""The audit's table against a second way of counting, the floor under it, and the blind flights that ship."""
+"""The audit's table against a second way of counting, its floor, and the shipped blind flights."""
 
 import dataclasses
 import json
@@ -25,13 +25,13 @@ IDS = catalogue.ids()
 @st.composite
 def results(draw: st.DrawFn) -> list[dict[str, object]]:
     """Draw flights as the runner returns them."""
-    found = []
+    flights = []
     for episode in draw(st.lists(st.sampled_from(IDS), unique=True, max_size=12)):
         true = draw(st.integers(0, 4))
         false = draw(st.integers(0, 9))
         before = draw(st.integers(0, false)) if true else false  # false ones before the first true one
         outcome = draw(st.sampled_from(("scored", "scored", "error")))
-        found.append(
+        flights.append(
             {
                 "episode": episode,
                 "outcome": outcome if outcome == "error" else "success" if true else "failure",
@@ -44,25 +44,25 @@ def results(draw: st.DrawFn) -> list[dict[str, object]]:
                 "censored": draw(st.booleans()),
             }
         )
-    return found
+    return flights
 
 
-def made(flown: list[dict[str, object]]) -> list[Result]:
-    """Return them as rows; of an episode that is only named, nothing else is asked."""
-    return [Result(**{"outcome": "error", **one}) for one in flown]  # type: ignore[arg-type]
+def made(flights: list[dict[str, object]]) -> list[Result]:
+    """Return the flights as results. A flight may name only its episode."""
+    return [Result(**{"outcome": "error", **flight}) for flight in flights]  # type: ignore[arg-type]
 
 
 @settings(deadline=None, max_examples=60)
 @given(results())
-def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, object]]) -> None:
-    lines = {name: score_row(name, members) for name, members in groups(made(flown)).items()}
+def test_the_table_counts_what_a_second_count_counts(flights: list[dict[str, object]]) -> None:
+    lines = {name: score_row(name, members) for name, members in groups(made(flights)).items()}
     for name, line in lines.items():
         if name == "all":
-            mine = flown
+            mine = flights
         elif name in catalogue.SUITES:
-            mine = [f for f in flown if f["episode"] in catalogue.suite_ids(name)]
+            mine = [f for f in flights if f["episode"] in catalogue.suite_ids(name)]
         else:
-            mine = [f for f in flown if str(f["episode"])[:-3] == name]
+            mine = [f for f in flights if str(f["episode"])[:-3] == name]
         tally: dict[str, int] = defaultdict(int)
         shares, steps = [], []
         for one in mine:
@@ -92,7 +92,7 @@ def test_the_table_counts_what_a_second_count_counts(flown: list[dict[str, objec
     assert len(as_terminal(audit_table(lines.values(), {})).splitlines()) == len(lines) + 4
 
 
-def test_what_was_not_measured_is_a_dash_and_no_nought() -> None:
+def test_unmeasured_values_are_a_dash_and_not_zero() -> None:
     bare = score_row("all", made([{"episode": IDS[0], "outcome": "success", "steps": 4}]))
     assert (bare.solved_at_first, bare.solved_within_three, bare.precision, bare.false_declarations) == (
         None,
@@ -110,18 +110,18 @@ def a_flight(**values: Any) -> BlindFlight:
 def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
     two = IDS[:2]
     late, soon = a_flight(success=True, false_declarations=8), BlindFlight(True, False, True, 4, 3, 20)
-    flown = {
+    flights = {
         "blind:slow": dict.fromkeys(two, late),
         "blind:quick": {two[0]: soon, two[1]: a_flight()},
         "blind:lucky": {two[0]: soon},
     }
     both = made([{"episode": episode} for episode in two])
-    under = floor(flown, "all", both)
+    under = floor(flights, "all", both)
     assert under is not None
     assert (under.solved[0], under.solved[1].solved, under.solved[1].solved_within_three) == ("blind:slow", 2, 0)
     assert (under.within_three[0], under.within_three[1].solved_within_three) == ("blind:quick", 1)
-    assert floor(flown, "all", [*both, *made([{"episode": IDS[2]}])]) is None
-    one = floor(flown, "all", both[:1])
+    assert floor(flights, "all", [*both, *made([{"episode": IDS[2]}])]) is None
+    one = floor(flights, "all", both[:1])
     assert one is not None
     assert one.within_three[0] == "blind:lucky"
     lost = score_row("all", made([{"episode": e, "outcome": "failure", "steps": 9} for e in two]))
@@ -131,9 +131,9 @@ def test_the_floor_is_the_best_of_those_that_flew_all_of_a_line() -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(results())
-def test_kept_flights_make_the_rows_that_were_flown(flown: list[dict[str, object]]) -> None:
-    scored = [f for f in flown if f["outcome"] != "error"]
-    kept = merged({}, "blind:any", blind_flights(made(flown)), IDS)
+def test_kept_flights_make_the_rows_that_were_flown(flights: list[dict[str, object]]) -> None:
+    scored = [f for f in flights if f["outcome"] != "error"]
+    kept = merged({}, "blind:any", blind_flights(made(flights)), IDS)
     read = {"blind:any": {episode: BlindFlight(**one) for episode, one in kept["blind:any"].items()}}
     for name, members in groups(made(scored)).items():
         under = floor(read, name, members)
@@ -142,7 +142,7 @@ def test_kept_flights_make_the_rows_that_were_flown(flown: list[dict[str, object
         assert under is None or under.solved[1] == mine
 
 
-def test_what_is_no_table_of_flights_is_refused(tmp_path: Path) -> None:
+def test_invalid_tables_are_rejected(tmp_path: Path) -> None:
     for wrong in (
         "[]",
         '{"blind:fan": []}',
@@ -176,13 +176,13 @@ flown_yet = pytest.mark.skipif(
 
 
 def test_a_pattern_has_flown_the_whole_of_a_cell_or_nothing_of_it() -> None:
-    """A hole would leave a pilot out of the floor without a word."""
-    for pilot, flown in KEPT.items():
+    """A gap would drop a pilot from the floor without notice."""
+    for pilot, flights in KEPT.items():
         assert pilot.removeprefix("blind:") in PATTERNS
-        assert set(flown) <= set(catalogue.all_ids())
+        assert set(flights) <= set(catalogue.all_ids())
         for cell in CELLS:
             of_cell = [name for name in IDS if name.rpartition("-")[0] == cell]
-            assert len([name for name in of_cell if name in flown]) in (0, len(of_cell))
+            assert len([name for name in of_cell if name in flights]) in (0, len(of_cell))
 
 
 @flown_yet
@@ -193,8 +193,8 @@ def test_every_cell_has_its_floor() -> None:
 
 
 def too_good(table: BlindTable, cell: str) -> list[str]:
-    """Return the pilots that know nothing of the draw and are over SR₃ 10 % in a cell, or over SR 20 % and no sweep."""
-    of_cell, found = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell]), []
+    """Return the unaware pilots above SR₃ 10 % in a cell, or above SR 20 % without a sweep."""
+    of_cell, pilots = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell]), []
     for name in UNAWARE:
         under = floor({name: table.get(f"blind:{name}", {})}, cell, of_cell)
         if under is None:
@@ -202,12 +202,12 @@ def too_good(table: BlindTable, cell: str) -> list[str]:
         its = under.solved[1]
         sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that fan out are a sweep
         if (its.solved_within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not sweeps):
-            found.append(name)
-    return found
+            pilots.append(name)
+    return pilots
 
 
-def test_who_knows_nothing_of_the_draw_stays_on_the_floor() -> None:
-    """Those that know the 16 m are told of in the docs: no draw of residential records can keep them there."""
+def test_patterns_unaware_of_the_draw_score_at_most_the_floor() -> None:
+    """The docs describe the patterns that know the 16 m. No draw of residential records can keep them at the floor."""
     for cell in CELLS:
         assert too_good(KEPT, cell) == [], cell
 

@@ -1,4 +1,4 @@
-"""A run of many episodes on disk: gone on with, never mixed, nothing thrown away."""
+"""A run of many episodes on disk: it resumes, never mixes settings, and throws nothing away."""
 
 import dataclasses
 import json

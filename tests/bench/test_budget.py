@@ -1,4 +1,4 @@
-"""A run whose budget is spent is gone on with under a greater one, and what it has cost before counts."""
+"""A run with a spent budget resumes under a greater one. Earlier costs count."""
 
 from dataclasses import replace
 
@@ -32,23 +32,23 @@ def test_an_episode_that_cost_too_much_is_flown_again_under_a_greater_limit(tmp_
         accounts=Accounts(token_limit=2000),
     )
 
-    def flown(each):
-        flight = look_up(each)
+    def fly_spec(flight_spec):
+        flight = look_up(flight_spec)
         batch = Batch(tmp_path / "run", settings(flight, flight.camera))
         try:
             came: list[EndedFlight] = []
-            run = OpenRun(entry=BenchEntry(name="run", flight=each, episodes=(EASY,)), batch=batch, part=(EASY,))
+            run = OpenRun(entry=BenchEntry(name="run", flight=flight_spec, episodes=(EASY,)), batch=batch, part=(EASY,))
             ending = Campaign([run], jobs=1).fly(LocalEngine(tmp_path / "worker.log", 1), came.append)
             return ending, [one.result for one in came], batch.left([EASY])
         finally:
             batch.close()
 
-    ending, (spent,), left = flown(spec)
+    ending, (spent,), left = fly_spec(spec)
     assert ending == "budget"
     assert (spent.outcome, spent.reason, left) == ("error", "budget", [EASY])
     assert spent.error is not None
     assert "2,000 tokens" in spent.error
-    ending, (again,), left = flown(replace(spec, accounts=Accounts(token_limit=10**6)))
+    ending, (again,), left = fly_spec(replace(spec, accounts=Accounts(token_limit=10**6)))
     assert (ending, again.outcome, left) == ("flown", "success", [])
     ledger = Ledger(tmp_path / "run" / LEDGER)
     assert ledger.spent().questions == spent.steps + again.steps

@@ -1,4 +1,4 @@
-"""What is flown, in which order, what is flown once more, and when it ends: over folders as flights leave them."""
+"""The order, the retries and the end of a campaign, over folders as flights leave them."""
 
 import json
 import shutil
@@ -34,7 +34,7 @@ def bench(out, episodes=FOUR, flights=1, retry=True, **part):
 
 
 def fly(opened, script, jobs=2, retry=True):
-    """Fly what is left; return (the engine, how it ended, what came)."""
+    """Fly the remaining flights; return (the engine, the ending, the results)."""
     engine, came = ScriptedEngine(script), []  # type: ignore[var-annotated]
     ending = Campaign(opened.runs, jobs=jobs, retry=retry).fly(engine, came.append)
     assert engine.closed
@@ -55,7 +55,7 @@ def test_every_flight_is_flown_once_and_no_more_at_a_time_than_asked(tmp_path):
     again.close()
 
 
-def test_what_broke_is_flown_again_and_what_failed_is_kept(tmp_path):
+def test_broken_flights_are_repeated_and_failed_ones_are_kept(tmp_path):
     opened = bench(tmp_path / "b")
     fly(opened, lambda sortie, time: BROKEN if sortie.folder.name == FOUR[1] else MOVED)
     opened.close()
@@ -66,8 +66,8 @@ def test_what_broke_is_flown_again_and_what_failed_is_kept(tmp_path):
     again.close()
 
 
-def test_what_did_not_move_is_flown_once_more_and_then_stands(tmp_path):
-    """The first is stuck twice; the second gets away at its second flight."""
+def test_flights_that_did_not_move_are_retried_once(tmp_path):
+    """The first is stuck twice; the second moves in its second flight."""
     opened = bench(tmp_path / "b")
 
     def script(sortie, time):
@@ -78,8 +78,8 @@ def test_what_did_not_move_is_flown_once_more_and_then_stands(tmp_path):
     assert [each.again for each in came] == [True, False, True, False, False, False]
     run = opened.runs[0].batch.run
     assert {path.name for path in (run / RETRIED).iterdir()} == set(FOUR[:2])
-    told = json.loads((run / "retries.json").read_text())
-    assert told == {name: {"outcome": "failure", "track_m": 0.0} for name in FOUR[:2]}
+    retries = json.loads((run / "retries.json").read_text())
+    assert retries == {name: {"outcome": "failure", "track_m": 0.0} for name in FOUR[:2]}
     scores = {each.episode: each for each in opened.scores(lambda run, episode: None)}
     assert [scores[name].retried for name in FOUR] == [True, True, False, False]
     assert [scores[name].outcome for name in FOUR] == ["failure", "success", "failure", "failure"]
@@ -103,7 +103,7 @@ def test_without_the_rule_it_stands_at_once_and_may_be_retried_later(tmp_path):
 
 
 def test_a_retry_that_breaks_is_no_second_retry(tmp_path):
-    """A kill between moving the first flight away and landing the second: that one is flown, and no third."""
+    """A kill between the move of the first flight and the landing of the second: the second is flown, and no third."""
     opened = bench(tmp_path / "b", FOUR[:1])
 
     def script(sortie, time):
@@ -128,7 +128,7 @@ def test_a_spent_budget_begins_nothing_more(tmp_path):
     opened = bench(tmp_path / "b")
     engine, ending, came = fly(opened, lambda sortie, time: SPENT if sortie.folder.name == FOUR[1] else STUCK)
     assert ending == "budget"
-    assert len(engine.flown) == 2  # those in the air together; of what is left nothing is begun, no retry either
+    assert len(engine.flown) == 2  # those in the air together; no remaining flight begins, and no retry either
     assert not [each for each in came if each.again]
     opened.close()
     again = bench(tmp_path / "b")
@@ -157,9 +157,9 @@ def test_a_model_whose_endpoint_rejects_it_flies_no_more_and_others_do(tmp_path)
 @given(st.lists(st.integers(0, 999), unique=True, max_size=40), st.integers(1, 7), st.none() | st.integers(1, 50))
 def test_the_parts_hold_each_episode_once(numbers, parts, limit):
     episodes = [str(number) for number in numbers]
-    told = [part_of(episodes, limit, (k + 1, parts)) for k in range(parts)]
-    assert sorted(name for part in told for name in part) == sorted(episodes[:limit])
-    assert max(map(len, told)) - min(map(len, told)) <= 1
+    shards = [part_of(episodes, limit, (k + 1, parts)) for k in range(parts)]
+    assert sorted(name for part in shards for name in part) == sorted(episodes[:limit])
+    assert max(map(len, shards)) - min(map(len, shards)) <= 1
 
 
 def test_shards_flown_apart_are_one_benchmark_when_they_are_put_together(tmp_path):
@@ -227,8 +227,8 @@ def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_pa
     blind = FlightSpec(pilot="blind:fan", simulated=Simulated(speed=None, rendered=False))
     joined = Bench(tmp_path / "b", suite, entries([("blind:fan", blind)], suite, latencies=POLICY), retry=True)
     joined.close()
-    told = json.loads((tmp_path / "b" / "bench.json").read_text())
-    assert [run["name"] for run in told["runs"]] == ["blind-fan-flat-fixed-0.5-f1", "oracle-flat-fixed-0.5-f1"]
+    record = json.loads((tmp_path / "b" / "bench.json").read_text())
+    assert [run["name"] for run in record["runs"]] == ["blind-fan-flat-fixed-0.5-f1", "oracle-flat-fixed-0.5-f1"]
     with pytest.raises(UsageError, match="episodes"):
         bench(tmp_path / "b", FOUR[:2])
     lenient = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False), parser="lenient")
@@ -242,10 +242,10 @@ def test_other_pilots_join_a_folder_and_other_episodes_or_settings_do_not(tmp_pa
 
 def test_a_run_says_of_which_suite_it_is(tmp_path):
     opened = bench(tmp_path / "b")
-    told = json.loads((opened.runs[0].batch.run / "run.json").read_text())
-    assert told["suite"]["sha256"] == suite_of(FOUR, []).identity.sha256
-    assert told["suite"]["name"] is None
-    assert len(told["code_sha256"]) == 64
+    record = json.loads((opened.runs[0].batch.run / "run.json").read_text())
+    assert record["suite"]["sha256"] == suite_of(FOUR, []).identity.sha256
+    assert record["suite"]["name"] is None
+    assert len(record["code_sha256"]) == 64
     with pytest.raises(UsageError, match=str(opened.runs[0].batch.run)):
         Batch(opened.runs[0].batch.run, {})
     opened.close()
@@ -264,11 +264,11 @@ def test_a_hover_is_stuck_however_long_and_one_drone_of_four_that_moves_is_none(
     fleet = [*hover, at(1.0, 40.0, drone=1), at(300.0, 46.0, drone=1)]
     assert not is_stuck(fleet)
     assert track_m(fleet) == 6.0
-    assert not is_stuck([])  # nobody knows
+    assert not is_stuck([])  # the result is unknown
     assert track_m([]) is None
 
 
-def test_who_goes_to_and_fro_has_moved_though_he_is_where_he_was():
+def test_a_drone_that_flies_to_and_fro_has_moved():
     swing = [at(t / 2, 3.0 * (t % 12 < 6)) for t in range(601)]
     assert track_m(swing) == pytest.approx(3.0 * 100)
     assert not is_stuck(swing)

@@ -1,4 +1,4 @@
-"""A real Ray cluster of two nodes on this machine: the same bytes as here, and a death costs what was in the air."""
+"""A real Ray cluster of two nodes on this machine: the same bytes as here. A dead node loses its flights in the air."""
 
 import dataclasses
 import os
@@ -62,7 +62,7 @@ def logs(run, episode):
 
 
 def flying():
-    """Return the processes of this machine in which a worker of a cluster flies."""
+    """Return the processes of this machine in which a cluster worker flies."""
     named = [p for p in psutil.process_iter(["name", "cmdline"]) if p.info["cmdline"]]
     return [p for p in named if p.info["cmdline"][0].startswith("ray::ClusterWorker")]
 
@@ -132,7 +132,7 @@ def test_one_ledger_and_one_limiter_serve_the_whole_cluster(cluster, tmp_path):
         return limiter.claim(10)
 
     waits = ray.get([book.remote(engine._ledger) for _ in range(4)])
-    assert all(wait_s > 0.0 for wait_s in waits)  # each is held by what any of them has heard
+    assert all(wait_s > 0.0 for wait_s in waits)  # the hold that one worker received applies to all
     engine.close()
     ledger = Ledger(tmp_path / "ledger.sqlite")
     spent = ledger.spent()

@@ -1,4 +1,4 @@
-"""What a benchmark is going to cost: foreseen, and then measured on the flights that have ended."""
+"""The cost of a benchmark: estimated first, then measured on the flights that have ended."""
 
 import json
 from dataclasses import replace
@@ -33,8 +33,8 @@ def ended(run, episode, outcome, tokens):
     """Leave the log of a flight of two steps with so many tokens in each, and return its result."""
     folder = run.batch.run / episode
     folder.mkdir(parents=True)
-    told = [decision(k, k, 2.0 * k, tokens_in=tokens, tokens_out=tokens // 10) for k in range(2)]
-    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
+    decisions = [decision(k, k, 2.0 * k, tokens_in=tokens, tokens_out=tokens // 10) for k in range(2)]
+    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     return Result(episode=episode, outcome=outcome)
 
 
@@ -43,7 +43,7 @@ def test_the_median_of_the_failed_flights_is_what_each_that_is_left_is_going_to_
     before = estimate.left_usd()
     assert before == pytest.approx(sum(foreseen_usd(FLIGHT, run.batch.record(episode)) for episode in IDS))
     estimate.add(run, ended(run, IDS[0], "success", 1000))
-    assert estimate.flights == 3  # while none has failed
+    assert estimate.flights == 3  # while no flight has failed
     assert estimate.left_usd() == pytest.approx(3 * 0.004)
     estimate.add(run, ended(run, IDS[1], "failure", 5000))
     assert estimate.flights == 2

@@ -1,4 +1,4 @@
-"""Workers are real processes: they fly, they are killed or hang, and what was left is flown by the next run."""
+"""Workers are real processes: they fly, are killed or hang. The next run flies the remaining flights."""
 
 import dataclasses
 import os
@@ -50,7 +50,7 @@ def campaign(batch, flight, episodes, jobs=1):
 
 
 def fly(batch, flight, episodes, jobs=1, engine=LocalEngine, **how):
-    """Fly what is left, and return the results by episode."""
+    """Fly the remaining flights, and return the results by episode."""
     came: list[EndedFlight] = []
     made = engine(batch.run / "worker.log", jobs, **how)
     campaign(batch, flight, episodes, jobs).fly(made, came.append)
@@ -75,16 +75,16 @@ def test_the_oracle_solves_an_episode_and_it_is_not_flown_twice(tmp_path, capsys
     assert report["unsolved"] == {}
     assert report["rows"][-1]["solved"] == report["rows"][-1]["flown"] == 1
     log = tmp_path / "run" / EASY / "decisions.jsonl"
-    flown = log.stat().st_mtime_ns
+    written_ns = log.stat().st_mtime_ns
     file = tmp_path / "mine.json"
     file.write_text(catalogue.load(EASY).to_json())
     assert report_of(str(file))["rows"] == report["rows"]
-    assert log.stat().st_mtime_ns == flown
+    assert log.stat().st_mtime_ns == written_ns
 
 
 @pytest.mark.slow("flights with pictures, together and alone")
 def test_flights_that_share_a_worker_are_those_flown_alone(tmp_path):
-    """Whatever a process keeps for all of its flights must not move one of them."""
+    """State that a process keeps for all flights must not change any of them."""
     seen = FlightSpec(
         pilot="vision",
         simulated=Simulated(speed=None),
@@ -121,7 +121,7 @@ def test_a_pinned_rate_is_a_charge_to_the_byte(fly_once):
 
 
 def test_a_flight_that_cannot_be_looked_up_costs_itself_alone(tmp_path):
-    """The others of its worker fly on, since nothing has died."""
+    """The other flights of its worker go on, since no process has died."""
     batch = batch_of(tmp_path / "run", SHORT)
     lost = TWO[1]
     batch._records[lost] = dataclasses.replace(batch._record(lost), map="nowhere")
@@ -135,7 +135,7 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
     batch, killed = batch_of(tmp_path / "run", SHORT), []
 
     class Fragile(LocalEngine):
-        """Its second episode's worker dies when it has just been told to fly."""
+        """The worker of its second episode dies right after the order to fly."""
 
         def _turn(self, worker, fresh, flying):
             if [each for each in fresh if each.folder.name == TWO[1]]:
@@ -153,7 +153,7 @@ def test_a_killed_worker_costs_its_episode_and_no_other(tmp_path):
 
 @pytest.mark.slow
 def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
-    """A stopped process answers nothing, and is alive for ever."""
+    """A stopped process answers nothing, and stays alive for ever."""
     batch = batch_of(tmp_path / "run", SHORT)
     stopped: list[int] = []
 
@@ -174,8 +174,8 @@ def test_a_worker_that_hangs_is_not_waited_for(tmp_path):
 
 @pytest.mark.slow
 def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_path):
-    """A model that never answers: its client waits for 300 s, and here the patience of the campaign is shorter."""
-    sockets, asked = [], threading.Event()
+    """A model that never answers: its client waits for 300 s, but the campaign's patience is shorter."""
+    sockets, was_asked = [], threading.Event()
 
     server = socket.create_server(("127.0.0.1", 0))
 
@@ -186,7 +186,7 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
             except OSError:
                 return
             sockets.append(connection)  # taken, and never answered
-            asked.set()
+            was_asked.set()
 
     threading.Thread(target=swallow, daemon=True).start()
     silent = ModelSpec(provider="local", name="silent", base_url=f"http://127.0.0.1:{server.getsockname()[1]}/v1")
@@ -195,10 +195,10 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
     batch = batch_of(tmp_path / "run", flight)
 
     class Impatient(LocalEngine):
-        """From when the model is asked: a flight that starts is silent, too, on a busy machine for long."""
+        """Impatient once the model was asked: on a busy machine the start of a flight is silent for long, too."""
 
         def _turn(self, worker, fresh, flying):
-            if asked.is_set():
+            if was_asked.is_set():
                 self._hang_s = 1.0
             super()._turn(worker, fresh, flying)
 
@@ -215,7 +215,7 @@ def test_a_flight_that_hangs_is_not_waited_for_though_its_worker_answers(tmp_pat
 def test_no_worker_outlives_the_run(tmp_path, how):
     parent = audit(tmp_path / "run", "--jobs", "2")
     folder = tmp_path / "run"
-    while not list(folder.glob("*/flight.tlog")):  # until something is in the air
+    while not list(folder.glob("*/flight.tlog")):  # until a flight is in the air
         assert parent.poll() is None, parent.stderr.read()
     children = psutil.Process(parent.pid).children(recursive=True)
     assert children
@@ -238,7 +238,7 @@ def test_a_run_folder_that_takes_nothing_ends_the_run(tmp_path):
 
 
 def test_a_mistake_in_what_watches_a_worker_ends_the_run(tmp_path):
-    """Rather than waiting for flights that nobody will ever tell of."""
+    """Instead of waiting for flights that no worker will report."""
 
     class Mistaken(LocalEngine):
         def _turn(self, worker, fresh, flying):
@@ -278,7 +278,7 @@ def test_an_engine_that_is_closed_in_the_middle_of_a_start_leaves_nothing(tmp_pa
     assert not workers()
 
 
-def test_what_cannot_be_flown_is_refused_at_once(tmp_path, capsys):
+def test_impossible_flights_are_rejected_at_once(tmp_path, capsys):
     like = tmp_path / "like.json"
     like.write_text(dataclasses.replace(catalogue.load(EASY), instruction="go home").to_json())
     for arguments, sentence in (

@@ -1,4 +1,4 @@
-"""The table of a benchmark, and the line that says how far it is: against a second way of counting."""
+"""The table of a benchmark and its progress line, against a second way of counting."""
 
 import json
 import re
@@ -44,13 +44,15 @@ def scores(draw):
 
 @settings(deadline=None)
 @given(scores(), st.booleans())
-def test_the_table_counts_what_a_second_count_counts(flown, drop):
-    lines = bench_rows(flown, drop_stalled=drop)
-    settings_flown = {each.setting for each in flown}
-    assert [line.setting for line in lines if line.group == "all"] == list(dict.fromkeys(e.setting for e in flown))
+def test_the_table_counts_what_a_second_count_counts(flights, drop):
+    lines = bench_rows(flights, drop_stalled=drop)
+    settings_flown = {each.setting for each in flights}
+    assert [line.setting for line in lines if line.group == "all"] == list(dict.fromkeys(e.setting for e in flights))
     assert {line.setting for line in lines} == settings_flown
     for line in lines:
-        mine = [e for e in flown if e.setting == line.setting and (line.group == "all" or e.episode[:-3] == line.group)]
+        mine = [
+            e for e in flights if e.setting == line.setting and (line.group == "all" or e.episode[:-3] == line.group)
+        ]
         kept = [e for e in mine if e.outcome != "error" and not (drop and e.stalled)]
         assert line.flights == len(kept)
         assert line.solved == sum(e.outcome == "success" for e in kept)
@@ -67,25 +69,25 @@ def test_the_table_counts_what_a_second_count_counts(flown, drop):
             assert line.rate_hz[1] == pytest.approx(float(np.median(rates)), abs=1e-3)
             assert list(line.rate_hz) == sorted(line.rate_hz)
         json.dumps(asdict(line))
-    told = as_terminal(bench_table(lines))
+    text = as_terminal(bench_table(lines))
     explained = any(line.unreadable for line in lines)
-    assert len(told.splitlines()) == len(lines) + len(settings_flown) + 4 + explained  # three lines are heads
-    assert ("cut off" in told) == explained
+    assert len(text.splitlines()) == len(lines) + len(settings_flown) + 4 + explained  # three lines are heads
+    assert ("cut off" in text) == explained
 
 
 FLIGHT = FlightSpec(pilot="oracle", simulated=Simulated(speed=1.0), latency=LatencyPolicy.parse("rate:2"))
 
 
 def test_a_score_is_what_its_folder_says(tmp_path):
-    told = [
+    decisions = [
         decision(0, 1, 1.0, latency_s=0.5, rate_hz=None),
         decision(1, 2, 4.0, latency_s=0.5, rate_hz=0.333333),
         decision(2, 3, 9.0, latency_s=2.0, rate_hz=0.2),
     ]
-    (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
+    (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     result = Result(episode=IDS[0], outcome="success", host_stalls=1)
-    found = score("x", FLIGHT, tmp_path, result, retried=False)
-    assert (found.rates_hz, found.broken_pins, found.stalled) == ((0.333333, 0.2), 1, True)
+    scored = score("x", FLIGHT, tmp_path, result, retried=False)
+    assert (scored.rates_hz, scored.broken_pins, scored.stalled) == ((0.333333, 0.2), 1, True)
     assert score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="success"), retried=True).stalled is False
     unpinned = replace(FLIGHT, latency=LatencyPolicy.parse("real"))
     assert score("x", unpinned, tmp_path, result, retried=False).broken_pins == 0
@@ -94,7 +96,7 @@ def test_a_score_is_what_its_folder_says(tmp_path):
 
 
 def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
-    told = [
+    decisions = [
         decision(0, 1, 1.0),
         decision(1, 2, 2.0, action=None, error="no JSON"),
         decision(2, 3, 3.0, action=None, error="no JSON", finish="refusal"),
@@ -102,20 +104,20 @@ def test_unreadable_replies_are_counted_by_their_reasons(tmp_path):
         decision(4, 5, 5.0, action=None, error="no JSON", finish="length"),
         decision(5, 6, 6.0, finish="length"),  # an action that is readable all the same
     ]
-    (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in told))
-    found = score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="failure"), retried=False)
-    assert (found.unreadable, found.refused, found.cut_off) == (4, 2, 1)
-    assert re.search(r"\b4 +2 +1\b", as_terminal(bench_table(bench_rows([found]))))
+    (tmp_path / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
+    scored = score("x", FLIGHT, tmp_path, Result(episode=IDS[0], outcome="failure"), retried=False)
+    assert (scored.unreadable, scored.refused, scored.cut_off) == (4, 2, 1)
+    assert re.search(r"\b4 +2 +1\b", as_terminal(bench_table(bench_rows([scored]))))
 
 
 def test_the_interval_on_the_way_is_that_of_the_table():
-    flown = [("a", True), ("a", True), ("a", True), ("b", False), ("b", False), ("b", False)]
+    outcomes = [("a", True), ("a", True), ("a", True), ("b", False), ("b", False), ("b", False)]
     progress = Progress(total=9)
-    for episode, won in flown:
+    for episode, won in outcomes:
         progress.stored(Result(episode=episode, outcome="success" if won else "failure"))
-    known = known_share([[True] * 3, [False] * 3])
-    assert f"SR 50% ({known.low:.0%}–{known.high:.0%})" in progress.line(0.0)
-    assert (known.low, known.high) != wilson(3, 6)
+    interval = known_share([[True] * 3, [False] * 3])
+    assert f"SR 50% ({interval.low:.0%}–{interval.high:.0%})" in progress.line(0.0)
+    assert (interval.low, interval.high) != wilson(3, 6)
 
 
 def test_a_pinned_rate_is_a_charge_and_what_keeps_it_breaks_nothing():
@@ -137,7 +139,7 @@ def test_the_line_says_how_far_it_is_and_what_it_has_cost():
     progress = Progress(total=8)
     assert re.findall(r"[\d.]+", progress.line(0.0)) == ["0", "8", "0", "0", "0"]
     progress.stored(Result(episode="z", outcome="success"))
-    assert progress.left_s(10.0) is None  # what was there before says nothing of the pace
+    assert progress.left_s(10.0) is None  # earlier flights do not count for the pace
     progress.add(Result(episode="a", outcome="failure"), again=True)
     progress.add(Result(episode="a", outcome="failure"), again=False)
     progress.add(Result(episode="b", outcome="error"), again=False)

@@ -1,4 +1,4 @@
-"""Who flies what on one machine: all workers equally busy, and each with as few maps as that allows."""
+"""Distribution of flights on one machine: all workers equally busy, each with as few maps as possible."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ C, R = "campus", "residential"
 
 
 def shared_out(jobs, workers, maps):
-    """Return which worker has each flight when all of them begin at once."""
+    """Return the worker of each flight when all of them begin at once."""
     berths = WorkerSlots(jobs, workers)
     return [berths.take(Path(str(k)), name) for k, name in enumerate(maps)]
 
@@ -18,30 +18,30 @@ def test_flights_of_one_map_are_shared_out_evenly():
         (1, 2, 1, [1]), (2, 2, 2, [1, 1]), (16, 2, 16, [8, 8]), (16, 2, 1, [1]), (5, 2, 5, [3, 2]),
         (3, 8, 3, [1, 1, 1]),
     ):  # fmt: skip
-        given = shared_out(jobs, workers, [R] * flights)
-        assert [given.count(k) for k in sorted(set(given))] == expected, (jobs, workers, flights)
+        slots = shared_out(jobs, workers, [R] * flights)
+        assert [slots.count(k) for k in sorted(set(slots))] == expected, (jobs, workers, flights)
 
 
 def test_every_worker_has_one_map_where_that_comes_out_even():
     for maps in ([C] * 4 + [R] * 4, [C, R] * 4, [C, C, R, R] * 2):
-        given = shared_out(8, 2, maps)
-        assert {name: {k for k, each in zip(given, maps, strict=True) if each == name} for name in (C, R)} == {
+        slots = shared_out(8, 2, maps)
+        assert {name: {k for k, each in zip(slots, maps, strict=True) if each == name} for name in (C, R)} == {
             C: {0}, R: {1},
         }, maps  # fmt: skip
 
 
 def test_no_worker_stands_idle_for_the_sake_of_a_map():
-    given = shared_out(8, 2, [C] * 7 + [R])
-    assert given.count(0) == given.count(1) == 4
+    slots = shared_out(8, 2, [C] * 7 + [R])
+    assert slots.count(0) == slots.count(1) == 4
 
 
-def test_what_comes_later_goes_where_its_map_is_and_there_is_room():
+def test_later_flights_go_to_a_free_worker_with_their_map():
     berths = WorkerSlots(4, 2)
     flights = [Path(str(k)) for k in range(7)]
     assert [berths.take(f, name) for f, name in zip(flights, [C, C, R, R], strict=False)] == [0, 0, 1, 1]
     berths.leave(flights[0])
     berths.leave(flights[2])
     assert berths.take(flights[4], R) == 1
-    assert berths.take(flights[5], R) == 0  # there alone is room
+    assert berths.take(flights[5], R) == 0  # only this worker has room
     berths.leave(flights[3])
     assert berths.take(flights[6], R) == 1

@@ -20,7 +20,7 @@ from foundation.run_folder.folder import prepare
 from foundation.threads import COMPUTING
 
 EPISODES = ("blocks-commanding-01", "blocks-commanding-02")  # the map that is built at once
-PATIENCE_S = 60.0  # s for the other flight's question; two that wait for one another never ask together
+PATIENCE_S = 60.0  # s for the other flight's question; flights that block each other never ask together
 REPLY = {
     "choices": [{"message": {"content": '{"action": "rotate", "angle_deg": 5}'}}],
     "usage": {"prompt_tokens": 90, "completion_tokens": 10},
@@ -28,13 +28,13 @@ REPLY = {
 
 
 class Together(ThreadingHTTPServer):
-    """A model that answers its first question when another is there, too, and every one after that at once."""
+    """A model that answers its first question once another one waits, too, and every later one at once."""
 
     daemon_threads = True
 
     def __init__(self):
         super().__init__(("127.0.0.1", 0), Question)
-        self.asked, self.met, self.lock = 0, threading.Event(), threading.Lock()
+        self.request_count, self.met, self.lock = 0, threading.Event(), threading.Lock()
         threading.Thread(target=self.serve_forever, args=(0.05,), daemon=True).start()
 
     @property
@@ -52,16 +52,16 @@ class Question(BaseHTTPRequestHandler):
     def do_POST(self):
         self.rfile.read(int(self.headers["Content-Length"]))
         with self.server.lock:
-            self.server.asked += 1
-            if self.server.asked == 2:
+            self.server.request_count += 1
+            if self.server.request_count == 2:
                 self.server.met.set()
         if self.server.met.wait(PATIENCE_S):
             self.say(200, REPLY)
         else:
             self.say(400, {"error": {"message": "nobody else has asked"}})
 
-    def say(self, status, told):
-        body = json.dumps(told).encode()
+    def say(self, status, content):
+        body = json.dumps(content).encode()
         self.send_response(status)
         self.send_header("Content-Length", str(len(body)))
         self.end_headers()
@@ -71,7 +71,7 @@ class Question(BaseHTTPRequestHandler):
         pass
 
 
-# the reply's time foreseen: the hold is flown meanwhile; not foreseen: nothing is
+# with a foreseen reply time the hold is flown meanwhile; otherwise nothing is
 @pytest.mark.parametrize("latency", ["fixed:1", "tokens:0.5,100"], ids=["beside", "inline"])
 def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
     server = Together()
@@ -87,7 +87,7 @@ def test_two_flights_of_a_worker_ask_at_the_same_time(tmp_path, latency):
     assert server.met.is_set()
 
 
-def test_who_waits_for_more_than_a_model_computes_beside_the_others():
+def test_real_time_and_px4_flights_are_not_compute_bound():
     flight = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
     assert is_compute_bound(flight)
     for others in (Simulated(speed=1.0), Simulated(speed=None, autopilot="px4")):
@@ -95,19 +95,19 @@ def test_who_waits_for_more_than_a_model_computes_beside_the_others():
 
 
 def test_a_flight_in_lockstep_waits_for_its_turn(tmp_path):
-    told: list[dict[str, object]] = []
+    results: list[dict[str, object]] = []
     flight = as_json(FlightSpec(episode="nowhere", pilot="oracle", simulated=Simulated(speed=None)))
     with COMPUTING.taken():
-        waiting = threading.Thread(target=lambda: told.append(fly_flight(flight, tmp_path)), daemon=True)
+        waiting = threading.Thread(target=lambda: results.append(fly_flight(flight, tmp_path)), daemon=True)
         waiting.start()
         while not COMPUTING._queue:
-            assert waiting.is_alive(), told
-        assert not told
+            assert waiting.is_alive(), results
+        assert not results
     waiting.join(60.0)
-    assert "nowhere" in str(told[0]["fault"])
+    assert "nowhere" in str(results[0]["fault"])
 
 
-def test_who_waits_for_a_first_turn_hangs_only_where_nobody_goes_on(tmp_path, monkeypatch):
+def test_a_flight_that_waits_for_its_first_turn_hangs_only_if_all_stand_still(tmp_path, monkeypatch):
     now, flying = [0.0], []
     monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "waits"):
@@ -120,11 +120,11 @@ def test_who_waits_for_a_first_turn_hangs_only_where_nobody_goes_on(tmp_path, mo
         assert local._hanging(flying, 100.0) is None
     now[0] = 341.0
     assert local._hanging(flying, 100.0) is flying[0]
-    assert local._hanging(flying[1:], 100.0) is flying[1]  # alone it has nobody to wait for
+    assert local._hanging(flying[1:], 100.0) is flying[1]  # alone it waits for no other flight
 
 
 def test_a_flight_that_hangs_before_its_first_line_is_found_while_others_go_on(tmp_path, monkeypatch):
-    """It had its turn, since its record is there: it builds its map for ever."""
+    """It had its turn, since its record exists. It builds its map for ever."""
     now, flying = [0.0], []
     monkeypatch.setattr("dronecats.bench.engine.time.monotonic", lambda: now[0])
     for name in ("flies", "hangs"):

@@ -1,11 +1,11 @@
-"""Environments of other people's programs, faked by their one file that a benchmark starts."""
+"""Environments of foreign programs, faked by the one file that a benchmark starts."""
 
 import sys
 from pathlib import Path
 
 
 def make_environments(folder: Path, scripts: dict[str, str]) -> None:
-    """Make for each name a `bin/python` below `folder` that does what its script says, whatever it is asked to run."""
+    """Create for each name a `bin/python` below `folder` that behaves like its script, for any arguments."""
     for name, script in scripts.items():
         python = folder / name / "bin" / "python"
         python.parent.mkdir(parents=True)

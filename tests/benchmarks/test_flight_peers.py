@@ -1,4 +1,4 @@
-"""The benchmark of other simulators: what does not fly the task is not compared, what is not installed is said."""
+"""The benchmark of other simulators: one that fails the task is not compared, a missing one is reported."""
 
 import json
 
@@ -9,7 +9,7 @@ from tests.benchmarks.peer_environments import make_environments
 
 
 class Vehicle:
-    """A point that goes to its target with a lag, or does not."""
+    """A point that follows its target with a lag, or does not."""
 
     def __init__(self, dt, lag_s, offset=(0.0, 0.0, 0.0)):
         self.dt, self.share, self.offset = dt, dt / lag_s, offset
@@ -24,17 +24,17 @@ class Vehicle:
 
 def test_a_flight_is_timed_from_its_first_hover_on_without_a_gap():
     vehicle = Vehicle(0.02, 0.3)
-    found = peers.timed(vehicle.step, 0.02, 8.0)
+    timing = peers.timed(vehicle.step, 0.02, 8.0)
     assert vehicle.calls == list(range(round((peers.UNTIMED_S + peers.REPEAT * 8.0) / 0.02)))
-    assert found["control_hz"] == 50
-    assert found["rtf"] > 100.0
-    assert found["rtf_cpu"] > 100.0
+    assert timing["control_hz"] == 50
+    assert timing["rtf"] > 100.0
+    assert timing["rtf_cpu"] > 100.0
 
 
 @pytest.mark.parametrize(
     ("lag_s", "offset"), [(0.3, (0.0, 0.0, -1.0)), (0.3, (0.0, 0.8, 0.0)), (0.3, (0.8, 0.0, 0.0)), (20.0, (0.0,) * 3)]
 )
-def test_what_does_not_fly_the_task_is_not_timed(lag_s, offset):
+def test_peers_that_fail_the_task_are_not_timed(lag_s, offset):
     with pytest.raises(RuntimeError, match=r"-?\d\.\d\d to -?\d\.\d\d m"):
         peers.timed(Vehicle(0.02, lag_s, offset).step, 0.02, 8.0)
 
@@ -44,7 +44,7 @@ def test_a_peer_that_is_absent_or_breaks_is_a_note_and_the_rest_are_ratios(tmp_p
     monkeypatch.setattr(peers, "PEERS", dict.fromkeys(("works", "breaks", "absent")))
     scripts = {"works": f"print({json.dumps(json.dumps(answer))})", "breaks": "raise ValueError('no rotors')"}
     make_environments(tmp_path, scripts)
-    found = peers.compare(tmp_path, 500.0, 600.0)
-    assert found["absent"].keys() == {"note"}
-    assert "no rotors" in found["breaks"]["note"]
-    assert found["works"] == {**answer, "ours_over_it": 125.0, "ours_over_it_cpu": 120.0}
+    comparison = peers.compare(tmp_path, 500.0, 600.0)
+    assert comparison["absent"].keys() == {"note"}
+    assert "no rotors" in comparison["breaks"]["note"]
+    assert comparison["works"] == {**answer, "ours_over_it": 125.0, "ours_over_it_cpu": 120.0}

@@ -1,4 +1,4 @@
-"""The benchmark of other renderers: they get our scene, and one that draws something else is not compared."""
+"""The benchmark of other renderers: they get our scene. One that draws something else is not compared."""
 
 import json
 import math
@@ -38,10 +38,10 @@ def corners_of(folder, piece):
 
 
 def test_every_triangle_stands_where_ours_does_and_faces_outwards(exported):
-    folder, told, scene, _ = exported
-    assert told["triangles"] == sum(len(i.mesh.triangles) for i in scene.instances) == 24
-    assert len({piece["file"] for piece in told["pieces"]}) == 1
-    corners = corners_of(folder, told["pieces"][0])
+    folder, document, scene, _ = exported
+    assert document["triangles"] == sum(len(i.mesh.triangles) for i in scene.instances) == 24
+    assert len({piece["file"] for piece in document["pieces"]}) == 1
+    corners = corners_of(folder, document["pieces"][0])
     assert corners.reshape(-1, 3).min(axis=0) == pytest.approx((9.0, -3.5, 1.0))
     assert corners.reshape(-1, 3).max(axis=0) == pytest.approx((11.0, -2.5, 5.0))
     outwards = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -55,19 +55,19 @@ def test_a_texture_becomes_its_mean_colour(exported):
 
 
 def test_projecting_through_the_exported_view_covers_what_we_cover(exported):
-    """A pinhole made from the view's axes and field of view sees the corners where our ids begin and end."""
-    folder, told, scene, poses = exported
-    view = told["views"][0]
-    away = corners_of(folder, told["pieces"][0]).reshape(-1, 3) - view["eye"]
-    focal = 360.0 / math.tan(math.radians(told["vfov_deg"]) / 2.0)
+    """A pinhole from the view's axes and field of view sees the corners at the borders of our ids."""
+    folder, document, scene, poses = exported
+    view = document["views"][0]
+    away = corners_of(folder, document["pieces"][0]).reshape(-1, 3) - view["eye"]
+    focal = 360.0 / math.tan(math.radians(document["vfov_deg"]) / 2.0)
     x = 640 + focal * (away @ view["right"]) / (away @ view["forward"])
     y = 360 - focal * (away @ view["up"]) / (away @ view["forward"])
     ids = Renderer(scene, CAMERA, shadow_cells=64).render(poses[0]).ids
     rows, columns = np.nonzero(ids == 1)
     assert (columns.min(), columns.max() + 1) == pytest.approx((x.min(), x.max()), abs=1.0)
     assert (rows.min(), rows.max() + 1) == pytest.approx((y.min(), y.max()), abs=1.0)
-    assert told["covered"][1] == 0.0
-    assert told["covered"][0] == pytest.approx((ids > 0).mean(), abs=0.005)
+    assert document["covered"][1] == 0.0
+    assert document["covered"][0] == pytest.approx((ids > 0).mean(), abs=0.005)
 
 
 def test_a_peer_that_sees_another_scene_is_not_timed():
@@ -90,9 +90,9 @@ def test_an_absent_or_broken_peer_is_a_note_and_the_rest_are_ratios(tmp_path, mo
         "breaks": "raise ImportError('no libOSMesa')",
     }
     make_environments(tmp_path, scripts)
-    found = peers.compare(tmp_path, kept, lambda: {"ms_1280x720": 100.0, "ms_640x360": 30.0})
-    assert found["absent"].keys() == {"note"}
-    assert "no libOSMesa" in found["breaks"]["note"]
-    assert found["works"]["over_ours_ms_1280x720"] == 5.0
-    assert found["works"]["over_ours_ms_640x360"] == 3.0
+    comparison = peers.compare(tmp_path, kept, lambda: {"ms_1280x720": 100.0, "ms_640x360": 30.0})
+    assert comparison["absent"].keys() == {"note"}
+    assert "no libOSMesa" in comparison["breaks"]["note"]
+    assert comparison["works"]["over_ours_ms_1280x720"] == 5.0
+    assert comparison["works"]["over_ours_ms_640x360"] == 3.0
     assert (tmp_path / "works.npy").exists()

@@ -1,4 +1,4 @@
-"""Every benchmark runs and prints its figures. How large they are is the benchmarks' to say, on a quiet machine."""
+"""Every benchmark runs and prints its figures. The benchmarks on a quiet machine judge their values."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from tests.needs import needs
 
 pytestmark = pytest.mark.slow("whole benchmark commands")
 ROOT = Path(__file__).parents[2]
-# which the others are made of: no command
+# the base of the others, not a command
 PARTS = {"machine", "stand_in", "page_client", "flight_peers", "render_peers", "render_export"}
 SPEEDS = {f"{name}_{of}" for name in ("core", "mavlink", "mavlink_onboard", "fleet4") for of in ("rtf", "rtf_x_loop")}
 MILLISECONDS = {f"ms_{size}" for size in ("1280x720", "640x360", "agent", "fleet4_agent")}
@@ -36,10 +36,10 @@ def numbers(value: object) -> list[float]:
     return [value] if isinstance(value, (int, float)) and not isinstance(value, bool) else []
 
 
-def assert_figures(found: dict[str, Any], names: set[str]) -> None:
-    """Every name has a number above nothing, and nowhere is one that is none."""
-    assert {name for name in names if not found.get(name, 0.0) > 0.0} == set()
-    assert all(map(math.isfinite, numbers(found)))
+def assert_figures(output: dict[str, Any], names: set[str]) -> None:
+    """Assert that every name has a positive number, and that all numbers are finite."""
+    assert {name for name in names if not output.get(name, 0.0) > 0.0} == set()
+    assert all(map(math.isfinite, numbers(output)))
 
 
 def test_every_benchmark_is_looked_at_here():
@@ -48,64 +48,64 @@ def test_every_benchmark_is_looked_at_here():
 
 
 def test_presses():
-    (found,) = printed("presses")
-    assert_figures(found["presses"][0], {"hits", "speed", "attitude_deg", "left_m"})
-    assert found["of"] == len(found["presses"]) == 2
+    (output,) = printed("presses")
+    assert_figures(output["presses"][0], {"hits", "speed", "attitude_deg", "left_m"})
+    assert output["of"] == len(output["presses"]) == 2
 
 
 def test_landings():
-    (found,) = printed("landings")
-    assert found["of"] == len(found["landings"]) == 1
-    assert found["landings"][0]["disarmed"] or found["landings"][0]["texts"]
+    (output,) = printed("landings")
+    assert output["of"] == len(output["landings"]) == 1
+    assert output["landings"][0]["disarmed"] or output["landings"][0]["texts"]
 
 
 def test_soak():
-    for found, vehicles in zip(printed("soak"), (1, 4), strict=True):
-        assert_figures(found, {"hours", "pictures", "files_most", "logs_most", "real_time_factor"})
-        assert (found["vehicles"], found["rounds"], found["failed"]) == (vehicles, vehicles, 0)
-        assert {"client", "simulator_process", "camera"} <= set(found["processes"])
+    for output, vehicles in zip(printed("soak"), (1, 4), strict=True):
+        assert_figures(output, {"hours", "pictures", "files_most", "logs_most", "real_time_factor"})
+        assert (output["vehicles"], output["rounds"], output["failed"]) == (vehicles, vehicles, 0)
+        assert {"client", "simulator_process", "camera"} <= set(output["processes"])
 
 
 @needs("browser")
 def test_page():
     for embed in ((), ("--embed",)):
-        (found,) = printed("page", *embed)
-        assert_figures(found, {"shown_ms", "interactive_ms", "flight_ms", "page_mb"})
-        assert (found["flights"], found["embedded"]) == (18, bool(embed))
+        (output,) = printed("page", *embed)
+        assert_figures(output, {"shown_ms", "interactive_ms", "flight_ms", "page_mb"})
+        assert (output["flights"], output["embedded"]) == (18, bool(embed))
 
 
 def test_flight(tmp_path):
-    (found,) = printed("flight", "--peers", "--peers-dir", str(tmp_path))
-    assert_figures(found, SPEEDS)
-    assert found["machine"]["python_loop_ms"] > 0.0
-    assert {peer["note"].split(":")[0] for peer in found["peers"].values()} == {"skipped"}
+    (output,) = printed("flight", "--peers", "--peers-dir", str(tmp_path))
+    assert_figures(output, SPEEDS)
+    assert output["machine"]["python_loop_ms"] > 0.0
+    assert {peer["note"].split(":")[0] for peer in output["peers"].values()} == {"skipped"}
 
 
 def test_agent():
-    (found,) = printed("agent")
+    (output,) = printed("agent")
     own = {
         f"step_ms{drones}{part}" for drones in ("", "_4_drones") for part in ("", "_to_the_model", "_from_the_model")
     }
-    assert_figures(found, own)
-    assert_figures(found["in_flight"], {"wall_s", "wall_over_model", "cpu_ms_per_step", "rss_mb", "pss_mb"})
-    assert found["in_flight"]["flights"] == 2
-    assert found["in_flight"]["steps"] >= 2 * found["in_flight"]["flights"]
+    assert_figures(output, own)
+    assert_figures(output["in_flight"], {"wall_s", "wall_over_model", "cpu_ms_per_step", "rss_mb", "pss_mb"})
+    assert output["in_flight"]["flights"] == 2
+    assert output["in_flight"]["steps"] >= 2 * output["in_flight"]["flights"]
 
 
 def test_render(tmp_path):
-    (found,) = printed("render", "--peers", "--peers-dir", str(tmp_path))
-    assert_figures(found, MILLISECONDS | {"rss_mb"})
+    (output,) = printed("render", "--peers", "--peers-dir", str(tmp_path))
+    assert_figures(output, MILLISECONDS | {"rss_mb"})
     more = {"cpu_ms_1280x720_per_loop", "cpu_ms_agent_per_loop", "ssim_mean"}
-    assert_figures(found["maps"]["blocks"], MILLISECONDS | more)
-    assert found["machine"]["python_loop_ms"] > 0.0
-    assert {peer["note"].split(":")[0] for peer in found["peers"].values()} == {"absent"}
+    assert_figures(output["maps"]["blocks"], MILLISECONDS | more)
+    assert output["machine"]["python_loop_ms"] > 0.0
+    assert {peer["note"].split(":")[0] for peer in output["peers"].values()} == {"absent"}
 
 
 def test_steps(tmp_path):
     table = tmp_path / "page.md"
     table.write_text("before\n<!-- steps begin -->\n<!-- steps end -->\nafter\n", encoding="utf-8")
-    (found,) = printed("steps", "--airframe", "x500", "--table", str(table), "--plots", str(tmp_path))
-    (rows,) = found["airframes"].values()
+    (output,) = printed("steps", "--airframe", "x500", "--table", str(table), "--plots", str(tmp_path))
+    (rows,) = output["airframes"].values()
     for name, row in rows.items():
         assert_figures(row, {"drift_m", "drift_vertical_m"} if name == "hover" else {"rise_s"})
     assert "| x500 |" in table.read_text(encoding="utf-8")
@@ -113,9 +113,9 @@ def test_steps(tmp_path):
 
 
 def test_bench():
-    (found,) = printed("bench")
-    assert_figures(found, {"episodes_per_hour", "cpu_s_per_episode", "again_s"})
-    assert found["episodes"] == found["solved"] == 2
+    (output,) = printed("bench")
+    assert_figures(output, {"episodes_per_hour", "cpu_s_per_episode", "again_s"})
+    assert output["episodes"] == output["solved"] == 2
 
 
 def test_garbage():
@@ -127,56 +127,56 @@ def test_garbage():
 
 def test_bad_wire():
     perfect, lossy = printed("bad_wire")
-    for flown in (perfect, lossy):
-        assert flown["survived"], flown["why"]
-        assert_figures(flown, set())
-        assert {"astray_m", "end_m", "heading_off_deg"} <= flown.keys()
+    for flight in (perfect, lossy):
+        assert flight["survived"], flight["why"]
+        assert_figures(flight, set())
+        assert {"astray_m", "end_m", "heading_off_deg"} <= flight.keys()
     assert "lost" not in perfect["up"]
     assert "lost" in lossy["up"]
 
 
 def test_commanding():
-    found = {flight["command"]: flight for flight in printed("commanding")}
-    assert found.keys() == {"flat", "solo", "hierarchical"}
-    for flight in found.values():
+    output = {flight["command"]: flight for flight in printed("commanding")}
+    assert output.keys() == {"flat", "solo", "hierarchical"}
+    for flight in output.values():
         assert_figures(flight, {"steps", "seconds", "questions"})
-    assert_figures(found["hierarchical"], {"commanded", "commanded_tokens"})
+    assert_figures(output["hierarchical"], {"commanded", "commanded_tokens"})
 
 
 def test_reading():
-    (found,) = printed("reading")
-    assert {row["kind"] for row in found["rows"]} == {"sign", "plate"}
-    assert all(row["package"] == row["pictures"] == 1 for row in found["rows"])
-    assert found["cpu_ms_per_line"] > 0.0
+    (output,) = printed("reading")
+    assert {row["kind"] for row in output["rows"]} == {"sign", "plate"}
+    assert all(row["package"] == row["pictures"] == 1 for row in output["rows"])
+    assert output["cpu_ms_per_line"] > 0.0
 
 
 def test_judge():
-    (found,) = printed("judge")
-    assert_figures(found, {"judge_s", "cpu_ms_per_episode", "cpu_ms_per_episode_per_loop", "megabytes"})
-    assert (found["episodes"], found["doubtful"]) == (10, 0)
+    (output,) = printed("judge")
+    assert_figures(output, {"judge_s", "cpu_ms_per_episode", "cpu_ms_per_episode_per_loop", "megabytes"})
+    assert (output["episodes"], output["doubtful"]) == (10, 0)
 
 
 def test_study():
-    (found,) = printed("study", "--suite", "quick")
-    assert_figures(found, {"minutes_for_2000", "two_jobs_over_one"})
-    for figures in (*found["undrawn"].values(), found["drawn"]):
+    (output,) = printed("study", "--suite", "quick")
+    assert_figures(output, {"minutes_for_2000", "two_jobs_over_one"})
+    for figures in (*output["undrawn"].values(), output["drawn"]):
         assert_figures(figures, {"episodes_per_core_hour", "episodes_per_hour", "cpu_s_per_episode"})
-    for share in (found["parts"], found["phases"]):
+    for share in (output["parts"], output["phases"]):
         assert sum(share.values()) == pytest.approx(1.0, abs=0.01)
-    assert {"episode", "landing", "ascent to the start pose"} <= set(found["phases"])
-    assert "physics, estimator and inner loops (compiled)" in found["parts"]
+    assert {"episode", "landing", "ascent to the start pose"} <= set(output["phases"])
+    assert "physics, estimator and inner loops (compiled)" in output["parts"]
 
 
 def test_film():
-    (found,) = printed("film")
-    assert_figures(found, {"wall_s", "cpu_s", "shared_out_s", "cpu_ms_per_picture", "megabytes"})
-    assert (found["pictures"], found["read_back"], found["film_s"]) == (10, 10, 1.0)
+    (output,) = printed("film")
+    assert_figures(output, {"wall_s", "cpu_s", "shared_out_s", "cpu_ms_per_picture", "megabytes"})
+    assert (output["pictures"], output["read_back"], output["film_s"]) == (10, 10, 1.0)
 
 
 def test_view():
-    (found,) = printed("view")
-    assert found["matched"] > 10
-    assert 0.0 <= found["late_ms_median"] < 1000.0
-    assert found["updates_hz"] > 1.0
-    assert found["viewer_core"] > 0.0
-    assert found["flush_ratio"] > 0.0
+    (output,) = printed("view")
+    assert output["matched"] > 10
+    assert 0.0 <= output["late_ms_median"] < 1000.0
+    assert output["updates_hz"] > 1.0
+    assert output["viewer_core"] > 0.0
+    assert output["flush_ratio"] > 0.0

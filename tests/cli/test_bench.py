@@ -1,4 +1,4 @@
-"""`dronecats bench` as it is typed: what is refused, what a file says, and what is left when anything is killed."""
+"""The command `dronecats bench`: rejected arguments, spec files, and the results after processes are killed."""
 
 import contextlib
 import json
@@ -31,7 +31,7 @@ def runs(*words):
     return args, bench_spec.runs(args, chosen, Path("out"))
 
 
-def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch):
+def test_invalid_arguments_are_rejected_in_one_sentence(capsys, tmp_path, monkeypatch):
     for words, parts in (
         (["--suite", "quick"], "--model .*--pilot"),
         (["--pilot", "oracle"], "--suite"),
@@ -63,9 +63,9 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monke
     ):
         monkeypatch.chdir(tmp_path)
         assert main(["bench", *words, "--out", "out"]) == 2, words
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert len(said.strip().splitlines()) == 1, words
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert len(error.strip().splitlines()) == 1, words
         assert not (tmp_path / "out").exists(), words
 
 
@@ -87,19 +87,19 @@ no_retry = true
 """
 
 
-def test_a_file_says_what_the_options_say(tmp_path, monkeypatch):
+def test_a_file_is_equivalent_to_options(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(FILE)
     words = ["--suite", "quick", "--pilot", "oracle", "--model", "local/a", "--command", "flat", "solo"]
     words += ["--rate", "2", "0.5", "--flights", "2", "--seed", "5", "--parser", "lenient", "--full"]
     words += ["--cost-limit", "20", "--token-limit", "1000"]
-    args, told = runs("my.toml")
+    args, file_runs = runs("my.toml")
     assert (args.jobs, args.limit, args.no_retry, args.out) == (16, 3, True, Path("runs/my"))
-    _, asked = runs(*words)
-    by_name = {run.name: run for run in told}
-    for run in asked:
+    _, option_runs = runs(*words)
+    by_name = {run.name: run for run in file_runs}
+    for run in option_runs:
         assert by_name[run.name] == run
-    others = set(by_name) - {run.name for run in asked}
+    others = set(by_name) - {run.name for run in option_runs}
     assert others == {f"bee-{c}-rate-{r}-f{k}" for c in ("flat", "solo") for r in ("2", "0.5") for k in (1, 2)}
     kept = as_kept(by_name["bee-flat-rate-2-f1"].flight)["model"]
     assert (kept["name"], kept["base_url"], kept["axis_order"]) == ("b", "http://h:1/v1", "yx")
@@ -108,8 +108,8 @@ def test_a_file_says_what_the_options_say(tmp_path, monkeypatch):
 def test_rows_of_one_model_may_differ_in_how_it_is_asked(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     row = '{{ name = "openrouter/maker/m", base_url = "http://h:1/v1", {}, called = "{}" }}'
-    told = {"low": 'reasoning = "low", max_tokens = 512', "high": 'reasoning = "high", top_p = 0.5'}
-    rows = [row.format(words, name) for name, words in told.items()]
+    settings = {"low": 'reasoning = "low", max_tokens = 512', "high": 'reasoning = "high", top_p = 0.5'}
+    rows = [row.format(words, name) for name, words in settings.items()]
     Path("my.toml").write_text(f'suite = ["quick"]\nmodel = [{", ".join(rows)}]\n')
     low, high = (run.flight.model for run in runs("my.toml")[1])
     assert low is not None
@@ -121,26 +121,28 @@ def test_rows_of_one_model_may_differ_in_how_it_is_asked(tmp_path, monkeypatch):
 def test_several_agents_fly_runs_of_their_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     both = ["--suite", "quick", "--pilot", "oracle", "--agent", "paper", "steady", "mine.own:agent", "paper"]
-    _, told = runs(*both)
-    assert {run.name: run.flight.agent for run in told} == {
+    _, all_runs = runs(*both)
+    assert {run.name: run.flight.agent for run in all_runs} == {
         "oracle-flat-fixed-0.5-f1": "paper",
         "oracle-steady-flat-fixed-0.5-f1": "steady",
         "oracle-mine.own-agent-flat-fixed-0.5-f1": "mine.own:agent",
     }
     _, alone = runs("--suite", "quick", "--pilot", "oracle")
-    assert alone == told[:1]
+    assert alone == all_runs[:1]
     Path("my.toml").write_text('suite = ["quick"]\npilot = "oracle"\nagent = ["paper", "steady"]\n')
-    assert runs("my.toml")[1] == told[:2]
+    assert runs("my.toml")[1] == all_runs[:2]
 
 
 def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(FILE)
-    args, told = runs("my.toml", "--jobs", "2", "--flights", "1", "--rate", "4", "--out", "there", "--parser", "strict")
+    args, file_runs = runs(
+        "my.toml", "--jobs", "2", "--flights", "1", "--rate", "4", "--out", "there", "--parser", "strict"
+    )
     assert (args.jobs, args.out) == (2, Path("there"))
-    assert {str(run.flight.latency) for run in told} == {"rate:4"}
-    assert {run.flight.seed for run in told} == {5}
-    assert {run.flight.parser for run in told} == {"strict"}
+    assert {str(run.flight.latency) for run in file_runs} == {"rate:4"}
+    assert {run.flight.seed for run in file_runs} == {5}
+    assert {run.flight.parser for run in file_runs} == {"strict"}
 
 
 def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsys):
@@ -166,9 +168,9 @@ def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsy
         monkeypatch.chdir(tmp_path)
         Path("my.toml").write_text(text)
         assert main(["bench", "my.toml"]) == 2, text
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert len(said.strip().splitlines()) == 1, text
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert len(error.strip().splitlines()) == 1, text
 
 
 def bench(out, *words):
@@ -179,40 +181,40 @@ def bench(out, *words):
 
 
 def finished(process):
-    """Return (status, what it said, what it complained about) of a command that is over."""
+    """Return (status, standard output, standard error) of a command after its end."""
     out, errors = process.communicate(timeout=900)
     return process.returncode, out, errors
 
 
 @pytest.mark.slow
 def test_one_budget_is_for_all_flights_and_ends_the_run(tmp_path):
-    """Two runs of a model that takes a move for every question; the money is gone in the first steps of the first."""
+    """Two runs of a model that rotates at every question. The budget ends in the first steps of the first run."""
     with PilotServer(lambda prompt, pictures: '{"action": "rotate", "angle_deg": 90}', "turns") as server:
         words = [*THREE[:2], "--model", "local/turns", "--base-url", server.base_url, "--flights", "2", "--jobs", "2"]
         status, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
         assert status == 3, errors
-        told = json.loads(out.splitlines()[-1])
-        assert (told["ending"], told["episodes"]) == ("budget", 4)
-        assert told["done"] < 4
-        assert told["spent"]["tokens"] >= 3000
+        result = json.loads(out.splitlines()[-1])
+        assert (result["ending"], result["episodes"]) == ("budget", 4)
+        assert result["done"] < 4
+        assert result["spent"]["tokens"] >= 3000
         assert "3,000 tokens" in errors
         again, out, errors = finished(bench(tmp_path / "b", *words, "--token-limit", "3000", "--json"))
-        assert again == 3  # nothing is left to fly on with, and that is said without a flight
-        assert json.loads(out.splitlines()[-1])["spent"] == told["spent"]
+        assert again == 3  # no budget is left, and the command says so without a flight
+        assert json.loads(out.splitlines()[-1])["spent"] == result["spent"]
     assert len(list(tmp_path.glob("b/**/ledger.sqlite"))) == 1
     kept = json_object(tmp_path / "b" / "bench.json")
     assert kept is not None
     assert [run["name"] for run in kept["runs"]] == [f"local-turns-flat-fixed-0.5-f{k}" for k in (1, 2)]
 
 
-def flown_bytes(out):
-    """Return what lockstep makes the same, by place."""
+def deterministic_logs(out):
+    """Return the log files that are deterministic in lockstep, by relative path."""
     names = ("truth.jsonl", "decisions.jsonl", "verdict.json")
     return {str(f.relative_to(out)): f.read_bytes() for name in names for f in sorted(out.glob(f"*/*/{name}"))}
 
 
 def in_the_air(out, process):
-    """Wait until a flight of this sitting has begun; return False when the process has ended before."""
+    """Wait until a flight of this process has begun; return False if the process ends before."""
     while process.poll() is None:
         if any(not (log.parent / "verdict.json").exists() for log in out.glob("*/*/flight.tlog")):
             return True
@@ -221,33 +223,33 @@ def in_the_air(out, process):
 
 
 @pytest.mark.slow("a run is killed and resumed several times")
-def test_whatever_is_killed_whenever_the_same_command_ends_with_the_same_bytes(tmp_path):
+def test_the_same_command_after_any_kill_ends_with_the_same_bytes(tmp_path):
     words = [*THREE, "--pilot", "oracle", "--flights", "2", "--jobs", "2"]
     status, _, errors = finished(bench(tmp_path / "whole", *words))
     assert status == 0, errors
-    whole, draw = flown_bytes(tmp_path / "whole"), random.Random(12)
-    assert len(whole) == 3 * 6
+    expected, draw = deterministic_logs(tmp_path / "whole"), random.Random(12)
+    assert len(expected) == 3 * 6
     out, killed = tmp_path / "torn", 0
     for what in ("worker", "parent", "worker", "parent"):
         process, flying = bench(out, *words), []
         if in_the_air(out, process):
-            time.sleep(draw.uniform(0.0, 3.0))  # any moment will do
+            time.sleep(draw.uniform(0.0, 3.0))  # any moment is fine
             flying = children("dronecats.bench.worker", process.pid)
             victim = psutil.Process(process.pid) if what == "parent" or not flying else draw.choice(flying)
-            with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended by itself at that moment
+            with contextlib.suppress(psutil.NoSuchProcess):  # it may have ended by itself
                 victim.kill()
                 killed += 1
         finished(process)
         _, alive = psutil.wait_procs(flying, timeout=20)
         assert not alive
-        stored = flown_bytes(out)
+        stored = deterministic_logs(out)
         done = [place for place in stored if place.endswith("verdict.json") and b'"error"' not in stored[place][:40]]
-        for place in done:  # whatever was finished before is as it is in the end
-            assert stored[place] == whole[place]
+        for place in done:  # finished flights keep their bytes
+            assert stored[place] == expected[place]
     status, _, errors = finished(bench(out, *words))
     assert status == 0, errors
     assert killed >= 2
-    assert flown_bytes(out) == whole
-    status, said, errors = finished(bench(out, *words))  # and flies nothing more
+    assert deterministic_logs(out) == expected
+    status, output, errors = finished(bench(out, *words))  # flies nothing more
     assert (status, "6/6" in errors) == (0, True)
-    assert "6/6" in said
+    assert "6/6" in output

@@ -1,4 +1,4 @@
-"""What a cluster cannot be asked for is refused before anything is flown."""
+"""Invalid cluster options are rejected before any flight."""
 
 import re
 import socket

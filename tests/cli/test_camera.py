@@ -1,4 +1,4 @@
-"""`dronecats camera`, as a user types it."""
+"""The command `dronecats camera`."""
 
 import json
 import re
@@ -26,44 +26,44 @@ def mjpeg():
 def test_check_says_how_often_and_how_old(mjpeg, tmp_path, capsys):
     saved = tmp_path / "frame.png"
     assert main(["camera", "check", mjpeg.url(), "--seconds", "1", "--save", str(saved), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert (found["model"]["width"], found["model"]["height"]) == (256, 144)
-    assert found["calibrated"] is False
-    assert found["rate_hz"] == pytest.approx(20.0, abs=2.0)
-    assert found["interval_ms"] == pytest.approx(50.0, abs=10.0)
-    assert 0.0 <= found["age_ms"] < 50.0
-    assert found["repeated"] == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["model"]["width"], report["model"]["height"]) == (256, 144)
+    assert report["calibrated"] is False
+    assert report["rate_hz"] == pytest.approx(20.0, abs=2.0)
+    assert report["interval_ms"] == pytest.approx(50.0, abs=10.0)
+    assert 0.0 <= report["age_ms"] < 50.0
+    assert report["repeated"] == 0
     assert pictures.read(saved).shape == (144, 256, 3)
 
 
 def test_check_tells_repeated_and_missing_pictures(tmp_path, capsys):
-    """A recording of 1.5 s at 20 Hz in which the second picture out of two is the first again."""
+    """A recording of 1.5 s at 20 Hz in which every second image repeats the first."""
     for number in range(30):
         (tmp_path / f"{number:03d}.jpg").write_bytes(jpeg(number // 2))
     assert main(["camera", "check", f"{tmp_path}?fps=20", "--seconds", "10", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["frames"] == pytest.approx(30, abs=2)
-    assert found["repeated"] == pytest.approx(15, abs=2)
+    report = json.loads(capsys.readouterr().out)
+    assert report["frames"] == pytest.approx(30, abs=2)
+    assert report["repeated"] == pytest.approx(15, abs=2)
 
 
 def test_check_for_a_person(mjpeg, capsys):
     assert main(["camera", "check", mjpeg.url(user="pilot:hush"), "--seconds", "0.5"]) == 0
-    told = capsys.readouterr().out
-    assert re.search("256×144 px, 90.0°", told)
-    assert "hush" not in told
+    output = capsys.readouterr().out
+    assert re.search("256×144 px, 90.0°", output)
+    assert "hush" not in output
 
 
 def test_check_of_a_snapshot_is_at_the_rate_of_asking(capsys):
     server = HttpServer(lambda handler: reply(handler, 200, jpeg(1)))
     assert main(["camera", "check", server.url(), "--seconds", "0.5", "--json"]) == 0
     server.close()
-    found = json.loads(capsys.readouterr().out)
-    assert found["asked"] is True
-    assert found["repeated"] == found["frames"] - 1
+    report = json.loads(capsys.readouterr().out)
+    assert report["asked"] is True
+    assert report["repeated"] == report["frames"] - 1
 
 
 def test_check_of_a_camera_with_the_vehicles_clock_leaves_the_age_unknown(capsys):
-    """A simulated camera stamps its frames; the host's clock may be hours ahead of the vehicle's."""
+    """A simulated camera stamps its frames. The host's clock can be hours ahead of the vehicle's."""
     stamps = {"X_Frame_Id": "7", "X_Frame_Time_Us": "1000"}
     server = HttpServer(lambda handler: reply(handler, 200, jpeg(1), **stamps))
     assert main(["camera", "check", server.url(), "--seconds", "0.5", "--json"]) == 0
@@ -71,7 +71,7 @@ def test_check_of_a_camera_with_the_vehicles_clock_leaves_the_age_unknown(capsys
     assert json.loads(capsys.readouterr().out)["age_ms"] is None
 
 
-def test_calibrate_and_check_with_what_came_out(tmp_path, capsys):
+def test_calibrate_and_check_with_the_result(tmp_path, capsys):
     out = tmp_path / "camera.yml"
     boards = tmp_path / "boards"
     boards.mkdir()
@@ -79,37 +79,37 @@ def test_calibrate_and_check_with_what_came_out(tmp_path, capsys):
         cv2.imwrite(str(boards / f"{number:02d}.png"), picture)
     command = ["camera", "calibrate", str(boards), "--board", "9x6", "--square", "0.025", "--out", str(out)]
     assert main(command) == 0
-    told = capsys.readouterr().out
-    assert re.search(r"\b14\b", told)
+    output = capsys.readouterr().out
+    assert re.search(r"\b14\b", output)
     assert load(out).matrix[0][0] == pytest.approx(LENS.matrix[0][0], rel=0.01)
     assert main(["camera", "check", str(boards), "--calibration", str(out), "--seconds", "1", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["calibrated"] is True
-    assert found["model"]["hfov_deg"] == pytest.approx(65.8, abs=0.5)
+    report = json.loads(capsys.readouterr().out)
+    assert report["calibrated"] is True
+    assert report["model"]["hfov_deg"] == pytest.approx(65.8, abs=0.5)
 
 
 @pytest.mark.slow
 def test_calibrate_live_takes_different_views_only(tmp_path, capsys):
-    """A camera that shows each of the boards several times over."""
+    """The camera shows each board several times."""
     out = tmp_path / "camera.json"
     shown = [cv2.imencode(".png", picture)[1].tobytes() for picture in views()]
-    asked = iter(range(10**6))
-    server = HttpServer(lambda handler: reply(handler, 200, shown[min(next(asked) // 2, len(shown) - 1)]))
+    requests = iter(range(10**6))
+    server = HttpServer(lambda handler: reply(handler, 200, shown[min(next(requests) // 2, len(shown) - 1)]))
     command = ["camera", "calibrate", server.url(), "--square", "0.025", "--out", str(out), "--seconds", "15", "--json"]
     assert main(command) == 0
     server.close()
-    found = json.loads(capsys.readouterr().out)
-    assert found["views"] == len(shown)
+    report = json.loads(capsys.readouterr().out)
+    assert report["views"] == len(shown)
     assert load(out).matrix[0][0] == pytest.approx(LENS.matrix[0][0], rel=0.01)
 
 
-def test_what_cannot_be_done_is_a_sentence_and_a_status(tmp_path, capsys, mjpeg):
+def test_errors_have_a_sentence_and_a_status(tmp_path, capsys, mjpeg):
     empty, other, words = tmp_path / "empty", tmp_path / "other.yml", tmp_path / "words.yml"
     empty.mkdir()
     save(LENS, other)
     words.write_text("not a calibration")
     board = ["--square", "0.025", "--out", str(tmp_path / "camera.yml")]
-    for arguments, status, said in [
+    for arguments, status, expected in [
         (["check", "http://pilot:hush@127.0.0.1:1/x"], 3, "***@127.0.0.1:1/x"),
         (["check", "nowhere"], 2, "nowhere"),
         (["check", mjpeg.url(), "--seconds", "0"], 2, "--seconds"),
@@ -122,9 +122,9 @@ def test_what_cannot_be_done_is_a_sentence_and_a_status(tmp_path, capsys, mjpeg)
         (["calibrate", str(empty), "--square", "0.025", "--out", "camera.txt"], 2, "camera.txt"),
     ]:
         assert main(["camera", *arguments]) == status, arguments
-        told = capsys.readouterr().err
-        assert said in told, arguments
-        assert "hush" not in told
+        error = capsys.readouterr().err
+        assert expected in error, arguments
+        assert "hush" not in error
 
 
 def test_pictures_of_several_sizes_are_refused(tmp_path, capsys):

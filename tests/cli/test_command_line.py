@@ -75,12 +75,12 @@ def test_wrong_usage_is_one_sentence_and_status_2(capsys, tmp_path, monkeypatch)
     ):
         monkeypatch.chdir(tmp_path)
         assert main(arguments) == 2, arguments
-        said = capsys.readouterr().err.strip()
-        assert re.search(parts, said), said
-        assert len(said.splitlines()) == 1, arguments
+        error = capsys.readouterr().err.strip()
+        assert re.search(parts, error), error
+        assert len(error.splitlines()) == 1, arguments
 
 
-def test_what_a_verb_does_is_said_by_its_own_help_and_by_everybodys(capsys):
+def test_each_verb_is_described_in_its_own_help_and_in_the_main_help(capsys):
     for verb in VERBS:
         for arguments in ([verb, "--help"], ["--help"], ["--help", verb]):
             with pytest.raises(SystemExit) as ended:
@@ -129,8 +129,8 @@ def test_a_malformed_episode_file_names_field_and_reason(capsys, tmp_path):
     record = tmp_path / "mine.json"
     record.write_text(json.dumps({"version": 1, "id": "mine"}))
     assert main(["fly", "--sitl", "--episode", str(record)]) == 2
-    said = capsys.readouterr().err
-    assert re.search(r"mine\.json.*'\w+'", said)
+    error = capsys.readouterr().err
+    assert re.search(r"mine\.json.*'\w+'", error)
 
 
 def test_episodes_list_and_help_are_quick_and_complete(capsys):
@@ -191,7 +191,7 @@ def test_a_mistyped_name_is_answered_with_the_nearest(words, near, capsys, tmp_p
     Path("optics.toml").write_text("[hase]\n")
     Path("faults.toml").write_text('[[fault]]\nknid = "fail"\n')
     write_run(tmp_path / "runs" / "oracle", ("campus-searching-01",))
-    with pytest.raises(SystemExit, match="2"):  # argparse itself, or as the program ends
+    with pytest.raises(SystemExit, match="2"):  # raised by argparse, or at the end of the program
         sys.exit(main(words))
-    said = capsys.readouterr().err
-    assert re.search(f"did you mean .*{near}", said), said
+    error = capsys.readouterr().err
+    assert re.search(f"did you mean .*{near}", error), error

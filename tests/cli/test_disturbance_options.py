@@ -1,4 +1,4 @@
-"""The words for what is done to a flight on purpose, on every verb that flies one."""
+"""The options for disturbances, on every command that flies."""
 
 import json
 import re
@@ -22,18 +22,18 @@ FRAME = FrameFaults(delay_s=0.5, dropped=0.1, stale=0.2, rate_hz=4.0)
 
 def test_fly_and_bench_and_a_file_say_the_same(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    asked = spec_of(parse(["fly", "--sitl", "--pilot", "oracle", *WORDS]))
-    assert asked.disturbances == Disturbances(frame=FRAME)
+    spec = spec_of(parse(["fly", "--sitl", "--pilot", "oracle", *WORDS]))
+    assert spec.disturbances == Disturbances(frame=FRAME)
     Path("my.toml").write_text(
         'suite = "quick"\npilot = "oracle"\nframe_delay = 0.5\nframe_drop = 0.1\nframe-stale = 0.2\nframe_rate = 4\n'
     )
     for words in (["my.toml"], ["--suite", "quick", "--pilot", "oracle", *WORDS]):
         args = bench_spec.with_file(parse(["bench", *words]))
         (entry,) = bench_spec.runs(args, bench_spec.suite(args), Path("out"))
-        assert entry.flight.disturbances == asked.disturbances
-        assert json.dumps(as_json(entry.flight)["disturbances"]) == json.dumps(as_json(asked)["disturbances"])
+        assert entry.flight.disturbances == spec.disturbances
+        assert json.dumps(as_json(entry.flight)["disturbances"]) == json.dumps(as_json(spec)["disturbances"])
     assert spec_of(parse(["fly", "--sitl"])).disturbances == UNDISTURBED
-    assert from_json(json.loads(json.dumps(as_json(asked))), "here") == asked
+    assert from_json(json.loads(json.dumps(as_json(spec))), "here") == spec
 
 
 def test_light_and_season_are_words_and_numbers(tmp_path, monkeypatch):
@@ -44,21 +44,21 @@ def test_light_and_season_are_words_and_numbers(tmp_path, monkeypatch):
     args = bench_spec.with_file(parse(["bench", "my.toml"]))
     (entry,) = bench_spec.runs(args, bench_spec.suite(args), Path("out"))
     words = ["--sun", "270,15", "--sky", "overcast", "--season", "autumn"]
-    asked = spec_of(parse(["fly", "--sitl", *words]))
-    wanted = FlightConditions(sun_azimuth_deg=270.0, sun_elevation_deg=15.0, sky="overcast", season="autumn")
-    assert entry.flight.disturbances.conditions == asked.disturbances.conditions == wanted
+    spec = spec_of(parse(["fly", "--sitl", *words]))
+    expected = FlightConditions(sun_azimuth_deg=270.0, sun_elevation_deg=15.0, sky="overcast", season="autumn")
+    assert entry.flight.disturbances.conditions == spec.disturbances.conditions == expected
     plain = spec_of(parse(["fly", "--sitl", "--sky", "clear", "--season", "summer"]))
     assert plain == spec_of(parse(["fly", "--sitl"]))
 
 
-def test_every_option_is_told_in_the_help_and_on_its_page():
+def test_every_option_is_in_the_help_and_on_its_page():
     page = (Path(__file__).parents[2] / "docs" / "disturbances.md").read_text(encoding="utf-8")
     for option in OPTIONS:
         assert option.help
         assert f"--{option.name.replace('_', '-')}" in page
 
 
-def test_what_cannot_be_is_refused_in_one_sentence(capsys):
+def test_invalid_values_are_rejected_in_one_sentence(capsys):
     for words, parts in (
         (["--sitl", "--frame-drop", "1"], "frame_drop .*0 .*0.95, .*1"),
         (["--sitl", "--frame-delay", "-1"], "delay .*0 .*60 s"),
@@ -81,11 +81,11 @@ def test_a_file_of_words_is_checked_too(tmp_path, monkeypatch, capsys):
     assert "frame_delay" in capsys.readouterr().err
 
 
-def test_a_spec_says_its_own_and_a_replay_keeps_them_but_for_what_is_said_otherwise(tmp_path, capsys):
-    flown = replace(FLOWN, disturbances=Disturbances(frame=FRAME))
-    kept = folder(tmp_path / "run", flown)
+def test_a_replay_keeps_the_disturbances_of_its_run_except_for_options(tmp_path, capsys):
+    spec = replace(FLOWN, disturbances=Disturbances(frame=FRAME))
+    kept = folder(tmp_path / "run", spec)
     words = ["--sitl", "--model", f"replay:{kept}"]
-    assert spec_of(parse(["fly", *words])).disturbances == flown.disturbances
+    assert spec_of(parse(["fly", *words])).disturbances == spec.disturbances
     other = parse(["fly", *words, "--frame-delay", "0"])
     assert spec_of(other).disturbances == Disturbances(frame=replace(FRAME, delay_s=0.0))
     assert replay_line(other, EASY).endswith("--frame-delay")
@@ -102,7 +102,7 @@ def test_a_connected_vehicle_has_disturbances_of_its_own():
         )
 
 
-def test_what_is_done_is_said_in_words():
+def test_the_description_has_every_value():
     assert UNDISTURBED.words is None
     for disturbances, values in (
         (Disturbances(frame=FRAME), ["4", "0.5", "10", "20"]),

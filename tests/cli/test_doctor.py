@@ -1,4 +1,4 @@
-"""The doctor looks at everything, hides every key, and its exit status says whether a flight is possible."""
+"""The command `dronecats doctor` checks everything and hides every key. Its exit status tells if a flight can run."""
 
 import json
 import re
@@ -28,9 +28,9 @@ def examined(capsys):
 
 
 def test_exit_status_and_verdict_agree_with_the_findings(capsys):
-    status, found = examined(capsys)
-    missing = [f for f in found["findings"] if f["state"] == doctor.MISSING]
-    assert found["can_simulate"] == (not missing)
+    status, report = examined(capsys)
+    missing = [f for f in report["findings"] if f["state"] == doctor.MISSING]
+    assert report["can_simulate"] == (not missing)
     assert status == (1 if missing else 0)
     assert all(f["remedy"] for f in missing)
 
@@ -38,8 +38,8 @@ def test_exit_status_and_verdict_agree_with_the_findings(capsys):
 def test_every_base_package_and_every_extra_is_listed(capsys):
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     base = {re.split(r"[^\w.-]", requirement)[0] for requirement in project["dependencies"]}
-    _, found = examined(capsys)
-    names = {kind: {f["name"] for f in found["findings"] if f["kind"] == kind} for kind in ("package", "extra")}
+    _, report = examined(capsys)
+    names = {kind: {f["name"] for f in report["findings"] if f["kind"] == kind} for kind in ("package", "extra")}
     assert names["package"] == {"dronecats", "python", *base}
     assert names["extra"] == {extra.name for extra in EXTRAS}
 
@@ -55,23 +55,23 @@ def test_an_extra_without_one_of_its_packages_is_missing_and_only_sim_is_an_obst
 
 def test_a_machine_without_the_extra_sim_gets_one_remedy(monkeypatch, capsys):
     hide(monkeypatch, "numba", "embreex")
-    status, found = examined(capsys)
+    status, report = examined(capsys)
     assert status == 1
-    assert [f["name"] for f in found["findings"] if f["state"] == doctor.MISSING] == ["sim"]
+    assert [f["name"] for f in report["findings"] if f["state"] == doctor.MISSING] == ["sim"]
 
 
 def test_a_package_that_does_not_import_is_an_obstacle(monkeypatch, capsys):
     monkeypatch.setattr(doctor, "_import_fault", lambda module: "broken" if module == "numba" else "")
-    status, found = examined(capsys)
+    status, report = examined(capsys)
     assert status == 1
-    assert [f["name"] for f in found["findings"] if f["state"] == doctor.MISSING] == ["sim"]
+    assert [f["name"] for f in report["findings"] if f["state"] == doctor.MISSING] == ["sim"]
 
 
 def test_a_missing_base_package_is_an_obstacle(monkeypatch, capsys):
     monkeypatch.setitem(doctor.BASE, "no-such-distribution", "no_such_module_anywhere")
-    status, found = examined(capsys)
+    status, report = examined(capsys)
     assert status == 1
-    assert [f["name"] for f in found["findings"] if f["state"] == doctor.MISSING] == ["no-such-distribution"]
+    assert [f["name"] for f in report["findings"] if f["state"] == doctor.MISSING] == ["no-such-distribution"]
 
 
 def test_the_page_names_each_missing_extra_with_its_command(monkeypatch, capsys):
@@ -97,19 +97,19 @@ def test_only_keys_that_a_provider_uses_are_offered(monkeypatch):
     for name in used:
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("MISTRAL_API_KEY", "of-no-use-here")
-    found = next(f for f in doctor.examine() if f.name == "model keys")
-    assert found.state == doctor.NOTE
-    offered = set(re.findall(r"[A-Z]+_API_KEY", found.detail + found.remedy))
+    finding = next(f for f in doctor.examine() if f.name == "model keys")
+    assert finding.state == doctor.NOTE
+    offered = set(re.findall(r"[A-Z]+_API_KEY", finding.detail + finding.remedy))
     assert offered == {"OPENAI_API_KEY", "OPENROUTER_API_KEY", "GEMINI_API_KEY", "ANTHROPIC_API_KEY"}
     for name in used:
         monkeypatch.setenv(name, "x")
-    found = next(f for f in doctor.examine() if f.name == "model keys")
-    assert set(re.findall(r"[A-Z]+_API_KEY", found.detail)) == used
+    finding = next(f for f in doctor.examine() if f.name == "model keys")
+    assert set(re.findall(r"[A-Z]+_API_KEY", finding.detail)) == used
 
 
 def test_a_taken_port_is_a_note_and_no_obstacle():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
         holder.bind(("127.0.0.1", 0))
-        found = doctor.port(holder.getsockname()[1], "a test")
-    assert found.state == doctor.NOTE
-    assert found.remedy
+        finding = doctor.port(holder.getsockname()[1], "a test")
+    assert finding.state == doctor.NOTE
+    assert finding.remedy

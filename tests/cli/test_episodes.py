@@ -1,4 +1,4 @@
-"""`dronecats episodes …` as a user meets it."""
+"""The command `dronecats episodes …`."""
 
 import json
 import math
@@ -18,18 +18,18 @@ from tests import pictures
 SHIPPED = catalogue.load(catalogue.DEFAULT)
 
 
-def said(capsys: pytest.CaptureFixture[str], *arguments: str, status: int = 0) -> str:
+def output_of(capsys: pytest.CaptureFixture[str], *arguments: str, status: int = 0) -> str:
     assert main(["episodes", *arguments]) == status
     return capsys.readouterr().out
 
 
 def test_list_has_a_row_for_every_episode_and_can_be_narrowed_to_a_suite(capsys: pytest.CaptureFixture[str]) -> None:
-    rows = json.loads(said(capsys, "list", "--json"))["episodes"]
+    rows = json.loads(output_of(capsys, "list", "--json"))["episodes"]
     assert [row["id"] for row in rows] == catalogue.ids()
     assert set(rows[0]) == {"id", "map", "cell", "suites", "drones", "par", "instruction"}
-    quick = json.loads(said(capsys, "list", "--json", "--suite", "quick"))["episodes"]
+    quick = json.loads(output_of(capsys, "list", "--json", "--suite", "quick"))["episodes"]
     assert {row["id"] for row in quick} == {row["id"] for row in rows if "quick" in row["suites"]}
-    names = {line.split()[0] for line in said(capsys, "list").splitlines()}
+    names = {line.split()[0] for line in output_of(capsys, "list").splitlines()}
     assert names >= set(catalogue.ids())
 
 
@@ -50,13 +50,13 @@ def test_suites_part_the_catalogue() -> None:
 
 def test_show_tells_and_draws(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     picture = tmp_path / "first.png"
-    text = said(capsys, "show", catalogue.DEFAULT, "--picture", str(picture))
+    text = output_of(capsys, "show", catalogue.DEFAULT, "--picture", str(picture))
     for part in ("residential", "approaching", "one-drone, quick, all", "cyan suv", SHIPPED.instruction):
         assert part in text
     drawn = pictures.read(picture)
     assert drawn.shape == (720, 1280, 3)
     assert drawn.std() > 20.0
-    shown = json.loads(said(capsys, "show", catalogue.DEFAULT, "--json"))
+    shown = json.loads(output_of(capsys, "show", catalogue.DEFAULT, "--json"))
     assert shown["record"] == json.loads(SHIPPED.to_json())
     assert shown["drones"] == 1
 
@@ -65,8 +65,8 @@ def test_only_what_ships_is_in_a_suite(capsys: pytest.CaptureFixture[str], tmp_p
     same, other = tmp_path / "same.json", tmp_path / "other.json"
     same.write_text(SHIPPED.to_json())
     other.write_text(replace(SHIPPED, seed=SHIPPED.seed - 1).to_json())
-    assert "quick" in json.loads(said(capsys, "show", str(same), "--json"))["suites"]
-    shown = json.loads(said(capsys, "show", str(other), "--json"))
+    assert "quick" in json.loads(output_of(capsys, "show", str(same), "--json"))["suites"]
+    shown = json.loads(output_of(capsys, "show", str(other), "--json"))
     assert shown["suites"] == []
     assert shown["par"] is None
 
@@ -82,14 +82,14 @@ def test_check_accepts_and_rejects(capsys: pytest.CaptureFixture[str], tmp_path:
     walled.write_text(replace(SHIPPED, id="walled", target=replace(SHIPPED.target, position_ned=house)).to_json())
     torn = tmp_path / "torn.json"
     torn.write_text(SHIPPED.to_json()[:100])
-    answer = json.loads(said(capsys, "check", catalogue.DEFAULT, "--json", "--jobs", "1"))
+    answer = json.loads(output_of(capsys, "check", catalogue.DEFAULT, "--json", "--jobs", "1"))
     assert answer == {"checked": 1, "rejected": {}, "suite": []}
-    answer = json.loads(said(capsys, "check", str(walled), str(torn), "--json", "--jobs", "1", status=1))
+    answer = json.loads(output_of(capsys, "check", str(walled), str(torn), "--json", "--jobs", "1", status=1))
     assert answer["checked"] == 2
     assert set(answer["rejected"]) == {"walled", str(torn)}
     assert "walled.json" not in answer["rejected"][str(torn)]
     assert re.search(r"'target\.position_ned'.* house-", answer["rejected"]["walled"])
-    text = said(capsys, "check", str(walled), "--jobs", "1", "--rules", status=1)
+    text = output_of(capsys, "check", str(walled), "--jobs", "1", "--rules", status=1)
     assert re.search(r"\b1 checked.*\b1 rejected", text)
 
 
@@ -97,10 +97,10 @@ def test_no_reason_is_lost_where_files_hold_the_same_id(capsys: pytest.CaptureFi
     files = [tmp_path / "one.json", tmp_path / "two.json"]
     for file, distance in zip(files, (3.0, 4.0), strict=True):
         file.write_text(replace(SHIPPED, start_distance_m=distance).to_json())
-    asked = [str(file) for file in files]
-    answer = json.loads(said(capsys, "check", *asked, catalogue.DEFAULT, "--json", "--jobs", "1", status=1))
+    paths = [str(file) for file in files]
+    answer = json.loads(output_of(capsys, "check", *paths, catalogue.DEFAULT, "--json", "--jobs", "1", status=1))
     assert answer["checked"] == 3
-    assert set(answer["rejected"]) == set(asked)
+    assert set(answer["rejected"]) == set(paths)
 
 
 def test_check_asks_for_a_record_that_exists(capsys: pytest.CaptureFixture[str]) -> None:
@@ -121,7 +121,7 @@ def test_par_is_a_table_of_shipped_episodes(tmp_path: Path) -> None:
 
 
 def test_recorded_numbers_are_short(tmp_path: Path) -> None:
-    """Millimetres and tenths of degrees: what is drawn again is drawn from what is written."""
+    """Millimetres and tenths of degrees. A redraw uses the written numbers."""
     for name in catalogue.ids():
         for start in catalogue.load(name).starts:
             assert all(math.isclose(v, round(v, 3), abs_tol=1e-12) for v in start.position_ned)
@@ -129,12 +129,12 @@ def test_recorded_numbers_are_short(tmp_path: Path) -> None:
 
 def test_sheet_draws_what_is_asked_for(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "sheet.jpg"
-    said(capsys, "sheet", "suv", "--out", str(file))
-    one = pictures.read(file)
-    said(capsys, "sheet", "suv", "bus", "--out", str(file))
-    two = pictures.read(file)
-    assert two.shape[1] == one.shape[1]
-    assert two.shape[0] > one.shape[0]
+    output_of(capsys, "sheet", "suv", "--out", str(file))
+    single = pictures.read(file)
+    output_of(capsys, "sheet", "suv", "bus", "--out", str(file))
+    double = pictures.read(file)
+    assert double.shape[1] == single.shape[1]
+    assert double.shape[0] > single.shape[0]
     assert main(["episodes", "sheet", "suw", "--out", str(file)]) == 2
     assert "suv" in capsys.readouterr().err
     assert main(["episodes", "sheet", "suv", "--out", str(tmp_path / "sheet.gif")]) == 2

@@ -1,4 +1,4 @@
-"""`dronecats export` as a user calls it: where files go, what is refused, and what is left out."""
+"""The command `dronecats export`: output files, rejected arguments, and omitted episodes."""
 
 import json
 
@@ -17,13 +17,13 @@ def place(tmp_path, monkeypatch):
 
 def test_an_episode_is_a_file(place, capsys):
     assert main(["export", "made", "--to", "geojson", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert set(told["files"]) == {f"made-geojson/residential-searching-0{n}.geojson" for n in (1, 2)}
-    assert told["left_out"] == []
+    result = json.loads(capsys.readouterr().out)
+    assert set(result["files"]) == {f"made-geojson/residential-searching-0{n}.geojson" for n in (1, 2)}
+    assert result["left_out"] == []
     assert not list(place.rglob("*.part"))
 
 
-def test_what_is_there_is_not_written_over_without_being_told(place, capsys):
+def test_existing_files_are_not_overwritten_without_the_option(place, capsys):
     assert main(["export", "made", "--to", "kml", "--out", "out"]) == 0
     file = place / "out" / "residential-searching-01.kml"
     file.write_text("mine")
@@ -58,14 +58,14 @@ def test_runs_of_the_same_episode_do_not_meet(place, capsys):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "expected"),
     [
         (["nowhere", "--to", "kml"], "nowhere"),
         (["made", "--to", "kml", "--out", "made/run.json"], "made/run.json"),
     ],
 )
-def test_what_cannot_be_is_one_sentence(arguments, said, place, capsys):
+def test_errors_are_one_sentence(arguments, expected, place, capsys):
     assert main(["export", *arguments]) == 2
     err = capsys.readouterr().err
-    assert said in err
+    assert expected in err
     assert len(err.splitlines()) == 1

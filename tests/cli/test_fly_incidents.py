@@ -1,4 +1,4 @@
-"""What `dronecats fly` prints about collisions and estimator resets at the end of a flight."""
+"""Collisions and estimator resets in the output of `dronecats fly` at the end of a flight."""
 
 import pytest
 

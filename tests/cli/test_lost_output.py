@@ -1,4 +1,4 @@
-"""A reader of the output that goes away costs the words: neither the work, nor the truth of the exit status."""
+"""If the reader of the output exits, only the output is lost. The work continues and the exit status is correct."""
 
 import json
 import shlex
@@ -14,7 +14,7 @@ FLY = [*DRONECATS, "fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--la
 
 
 def after_one_line(command, **streams):
-    """Start a command, read one line of its output, and close the pipe for ever, as `head -1` does."""
+    """Start a command, read one line of its output, and close the pipe, as `head -1` does."""
     process = subprocess.Popen(command, stdout=subprocess.PIPE, **{"stderr": subprocess.PIPE, **streams}, text=True)
     assert process.stdout is not None
     assert process.stdout.readline()
@@ -26,12 +26,12 @@ def after_one_line(command, **streams):
 @pytest.mark.parametrize("stderr", [subprocess.PIPE, subprocess.STDOUT])
 def test_a_flight_goes_on_when_its_reader_goes(tmp_path, stderr):
     process = after_one_line([*FLY, str(tmp_path / "run")], stderr=stderr)
-    said = process.stderr.read() if process.stderr else None
+    error_output = process.stderr.read() if process.stderr else None
     assert process.wait(300) == 0
     (verdict,) = (tmp_path / "run").glob("*/verdict.json")
     assert json.loads(verdict.read_text())["outcome"] == "success"
-    if said is not None:
-        assert len(said.splitlines()) == 1
+    if error_output is not None:
+        assert len(error_output.splitlines()) == 1
 
 
 def test_a_shell_sees_the_status_of_what_it_started():
@@ -63,7 +63,7 @@ def test_a_list_ends_well_and_quietly_when_its_reader_has_enough():
 
 
 @pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&-"])
-def test_who_closes_the_output_beforehand_is_served_without_it(closed):
+def test_a_command_with_closed_output_keeps_its_exit_status(closed):
     line = f"exec {shlex.join([*DRONECATS, 'judge', '/nowhere'])} {closed}"
     assert subprocess.run(["bash", "-c", line], timeout=60, check=False).returncode == 2
 

@@ -1,4 +1,4 @@
-"""A missing package ends a command with status 2 and the command that installs it, before anything is written."""
+"""If a package is missing, a command ends with status 2 and the command that installs it. It writes nothing."""
 
 import re
 import sys
@@ -49,25 +49,31 @@ def normalized(distribution):
 
 
 def declared():
-    """Return extra → the names of its distributions, the extras of `dronecats[…]` among them left out."""
+    """Return extra → the names of its distributions, without the extras of `dronecats[…]` itself."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    names = {extra: [re.split(r"[^\w.-]", each)[0] for each in requirements] for extra, requirements in extras.items()}
-    return {extra: {normalized(name) for name in found if name != "dronecats"} for extra, found in names.items()}
+    names = {
+        extra: [re.split(r"[^\w.-]", requirement)[0] for requirement in requirements]
+        for extra, requirements in extras.items()
+    }
+    return {
+        extra: {normalized(name) for name in distributions if name != "dronecats"}
+        for extra, distributions in names.items()
+    }
 
 
 @cache
 def installed_modules():
-    """Return distribution → the modules at its top level."""
-    found: dict[str, set[str]] = {}
+    """Return distribution → its top-level modules."""
+    modules: dict[str, set[str]] = {}
     for module, distributions in metadata.packages_distributions().items():
         for name in distributions:
-            found.setdefault(normalized(name), set()).add(module)
-    return found
+            modules.setdefault(normalized(name), set()).add(module)
+    return modules
 
 
 @pytest.fixture
 def absent(monkeypatch):
-    """Return a function that makes packages look as if they were not installed, for modules imported from then on."""
+    """Return a function that hides packages, for modules imported after the call."""
     names: set[str] = set()
 
     class Absent(MetaPathFinder):
@@ -93,7 +99,7 @@ def test_a_command_names_the_extra_that_it_needs_and_does_nothing(extra, words, 
     monkeypatch.chdir(tmp_path)
     run_folder(tmp_path / "made", {EPISODE: "find it"})
     before = sorted(tmp_path.rglob("*"))
-    absent(next(each.modules for each in EXTRAS if each.name == extra))
+    absent(next(candidate.modules for candidate in EXTRAS if candidate.name == extra))
     from dronecats.cli.main import main
 
     assert main(words) == 2
@@ -128,7 +134,7 @@ def test_all_installs_every_extra_of_the_commands():
 
 @pytest.mark.parametrize("extra", EXTRAS, ids=lambda extra: extra.name)
 def test_modules_of_an_extra_are_those_of_its_distributions(extra):
-    """Compares only distributions that are installed here."""
+    """Only installed distributions are compared."""
     distributions = declared()[extra.name]
     brought = installed_modules()
     tops = {module.split(".")[0] for module in extra.modules}

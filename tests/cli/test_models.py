@@ -1,4 +1,4 @@
-"""`dronecats models`: what is listed, shown and checked, with which status, and never a key."""
+"""The command `dronecats models`: the output and exit status of list, show and check. No output contains a key."""
 
 import json
 import re
@@ -18,14 +18,14 @@ KEY = "sk-cli-SECRET-0987654321"
 
 
 @pytest.fixture(autouse=True)
-def nobodys_file(monkeypatch, tmp_path):
+def no_models_file(monkeypatch, tmp_path):
     monkeypatch.delenv(OWN_FILE, raising=False)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
 
 
 @pytest.fixture
 def house(monkeypatch, tmp_path):
-    """A row of one's own."""
+    """A models file with one row."""
     path = tmp_path / "mine.toml"
     path.write_text(
         '[house]\nprovider = "vllm"\nidentifier = "maker/house"\naxis = "yx"\nschema = "array"\n'
@@ -48,17 +48,17 @@ def test_the_list_names_every_row_its_file_and_whether_its_key_is_set(monkeypatc
     assert "array" in of["house"]
     assert "OPENAI_API_KEY  " in of["gpt-5"]
     assert re.search(r"ANTHROPIC_API_KEY +no\b", of["claude-opus-5-5"])
-    assert re.search(r"VLLM_API_KEY +-", of["qwen3.5-4b"])  # on the loopback no key is needed
+    assert re.search(r"VLLM_API_KEY +-", of["qwen3.5-4b"])  # a local server needs no key
     assert main(["models", "list", "--json"]) == 0
-    told = capsys.readouterr().out
-    by_name = {row["name"]: row for row in json.loads(told)["models"]}
+    output = capsys.readouterr().out
+    by_name = {row["name"]: row for row in json.loads(output)["models"]}
     assert (by_name["gpt-5"]["key_set"], by_name["claude-opus-5-5"]["key_set"]) == (True, False)
     assert by_name["house"]["output_usd"] == 2.0
-    assert KEY not in told + "".join(lines)
+    assert KEY not in output + "".join(lines)
 
 
 @pytest.mark.parametrize("name", ["gpt-5", "gemini-3.7-flash", "claude-opus-5-5", "qwen3.5-4b", "openrouter/maker/m"])
-def test_what_is_shown_is_what_is_sent_and_needs_no_key(monkeypatch, capsys, name):
+def test_show_prints_the_sent_request_and_needs_no_key(monkeypatch, capsys, name):
     for provider in ("OPENAI", "GEMINI", "ANTHROPIC", "VLLM", "OPENROUTER"):
         monkeypatch.delenv(f"{provider}_API_KEY", raising=False)
     assert main(["models", "show", name, "--json"]) == 0
@@ -67,21 +67,21 @@ def test_what_is_shown_is_what_is_sent_and_needs_no_key(monkeypatch, capsys, nam
         assert main(["models", "check", name, "--base-url", server.url + "/v1"]) == 0
     capsys.readouterr()
     sent = server.sent[0]
-    prefix = shown["request"]["url"].partition("/v1")[0]  # OpenRouter's is below /api
+    prefix = shown["request"]["url"].partition("/v1")[0]  # OpenRouter's path begins with /api
     assert shown["request"]["url"].removeprefix(prefix).removeprefix("/api") == sent.path
     assert outline(shown["request"]["body"]) == outline(sent.body)
     assert (shown["row"] is None) == (name == "openrouter/maker/m")
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     assert main(["models", "show", name]) == 0
-    told = capsys.readouterr().out
-    assert "base64>" in told
-    assert ("[y, x]" in told) == ("gemini" in name)
-    assert len(told) < 12_000
-    assert KEY not in told
+    output = capsys.readouterr().out
+    assert "base64>" in output
+    assert ("[y, x]" in output) == ("gemini" in name)
+    assert len(output) < 12_000
+    assert KEY not in output
 
 
 def outline(value):
-    """Return a request's values without texts that are long: prompts and pictures."""
+    """Return a request's values without long texts: prompts and images."""
     if isinstance(value, dict):
         return {key: outline(inner) for key, inner in value.items()}
     if isinstance(value, list):
@@ -97,55 +97,55 @@ def test_a_lifted_request_is_shown_too(capsys):
 def test_an_address_with_a_secret_is_shown_without_it(capsys):
     url = "http://me:hush-hush@127.0.0.1:9/v1?key=topsecretkey123456"
     assert main(["models", "show", "local/x", "--base-url", url]) == 0
-    told = capsys.readouterr().out
-    assert "127.0.0.1:9/v1/chat/completions?key=***" in told
-    assert "hush" not in told
-    assert "topsecret" not in told
+    output = capsys.readouterr().out
+    assert "127.0.0.1:9/v1/chat/completions?key=***" in output
+    assert "hush" not in output
+    assert "topsecret" not in output
 
 
 def test_a_check_says_what_came_back_and_that_it_can_fly(capsys, house):
     with Recording(Pointer("always [y, x]", enforces=True)) as server:
         assert main(["models", "check", "house", "--base-url", server.url + "/v1"]) == 0
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     assert server.sent[0].body["temperature"] == 0.1
     for part in (r"\b100\b.*\b20\b", r"Points: .*\[y, x\]", "Schema: enforced", r"\$0\.000560", r"\b400 .*\b80 "):
-        assert re.search(part, told), part
+        assert re.search(part, output), part
 
 
 def test_a_check_says_why_a_reply_was_cut_off(capsys):
     def cut_off(sent):
-        said = wrapped("openai", '{"acti', 100, 8192)
-        said["choices"][0]["finish_reason"] = "length"
-        return 200, json.dumps(said).encode()
+        reply = wrapped("openai", '{"acti', 100, 8192)
+        reply["choices"][0]["finish_reason"] = "length"
+        return 200, json.dumps(reply).encode()
 
     with Recording(cut_off) as server:
         words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
         assert main(words) == 1
         assert re.search(r"Unfinished: .*8,192 tokens.*max_tokens", capsys.readouterr().out)
         assert main([*words, "--json"]) == 1
-    assert {asked["finish"] for asked in json.loads(capsys.readouterr().out)["asked"]} == {"length"}
+    assert {question["finish"] for question in json.loads(capsys.readouterr().out)["asked"]} == {"length"}
 
 
-def test_a_model_that_points_otherwise_than_declared_cannot_fly_and_is_told_how(capsys):
+def test_a_model_with_the_wrong_axis_order_cannot_fly_and_the_remedy_is_shown(capsys):
     with Recording(Pointer("always [y, x]")) as server:
         words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
         assert main(words) == 1
         assert "--axis yx" in capsys.readouterr().out
         assert main([*words, "--axis", "yx"]) == 0
         assert main([*words, "--json", "--schema", "array"]) == 1
-    said = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert (said["pointing"], said["can_fly"]) == ("always [y, x]", False)
-    assert (said["schema"], said["schema_enforced"]) == ("array", False)
-    assert said["cost_usd"] is None
+    report = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert (report["pointing"], report["can_fly"]) == ("always [y, x]", False)
+    assert (report["schema"], report["schema_enforced"]) == ("array", False)
+    assert report["cost_usd"] is None
 
 
 def test_a_check_that_the_endpoint_fails_is_an_error_of_the_infrastructure(monkeypatch, capsys):
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     with Recording(f"wrong key {KEY}".encode(), 401) as server:
         assert main(["models", "check", "claude-opus-5-5", "--base-url", server.url + "/v1"]) == 3
-    said = capsys.readouterr().err
-    assert re.search(r"401 .*/messages: wrong key \*\*\*", said), said
-    assert KEY not in said
+    error = capsys.readouterr().err
+    assert re.search(r"401 .*/messages: wrong key \*\*\*", error), error
+    assert KEY not in error
 
 
 def test_wrong_words_are_one_sentence_and_status_2(monkeypatch, capsys):
@@ -160,9 +160,9 @@ def test_wrong_words_are_one_sentence_and_status_2(monkeypatch, capsys):
         monkeypatch.delenv("OPENAI_API_KEY", raising=False)
         monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
         assert main(["models", *words]) == 2, words
-        told = capsys.readouterr()
-        assert re.search(parts, told.err), told.err
-        assert told.out == "", words
+        captured = capsys.readouterr()
+        assert re.search(parts, captured.err), captured.err
+        assert captured.out == "", words
 
 
 def test_the_doctor_counts_the_models(capsys, house):
@@ -180,22 +180,22 @@ def test_a_wrong_file_of_ones_own_stops_what_opens_a_model_and_is_the_doctors_fi
     assert "'providr'" in capsys.readouterr().out
 
 
-def flown(*words):
-    """Return the model of the flight that a command line asks for."""
+def model_of(*words):
+    """Return the model of the flight that a command line configures."""
     model = spec_of(parse(["fly", "--sitl", *words])).model
     assert model
     return model
 
 
-def test_a_flight_takes_the_row_and_what_is_said_otherwise(house):
-    model = flown("--model", "house")
+def test_a_flight_uses_the_row_and_options_override_it(house):
+    model = model_of("--model", "house")
     assert (model.axis_order, model.schema, model.temperature, model.output_usd) == ("yx", "array", 0.1, 2.0)
-    assert flown("--model", "vllm/maker/house") == model
+    assert model_of("--model", "vllm/maker/house") == model
     words = ["--axis", "xy", "--schema", "none", "--temperature", "none", "--base-url", "http://127.0.0.1:9/v1"]
-    model = flown("--model", "house", *words)
+    model = model_of("--model", "house", *words)
     assert (model.axis_order, model.schema, model.temperature) == ("xy", None, None)
     assert (model.base_url, model.output_usd) == ("http://127.0.0.1:9/v1", 2.0)
-    assert flown("--model", "gpt-5", "--temperature", "1").temperature == 1.0
+    assert model_of("--model", "gpt-5", "--temperature", "1").temperature == 1.0
 
 
 def test_a_flight_once_more_needs_no_file_of_models(monkeypatch, tmp_path, house):
@@ -206,7 +206,7 @@ def test_a_flight_once_more_needs_no_file_of_models(monkeypatch, tmp_path, house
     assert spec_of(parse(again)).model == spec.model
 
 
-def test_what_is_said_of_a_model_goes_with_one(capsys):
+def test_model_options_need_a_model(capsys):
     for option in (["--axis", "yx"], ["--schema", "object"], ["--temperature", "none"]):
         assert main(["fly", "--sitl", *option]) == 2, option
         assert re.search(f"{option[0]} .*--model", capsys.readouterr().err), option
@@ -214,9 +214,9 @@ def test_what_is_said_of_a_model_goes_with_one(capsys):
 
 def test_a_flight_says_how_its_model_is_asked(capsys, house):
     assert main(["fly", "--sitl", "--speed", "max", "--model", "local/x", "--axis", "yx", "--temperature", "none"]) == 2
-    said = capsys.readouterr()
-    assert re.search(r"local/x\b.*\[y, x\].*schema.*temperature", said.out)
-    assert "--base-url" in said.err
+    captured = capsys.readouterr()
+    assert re.search(r"local/x\b.*\[y, x\].*schema.*temperature", captured.out)
+    assert "--base-url" in captured.err
 
 
 def test_the_first_step_is_shown_as_the_agent_asks_it(capsys, tmp_path):
@@ -267,7 +267,7 @@ def test_gemini_has_a_level_in_capitals_beside_the_length_and_the_sampling(capsy
         (["--reasoning-effort", "low;"], "--reasoning-effort .*'low;'"),
     ],
 )
-def test_what_cannot_be_sent_is_refused(capsys, words, parts):
+def test_invalid_request_options_are_rejected(capsys, words, parts):
     assert main(["models", "show", "gpt-5", *words]) == 2
     assert re.search(parts, capsys.readouterr().err)
 
@@ -277,8 +277,8 @@ def test_a_check_reads_as_the_flight_will(capsys):
         text, jpeg, _ = FORMATS["openai"](sent.body)
         x, y = mark(jpeg)
         point = [round(x), round(y)] if '"point": [x, y]' in text else [round(y), round(x)]
-        said = json.dumps({"action": "go", "point": point, "depth_m": "5"})  # a text where a number is asked for
-        return 200, json.dumps(wrapped("openai", said, 10, 5)).encode()
+        reply_text = json.dumps({"action": "go", "point": point, "depth_m": "5"})  # a text in place of a number
+        return 200, json.dumps(wrapped("openai", reply_text, 10, 5)).encode()
 
     with Recording(fenced) as server:
         words = ["models", "check", "local/m", "--base-url", server.url + "/v1"]
@@ -302,9 +302,9 @@ def test_a_server_that_lists_none_is_one_sentence(capsys):
     for server in (Recording(), Recording(listed=b"<html>")):
         with server:
             assert main(["models", "list", "--endpoint", server.url + "/v1"]) == 3
-        said = capsys.readouterr().err
-        assert len(said.splitlines()) == 1
-        assert server.url in said
+        error = capsys.readouterr().err
+        assert len(error.splitlines()) == 1
+        assert server.url in error
 
 
 def test_an_unknown_model_is_told_its_neighbours(capsys):

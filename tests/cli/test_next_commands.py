@@ -1,4 +1,4 @@
-"""The commands that a command ends with: each can be pasted as it stands, and only a person gets them."""
+"""The commands printed at the end of a command. Each can be pasted. Pipes and JSON output do not get them."""
 
 import ast
 import re
@@ -15,8 +15,8 @@ from dronecats.cli.next_commands import NEXT, next_commands, print_next
 from tests.support.command_line import DRONECATS
 from tests.support.terminal import in_terminal, screen
 
-AWKWARD = "it's a $folder"  # a name that a shell takes apart unless it is quoted
-LATENCY = {"latency": "trace:it's a $folder"}  # of a form of its own
+AWKWARD = "it's a $folder"  # a name that a shell splits unless it is quoted
+LATENCY = {"latency": "trace:it's a $folder"}  # it has a syntax of its own
 
 
 def fields(made_by):

@@ -1,4 +1,4 @@
-"""`dronecats prompt extract`: a listing of a LaTeX source becomes a file for `--prompt`, and a run says so."""
+"""The command `dronecats prompt extract` writes a listing of a LaTeX source as a file for `--prompt`."""
 
 import pytest
 
@@ -26,17 +26,17 @@ def test_the_listing_is_written_and_can_be_flown(source, tmp_path, capsys):
     assert f"--prompt {out}" in capsys.readouterr().out
     assert out.read_text() == TEMPLATE == Prompt.load(out).template
     assert parse(["fly", "--sitl", "--prompt", str(out)]).prompt == out
-    assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0  # the same once more
+    assert main(["prompt", "extract", str(source), "--out", str(out)]) == 0  # the same command again succeeds
 
 
-def test_what_cannot_be_read_or_would_be_lost_is_refused(source, tmp_path, capsys):
+def test_unreadable_sources_and_existing_files_are_rejected(source, tmp_path, capsys):
     out = tmp_path / "mine.txt"
     out.write_text("mine")
     for path, words in ((source, "mine.txt"), (tmp_path / "none.tex", "none.tex"), (tmp_path, str(tmp_path))):
         assert main(["prompt", "extract", str(path), "--out", str(out)]) == 2
-        said = capsys.readouterr().err
-        assert words in said
-        assert len(said.splitlines()) == 1
+        error = capsys.readouterr().err
+        assert words in error
+        assert len(error.splitlines()) == 1
     assert out.read_text() == "mine"
 
 
@@ -47,4 +47,4 @@ def test_a_run_says_which_prompt_it_flew(monkeypatch):
 
     assert (name(None), name(TEMPLATE)) == ("dronecats", "custom")
     monkeypatch.setattr(prompts, "PAPER_SHA256", prompts.template_sha256(TEMPLATE))
-    assert (name(TEMPLATE), name(f"{TEMPLATE}\n")) == ("paper", "paper")  # an editor may have added a line's end
+    assert (name(TEMPLATE), name(f"{TEMPLATE}\n")) == ("paper", "paper")  # an editor may have added a newline

@@ -1,4 +1,4 @@
-"""`dronecats query` and the export as a user calls them."""
+"""The commands `dronecats query` and `dronecats bench export-parquet`."""
 
 import csv
 import io
@@ -29,9 +29,9 @@ def test_runs_are_looked_for_in_runs_and_printed_as_a_table(place, capsys):
 
 def test_json_is_one_object(place, capsys):
     assert main(["query", SQL, "runs/oracle", "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["damaged"] == []
-    assert told["rows"][0] == {
+    result = json.loads(capsys.readouterr().out)
+    assert result["damaged"] == []
+    assert result["rows"][0] == {
         "episode": "campus-searching-01", "success": True, "ne_m": 1.5, "list": [1, 2], "nan": None, "none": None,
     }  # fmt: skip
 
@@ -51,15 +51,15 @@ def test_parquet_is_a_file_of_its_own(place, capsys):
     assert (place / "answer.parquet").read_bytes()[:4] == b"PAR1"
 
 
-def test_damage_is_told_on_standard_error(place, capsys):
+def test_damage_is_reported_on_standard_error(place, capsys):
     (place / "runs" / "oracle" / "campus-searching-01" / "truth.jsonl").write_text("[]\n")
     assert main(["query", "SELECT count(*) AS n FROM steps"]) == 0
-    told = capsys.readouterr()
-    assert told.out.split()[-1] == "5"
-    assert "truth.jsonl line 1 " in told.err
+    captured = capsys.readouterr()
+    assert captured.out.split()[-1] == "5"
+    assert "truth.jsonl line 1 " in captured.err
 
 
-def test_the_tables_are_told_without_runs(tmp_path, monkeypatch, capsys):
+def test_the_tables_are_listed_without_runs(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     assert main(["query", "--tables"]) == 0
     assert re.search(r"\bne_m +DOUBLE ", capsys.readouterr().out)
@@ -77,9 +77,9 @@ def test_wrong_usage_is_one_sentence(place, capsys):
         (["query", "SELEC"], "SELEC"),
     ):
         assert main(arguments) == 2, arguments
-        told = capsys.readouterr().err.strip()
-        assert re.search(parts, told), told
-        assert len(told.splitlines()) == 1, arguments
+        error = capsys.readouterr().err.strip()
+        assert re.search(parts, error), error
+        assert len(error.splitlines()) == 1, arguments
 
 
 def test_the_export_is_an_action_of_bench(place, capsys):

@@ -1,4 +1,4 @@
-"""`dronecats report` as a user calls it, over run folders on disk."""
+"""The command `dronecats report`, on run folders on disk."""
 
 import csv
 import json
@@ -18,7 +18,7 @@ IDS = ("campus-searching-01", "residential-approaching-01", "residential-approac
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """Return a folder of two runs; reports on them have no figures, which take most of the time."""
+    """Return a folder of two runs. Reports on them have no figures, which take most of the time."""
     monkeypatch.setattr(drawing, "draw", lambda data, made, out: {})
     monkeypatch.chdir(tmp_path)
     write_run(tmp_path / "runs" / "oracle", IDS)
@@ -37,21 +37,21 @@ def test_a_folder_of_runs_becomes_tables_and_figures(place, capsys, monkeypatch)
     printed = capsys.readouterr().out
     assert printed.endswith(" report/report.md\n")
     assert rates(place / "report") == {"oracle": "100.0", "failing:never-declares": "0.0"}
-    told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert "dronecats report runs --out report\n" in told
-    assert re.search(r"\b6 flights .*\b3 episodes.*\b6 .*scored", told)
+    text = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert "dronecats report runs --out report\n" in text
+    assert re.search(r"\b6 flights .*\b3 episodes.*\b6 .*scored", text)
     for figure in ("reach_declare_succeed", "failure_modes", "episode_by_episode"):
-        assert f"(figures/{figure}.png)" in told
+        assert f"(figures/{figure}.png)" in text
         assert all((place / "report" / "figures" / f"{figure}.{kind}").exists() for kind in ("svg", "pdf", "png"))
 
 
 def test_json_is_the_tables(place, capsys):
     assert main(["report", "runs/oracle", "runs/silent", "--out", "report", "--no-page", "--json"]) == 0
-    told = last_object(capsys.readouterr().out)
-    assert told["report"] == "report/report.md"
-    assert told["page"] is None
-    assert [row["arrived_percent"] for row in told["tables"]["failures"]] == [0.0, 100.0]
-    assert len({row["block"] for row in told["tables"]["failures"]}) == 1
+    result = last_object(capsys.readouterr().out)
+    assert result["report"] == "report/report.md"
+    assert result["page"] is None
+    assert [row["arrived_percent"] for row in result["tables"]["failures"]] == [0.0, 100.0]
+    assert len({row["block"] for row in result["tables"]["failures"]}) == 1
 
 
 def test_the_page_is_written_beside(place, capsys, monkeypatch):
@@ -70,7 +70,9 @@ def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
     with (place / "report" / "tables" / "incidents.csv").open(encoding="utf-8", newline="") as file:
         [row] = csv.DictReader(file)
     assert [row[k] for k in ("flights", "hits", "contact_s", "estimator_resets")] == ["3", "2", "1.5", "1"]
-    assert row["hit_flights_percent"] == row["reset_flights_percent"] == "50.0"  # of the two that tell
+    assert (
+        row["hit_flights_percent"] == row["reset_flights_percent"] == "50.0"
+    )  # of the two flights with a record of incidents
     assert main([*command, "--exclude-above", f"{metric}=0"]) == 0
     with (place / "report" / "tables" / "main.csv").open(encoding="utf-8", newline="") as file:
         [row] = [row for row in csv.DictReader(file) if row["pilot"] == "oracle"]
@@ -82,33 +84,33 @@ def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
 def test_another_radius_judges_anew_and_is_said(place):
     assert main(["report", "runs", "--out", "report", "--no-page", "--delta", "0.5"]) == 0
     assert set(rates(place / "report").values()) == {"0.0"}
-    told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert re.search(r"\b0\.5 m\b.*\b5 m", told)
-    assert "--delta 0.5" in told
+    text = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert re.search(r"\b0\.5 m\b.*\b5 m", text)
+    assert "--delta 0.5" in text
 
 
-def test_runs_of_different_kinds_are_refused_and_counted_together_when_told(place, capsys):
+def test_runs_of_different_kinds_are_rejected_unless_pool_anyway_is_set(place, capsys):
     write_run(place / "runs" / "again", IDS, seed=1, parser="lenient")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 2
-    said = capsys.readouterr().err
-    assert "parser" in said
-    assert "--pool-anyway" in said
+    error = capsys.readouterr().err
+    assert "parser" in error
+    assert "--pool-anyway" in error
     assert not (place / "report").exists()
     assert main(["report", "runs", "--out", "report", "--no-page", "--pool-anyway"]) == 0
-    told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert "--pool-anyway" in told
+    text = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert "--pool-anyway" in text
 
 
-def test_a_flight_beside_a_benchmark_is_named_and_what_to_do_with_it(place, capsys):
+def test_a_run_that_differs_from_a_benchmark_is_named_with_the_remedy(place, capsys):
     suite = {"suite": {"name": "quick", "version": 1, "sha256": "5" * 64}}
     for k in (1, 2):
         write_run(place / "runs" / "bench" / f"f{k}", IDS, pilot="vision", seed=k)
-        told = place / "runs" / "bench" / f"f{k}" / "run.json"
-        told.write_text(json.dumps({**json.loads(told.read_text()), **suite}))
+        run_file = place / "runs" / "bench" / f"f{k}" / "run.json"
+        run_file.write_text(json.dumps({**json.loads(run_file.read_text()), **suite}))
     write_run(place / "runs" / "alone", IDS, pilot="vision", seed=3)
     assert main(["report", "runs/alone", "runs/bench", "--out", "report", "--no-page"]) == 2
-    said = capsys.readouterr().err
-    assert re.search(r"runs/alone differs .*bench.*[Ll]eave \S*runs/alone out.*--pool-anyway", said), said
+    error = capsys.readouterr().err
+    assert re.search(r"runs/alone differs .*bench.*[Ll]eave \S*runs/alone out.*--pool-anyway", error), error
 
 
 def test_a_copy_of_a_run_is_no_second_flight(place, capsys):
@@ -156,16 +158,16 @@ def test_metrics_of_ones_own_stand_in_a_table(place, capsys):
 def test_one_damaged_episode_spoils_no_other(place):
     (place / "runs" / "oracle" / IDS[1] / "truth.jsonl").write_text("{}\n{}\n")
     assert main(["report", "runs", "--out", "report", "--no-page"]) == 0
-    told = (place / "report" / "report.md").read_text(encoding="utf-8")
-    assert re.search(r"\b6 flights .*\b3 episodes.*\b5 .*scored", told)
+    text = (place / "report" / "report.md").read_text(encoding="utf-8")
+    assert re.search(r"\b6 flights .*\b3 episodes.*\b5 .*scored", text)
 
 
-def test_what_cannot_be_is_said(place, capsys):
-    for asked, said in (
+def test_invalid_arguments_are_rejected(place, capsys):
+    for arguments, expected in (
         (["runs", "--out", "report", "--delta", "0"], "--delta"),
         (["runs", "--out", "report", "--embed", "--no-page"], "--embed"),
         (["runs", "--out", "runs/oracle/run.json"], "runs/oracle/run.json"),
         (["nowhere", "--out", "report"], "nowhere"),
     ):
-        assert main(["report", *asked]) == 2, asked
-        assert said in capsys.readouterr().err, asked
+        assert main(["report", *arguments]) == 2, arguments
+        assert expected in capsys.readouterr().err, arguments

@@ -1,4 +1,4 @@
-"""`dronecats sitl`: where its vehicles stand."""
+"""The command `dronecats sitl`: its camera port and the start positions of its vehicles."""
 
 import math
 import re
@@ -18,7 +18,7 @@ OPEN_M = 30.0
 
 
 class StartError(Exception):
-    """A process got its configuration."""
+    """A process received its configuration."""
 
 
 def configuration(monkeypatch, tmp_path, *words):

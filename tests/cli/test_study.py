@@ -1,4 +1,4 @@
-"""`dronecats study` as it is typed: what is refused, what a file says, and that a flight of it is flown again alone."""
+"""The command `dronecats study`: rejected arguments, study files, and single flights of a study flown again."""
 
 import json
 import os
@@ -57,7 +57,7 @@ def study(name, *words):
     return study_spec.of_options(args, name, {"latency": levels(args.values)})
 
 
-def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch):
+def test_invalid_arguments_are_rejected_in_one_sentence(capsys, tmp_path, monkeypatch):
     for words, parts in (
         (["latency", "--pilot", "oracle"], "--suite"),
         (["latency", "--cells", "tracking"], "--model .*--pilot"),
@@ -119,13 +119,13 @@ def test_what_cannot_be_flown_is_refused_in_one_sentence(capsys, tmp_path, monke
     ):
         monkeypatch.chdir(tmp_path)
         assert main(["study", *words, "--out", "out"]) == 2, words
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert len(said.strip().splitlines()) == 1, words
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert len(error.strip().splitlines()) == 1, words
         assert not (tmp_path / "out").exists(), words
 
 
-def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsys):
+def test_invalid_files_are_rejected(tmp_path, monkeypatch, capsys):
     for text, parts in (
         ("flihgts = 2", "'flihgts' .*flights"),
         ("desing = 'full'", "'desing' .*design"),
@@ -165,30 +165,35 @@ def test_a_file_that_says_something_else_is_refused(tmp_path, monkeypatch, capsy
         ("suite = ", "my.toml"),
     ):
         monkeypatch.chdir(tmp_path)
-        who = "" if text.startswith("cells") else "cells = ['tracking']\n"
-        Path("my.toml").write_text(f"pilot = 'oracle'\n{who}{text}")
+        cells = "" if text.startswith("cells") else "cells = ['tracking']\n"
+        Path("my.toml").write_text(f"pilot = 'oracle'\n{cells}{text}")
         assert main(["study", "run", "my.toml"]) == 2, text
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert len(said.strip().splitlines()) == 1, text
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert len(error.strip().splitlines()) == 1, text
         assert not Path("runs").exists(), text
 
 
 def test_a_file_says_what_is_flown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(FILE)
-    asked = study("run", "my.toml")
-    made = asked.plan.study
-    assert (made.name, asked.out, asked.args.jobs, asked.args.limit) == ("wind and latency", Path("runs/my"), 2, 3)
+    campaign_spec = study("run", "my.toml")
+    made = campaign_spec.plan.study
+    assert (made.name, campaign_spec.out, campaign_spec.args.jobs, campaign_spec.args.limit) == (
+        "wind and latency",
+        Path("runs/my"),
+        2,
+        3,
+    )
     assert re.search(r"fractional .*2\^\(3-1\).* III, C = AB", made.design)
-    assert [(each.name, each.unit, each.levels) for each in made.factors] == [
+    assert [(factor.name, factor.unit, factor.levels) for factor in made.factors] == [
         ("latency", "s", (0.0, 2.0)), ("wind", "m/s", (0.0, 6.0)), ("gusts", "m/s", (0.0, 3.0)),
     ]  # fmt: skip
     assert made.cells == ("approaching", "tracking")
-    assert len(asked.plan.entries) == 2 * 4 * 2
-    assert {entry.flight.seconds for entry in asked.plan.entries} == {30.0}
-    assert {entry.flight.seed for entry in asked.plan.entries} == {7, 8}
-    gale = next(e for e in asked.plan.entries if e.name == "oracle-latency-2-wind-6-gusts-3-f2").flight
+    assert len(campaign_spec.plan.entries) == 2 * 4 * 2
+    assert {entry.flight.seconds for entry in campaign_spec.plan.entries} == {30.0}
+    assert {entry.flight.seed for entry in campaign_spec.plan.entries} == {7, 8}
+    gale = next(e for e in campaign_spec.plan.entries if e.name == "oracle-latency-2-wind-6-gusts-3-f2").flight
     assert (str(gale.latency), gale.pilot, gale.seed) == ("fixed:2", "oracle", 8)
     vehicle = gale.disturbances.vehicle
     assert (vehicle.wind_ned, vehicle.gusts_w20, vehicle.payload_kg) == ((0.0, 6.0, 0.0), 3.0, 0.2)
@@ -197,16 +202,18 @@ def test_a_file_says_what_is_flown(tmp_path, monkeypatch):
 def test_the_command_line_goes_before_the_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my.toml").write_text(FILE)
-    asked = study("run", "my.toml", "--flights", "1", "--maps", "residential", "--out", "there", "--hold", "payload=0")
-    assert asked.out == Path("there")
-    assert {record.map for record in asked.suite.records.values()} == {"residential"}
-    assert {record.cell for record in asked.suite.records.values()} == {"approaching", "tracking"}
+    campaign_spec = study(
+        "run", "my.toml", "--flights", "1", "--maps", "residential", "--out", "there", "--hold", "payload=0"
+    )
+    assert campaign_spec.out == Path("there")
+    assert {record.map for record in campaign_spec.suite.records.values()} == {"residential"}
+    assert {record.cell for record in campaign_spec.suite.records.values()} == {"approaching", "tracking"}
     assert list(study("run", "my.toml", "--episodes", TWO).suite.records) == TWO.split(",")
     Path("named.toml").write_text("pilot = 'oracle'\nepisodes = ['campus-tracking-01']\n[factors]\nwind = [0, 1]")
     assert list(study("run", "named.toml").suite.records) == ["campus-tracking-01"]
     assert len(study("run", "named.toml", "--suite", "quick").suite.records) == 12
-    assert asked.plan.study.held == {"wind_towards": 90.0, "payload": 0.0}
-    assert asked.plan.study.flights == 1
+    assert campaign_spec.plan.study.held == {"wind_towards": 90.0, "payload": 0.0}
+    assert campaign_spec.plan.study.flights == 1
 
 
 def test_jitter_is_around_a_rate_that_is_held(tmp_path):
@@ -219,9 +226,9 @@ def test_jitter_is_around_a_rate_that_is_held(tmp_path):
 
 
 def test_a_pilot_may_be_a_factor():
-    asked = study("latency", "--values", "0,1", "--episodes", TWO, "--hold", "pilot=vision")
-    assert [entry.name for entry in asked.plan.entries] == ["latency-0-f1", "latency-1-f1"]
-    assert all(e.flight.pilot == "vision" and e.flight.simulated.rendered for e in asked.plan.entries)
+    campaign_spec = study("latency", "--values", "0,1", "--episodes", TWO, "--hold", "pilot=vision")
+    assert [entry.name for entry in campaign_spec.plan.entries] == ["latency-0-f1", "latency-1-f1"]
+    assert all(e.flight.pilot == "vision" and e.flight.simulated.rendered for e in campaign_spec.plan.entries)
 
 
 def dronecats(*words, cwd):
@@ -238,7 +245,7 @@ def dronecats(*words, cwd):
 
 
 def finished(process):
-    """Return (status, what it said, what it complained about) of a command that is over."""
+    """Return (status, standard output, standard error) of a command after its end."""
     out, errors = process.communicate(timeout=900)
     return process.returncode, out, errors
 
@@ -253,7 +260,7 @@ SMALL = ["study", "latency", "--values", "0,2", "--episodes", TWO, "--pilot", "o
 @pytest.mark.slow
 def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_path, monkeypatch, capsys):
     words = [*SMALL, "--limit", "1", "--out", "s"]
-    status, said, errors = finished(dronecats(*words, "--jobs", "1", "--json", cwd=tmp_path))
+    status, output, errors = finished(dronecats(*words, "--jobs", "1", "--json", cwd=tmp_path))
     assert status == 0, errors
     out = tmp_path / "s"
     value = json_object(out / "study.json")
@@ -261,21 +268,21 @@ def test_a_study_is_flown_into_its_folder_and_any_flight_of_it_again_alone(tmp_p
     validator("study").validate(value)
     runs = {"oracle-latency-0-f1", "oracle-latency-2-f1"}
     assert {run.name for run in folder.read(out).runs} == {run.folder.name for run in recorded_runs([out])} == runs
-    told = json.loads(said.splitlines()[-1])
-    assert (told["study"], told["episodes"], told["done"], set(told["again"])) == ("latency", 2, 2, runs)
-    command = shlex.split(told["again"]["oracle-latency-2-f1"])
+    result = json.loads(output.splitlines()[-1])
+    assert (result["study"], result["episodes"], result["done"], set(result["again"])) == ("latency", 2, 2, runs)
+    command = shlex.split(result["again"]["oracle-latency-2-f1"])
     assert command[0] == "dronecats"
     status, _, errors = finished(dronecats(*command[1:], cwd=tmp_path))
     assert status == 0, errors
-    (first,) = (each for each in (tmp_path / "again" / "oracle-latency-2-f1").iterdir() if each.is_dir())
+    (first,) = (path for path in (tmp_path / "again" / "oracle-latency-2-f1").iterdir() if path.is_dir())
     assert logs_of(first) == logs_of(out / "oracle-latency-2-f1" / first.name)
     assert logs_of(first) != logs_of(out / "oracle-latency-0-f1" / first.name)
     monkeypatch.chdir(tmp_path)
-    assert main(words) == 0  # and flies nothing more
-    said, errors = capsys.readouterr()
+    assert main(words) == 0  # flies nothing more
+    output, errors = capsys.readouterr()
     assert "2/2" in errors
-    assert f"  {shlex.join(command)}" in said.splitlines()
-    assert told["report"] == "dronecats study report s"
+    assert f"  {shlex.join(command)}" in output.splitlines()
+    assert result["report"] == "dronecats study report s"
     assert main([*words, "--values", "0,1"]) == 2
     errors = capsys.readouterr().err
     assert re.search("factors, latency 0, 2 .*latency 0, 1 .*--out", errors)
@@ -310,7 +317,7 @@ def test_a_study_that_is_killed_ends_with_the_same_bytes(tmp_path):
     finished(process)
     _, alive = psutil.wait_procs(children, timeout=20)
     assert not alive
-    before = {str(each.relative_to(out)): each.read_bytes() for each in out.glob("*/*/verdict.json")}
+    before = {str(path.relative_to(out)): path.read_bytes() for path in out.glob("*/*/verdict.json")}
     assert 0 < len(before) < 4
     status, _, errors = finished(dronecats(*SMALL, "--jobs", "1", "--out", "torn", cwd=tmp_path))
     assert status == 0, errors
@@ -322,14 +329,14 @@ def test_a_study_that_is_killed_ends_with_the_same_bytes(tmp_path):
 
 
 @pytest.mark.slow("starts a Ray cluster")
-@pytest.mark.xdist_group("ray")  # two clusters at once are two too many for two cores
+@pytest.mark.xdist_group("ray")  # two clusters at once are too much for two cores
 def test_a_study_on_a_cluster_has_the_same_bytes(tmp_path):
     for out, more in (("here", []), ("there", ["--engine", "ray"])):
         status, _, errors = finished(dronecats(*SMALL, "--jobs", "2", "--out", out, *more, cwd=tmp_path))
         assert status == 0, errors
-    flown = [each.parent.relative_to(tmp_path / "here") for each in (tmp_path / "here").glob("*/*/verdict.json")]
-    assert len(flown) == 4
-    for episode in flown:
+    episodes = [path.parent.relative_to(tmp_path / "here") for path in (tmp_path / "here").glob("*/*/verdict.json")]
+    assert len(episodes) == 4
+    for episode in episodes:
         assert logs_of(tmp_path / "here" / episode) == logs_of(tmp_path / "there" / episode)
     assert (tmp_path / "here" / "study.json").read_bytes() == (tmp_path / "there" / "study.json").read_bytes()
 

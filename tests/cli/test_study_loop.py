@@ -1,4 +1,4 @@
-"""`dronecats study loop`, as it is typed."""
+"""The command `dronecats study loop`."""
 
 import json
 import re
@@ -11,8 +11,8 @@ from dronecats.cli.main import main
 def test_one_loop_on_a_page(tmp_path, capsys):
     words = ["study", "loop", "--airframe", "nano", "--loops", "yaw attitude", "--part", "margins", "--json"]
     assert main([*words, "--out", str(tmp_path)]) == 0
-    found = json.loads(capsys.readouterr().out)
-    (row,) = found["loops"]
+    result = json.loads(capsys.readouterr().out)
+    (row,) = result["loops"]
     assert row["loop"] == "yaw attitude"
     assert row["airframe"] == "nano"
     assert abs(row["off_percent"]) <= 20.0
@@ -37,7 +37,7 @@ def test_one_loop_on_a_page(tmp_path, capsys):
         ["--out", __file__],
     ],
 )
-def test_what_is_not_there_is_wrong_usage(words, capsys):
+def test_unknown_names_are_wrong_usage(words, capsys):
     assert main(["study", "loop", *words]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
@@ -50,12 +50,12 @@ def test_a_px4_that_is_no_program_ends_it_before_anything_of_ours_is_flown(capsy
     assert "--px4 './no-such-px4'" in complaint[0]
 
 
-def test_a_px4_that_ends_at_once_leaves_what_it_said(tmp_path, capsys):
-    command = "sh -c 'echo no board; exit 4' {instance}"  # on ports that nobody has
+def test_the_output_of_a_px4_that_exits_at_once_is_kept(tmp_path, capsys):
+    command = "sh -c 'echo no board; exit 4' {instance}"  # on free ports
     assert main(["study", "loop", "--airframe", "nano", "--px4", command, "--out", str(tmp_path / "loop")]) == 3
-    said = capsys.readouterr().err
-    assert "exit status 4" in said.splitlines()[-1]
-    assert "loops …" not in said  # of the margins, which take minutes
+    error = capsys.readouterr().err
+    assert "exit status 4" in error.splitlines()[-1]
+    assert "loops …" not in error  # no progress of the margins, which take minutes
     (log,) = (tmp_path / "loop").glob("px4-*.log")
-    assert str(log) in said
+    assert str(log) in error
     assert log.read_text() == "no board\n"

@@ -1,4 +1,4 @@
-"""`dronecats study rate` as it is typed: what is refused, each in one sentence, before anything is sent."""
+"""The command `dronecats study rate`: invalid arguments are rejected in one sentence before anything is sent."""
 
 import re
 
@@ -11,7 +11,7 @@ RIG = ["study", "rate", "--connect", "udpin://127.0.0.1:14599", "--camera", "htt
 MODEL = ["--model", "local/m", "--base-url", "http://127.0.0.1:9/v1"]
 
 
-def test_what_cannot_be_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch):
+def test_invalid_arguments_are_rejected_in_one_sentence(capsys, tmp_path, monkeypatch):
     for words, parts in (
         (MODEL, "--dry-run"),
         ([*MODEL, "--dry-run", "--questions", "4"], "--questions .*5 .*10,000, .*4"),
@@ -25,14 +25,14 @@ def test_what_cannot_be_is_refused_in_one_sentence(capsys, tmp_path, monkeypatch
     ):
         monkeypatch.chdir(tmp_path)
         assert main([*RIG, *words]) == 2, words
-        heard = capsys.readouterr()
-        assert re.search(parts, heard.err), heard.err
-        assert len(heard.err.strip().splitlines()) == 1, words
-        assert heard.out == "", words
+        captured = capsys.readouterr()
+        assert re.search(parts, captured.err), captured.err
+        assert len(captured.err.strip().splitlines()) == 1, words
+        assert captured.out == "", words
         assert list(tmp_path.iterdir()) == [], words
 
 
-def test_what_was_measured_before_is_never_written_over(capsys, tmp_path):
+def test_earlier_measurements_are_never_overwritten(capsys, tmp_path):
     (tmp_path / "chain.csv").write_text("step\n")
     assert main([*RIG, "--dry-run", "--pilot", "blind:ring", "--out", str(tmp_path)]) == 2
     assert "--out" in capsys.readouterr().err
@@ -41,7 +41,7 @@ def test_what_was_measured_before_is_never_written_over(capsys, tmp_path):
 
 def test_it_is_the_rehearsal_of_fly_word_for_word():
     more = [*MODEL, "--dry-run", "--patience", "9", "--instruction", "Go.", "--seconds", "20", "--agent", "steady"]
-    flown = spec_of(parse(["fly", *RIG[2:], *more]))
-    assert study_rate.rehearsal(parse([*RIG, *more])) == flown
-    assert flown.connected
-    assert flown.connected.authority == Authority(arm=False, then="hold", dry=True)
+    spec = spec_of(parse(["fly", *RIG[2:], *more]))
+    assert study_rate.rehearsal(parse([*RIG, *more])) == spec
+    assert spec.connected
+    assert spec.connected.authority == Authority(arm=False, then="hold", dry=True)

@@ -1,4 +1,4 @@
-"""`dronecats submit`, `verify` and `leaderboard` as a user calls them."""
+"""The commands `dronecats submit`, `verify` and `leaderboard`."""
 
 import json
 import re
@@ -22,9 +22,9 @@ def place(tmp_path, monkeypatch):
 def test_an_entry_goes_from_runs_to_the_page(place, capsys, monkeypatch):
     monkeypatch.setenv("SOME_API_KEY", "residential-secret-77")
     assert main(["submit", "run", "--out", "a.tar.xz", "--partial", "--note", "residential-secret-77 was here"]) == 0
-    told = capsys.readouterr().out
-    assert re.search(r"\b10 .*\b12 .*quick", told)
-    assert "truth.jsonl" in told
+    output = capsys.readouterr().out
+    assert re.search(r"\b10 .*\b12 .*quick", output)
+    assert "truth.jsonl" in output
     assert main(["verify", "a.tar.xz", "--json"]) == 0
     entry = capsys.readouterr().out
     assert json.loads(entry)["note"] == "*** was here"
@@ -32,13 +32,13 @@ def test_an_entry_goes_from_runs_to_the_page(place, capsys, monkeypatch):
     (place / "a.json").write_text(entry)
     assert main(["leaderboard", "a.json", "--out", "page.md"]) == 0
     page = (place / "page.md").read_text()
-    assert main(["leaderboard", "a.tar.xz"]) == 0  # of the archive, verified on the way
+    assert main(["leaderboard", "a.tar.xz"]) == 0  # from the archive, which it verifies first
     assert capsys.readouterr().out == page
     assert "[oracle](#oracle-" in page
     assert sorted(path.name for path in place.iterdir()) == ["a.json", "a.tar.xz", "page.md", "run"]
 
 
-def test_what_differs_is_status_4(place, capsys):
+def test_a_difference_is_status_4(place, capsys):
     assert main(["submit", "run", "--out", "a.tar.xz", "--partial"]) == 0
     data = bytearray((place / "a.tar.xz").read_bytes())
     from tests.report.results.archives import changed, in_manifest
@@ -54,7 +54,7 @@ def test_what_differs_is_status_4(place, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 2
 
 
-def test_what_would_not_be_verified_is_not_made(place, capsys):
+def test_archives_that_would_fail_verification_are_not_written(place, capsys):
     verdict = place / "run" / TWO[0] / "verdict.json"
     verdict.write_text(verdict.read_text().replace('"success": true', '"success": false'))
     assert main(["submit", "run", "--out", "a.tar.xz", "--partial"]) == 2
@@ -63,7 +63,7 @@ def test_what_would_not_be_verified_is_not_made(place, capsys):
 
 
 def test_wrong_usage_is_one_sentence(place, capsys):
-    for arguments, said in (
+    for arguments, expected in (
         (["submit", "run", "--out", "a.zip"], ".tar.xz"),
         (["submit", "run", "--out", "a.tar.xz"], "--partial"),
         (["submit", "nowhere", "--out", "a.tar.xz"], "nowhere"),
@@ -76,7 +76,7 @@ def test_wrong_usage_is_one_sentence(place, capsys):
         (["leaderboard", "nowhere.json"], "nowhere.json"),
     ):
         assert main(arguments) == 2, arguments
-        told = capsys.readouterr().err.strip()
-        assert said in told, arguments
-        assert len(told.splitlines()) == 1, arguments
+        error = capsys.readouterr().err.strip()
+        assert expected in error, arguments
+        assert len(error.splitlines()) == 1, arguments
         assert not list(place.glob("a.*")), arguments

@@ -1,4 +1,4 @@
-"""Tables of the verbs in a terminal of 100 columns, and in a pipe."""
+"""Tables of the commands in a terminal of 100 columns, and in a pipe."""
 
 import subprocess
 from collections import Counter
@@ -8,7 +8,7 @@ import pytest
 from tests.support.command_line import DRONECATS
 from tests.support.terminal import in_terminal, screen
 
-WIDE = [["models", "list"], ["episodes", "list", "--suite", "quick"]]  # wider than 100 columns by themselves
+WIDE = [["models", "list"], ["episodes", "list", "--suite", "quick"]]  # wider than 100 columns
 
 
 @pytest.mark.parametrize("verb", WIDE, ids=" ".join)
@@ -19,7 +19,7 @@ def test_no_line_is_wider_than_the_terminal_and_a_pipe_gets_a_line_per_row(verb)
     assert max(map(len, shown)) <= 100
     piped = subprocess.run([*DRONECATS, *verb], capture_output=True, text=True, check=True).stdout.splitlines()
     assert max(map(len, piped)) > 100
-    assert letters(shown) >= letters(piped)  # the names of rows are repeated where columns continue below
+    assert letters(shown) >= letters(piped)  # row names repeat where columns continue below
 
 
 def letters(lines):

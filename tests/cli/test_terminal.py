@@ -1,4 +1,4 @@
-"""What a model or a server says reaches the terminal as text, through the program as it is started."""
+"""Texts of a model or a server reach the terminal as plain text. The tests start the real program."""
 
 import io
 import json
@@ -29,34 +29,34 @@ def run(*words, **streams):
     return done.returncode, (done.stdout + done.stderr).decode("utf-8")
 
 
-def said(text):
+def completion(text):
     return json.dumps(wrapped("openai", text, 1, 1)).encode()
 
 
 @pytest.mark.parametrize("form", [[], ["--json"]])
 def test_the_words_of_a_model_that_is_checked(form):
-    with Recording(said(HOSTILE)) as server:
-        status, told = run("models", "check", "local/m", "--base-url", server.url, *form)
+    with Recording(completion(HOSTILE)) as server:
+        status, output = run("models", "check", "local/m", "--base-url", server.url, *form)
     assert status == 1
-    assert "elif" in told
-    assert not STEERS.search(told)
+    assert "elif" in output
+    assert not STEERS.search(output)
 
 
 @pytest.mark.parametrize("answered", [400, 200])
 def test_the_words_of_a_server_that_gives_no_answer(answered):
     with Recording(HOSTILE.encode(), answered) as server:
-        status, told = run("models", "check", "local/m", "--base-url", server.url)
+        status, output = run("models", "check", "local/m", "--base-url", server.url)
     assert status == 3
-    assert r"\u001b]52;c;cm0gLXJm\u0007" in told
-    assert "elif" in told
-    assert not STEERS.search(told)
+    assert r"\u001b]52;c;cm0gLXJm\u0007" in output
+    assert "elif" in output
+    assert not STEERS.search(output)
 
 
 def test_the_words_of_the_command_line_itself():
-    status, told = run("judge", f"x{HOSTILE}".replace("\x00", ""))
+    status, output = run("judge", f"x{HOSTILE}".replace("\x00", ""))
     assert status == 2
-    assert r"\u001b[2J" in told
-    assert not STEERS.search(told)
+    assert r"\u001b[2J" in output
+    assert not STEERS.search(output)
 
 
 @given(st.lists(st.text()))
@@ -95,8 +95,8 @@ def test_the_progress_of_a_long_run_stays_on_one_line_of_a_terminal(tmp_path):
     assert status == 0
     assert r"\u000d" not in received.replace(printable(HOSTILE), "")
     assert not STEERS.search(received.replace("\r", ""))
-    said, *rest = screen(received)
-    assert said.startswith(r"a/b: \u001b]52;c;")
+    message, *rest = screen(received)
+    assert message.startswith(r"a/b: \u001b]52;c;")
     assert rest == ["4/4; " + "y" * 100, ""]
     bars = [part for part in re.split(r"[\r\n]+", received) if "█" in part]
     assert all(len(bar) <= 60 for bar in bars)

@@ -1,4 +1,4 @@
-"""`dronecats tune`: what it prints is what is flown, and its pictures exist."""
+"""The command `dronecats tune`: the printed gains are those in flight, and its images exist."""
 
 import json
 from pathlib import Path
@@ -20,12 +20,12 @@ def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("coarse")
 def test_margins_are_printed_and_agree_with_python_control(capsys: pytest.CaptureFixture[str]) -> None:
-    """Of one airframe: tests/autopilot/test_design.py computes those of each."""
+    """Checks one airframe. tests/autopilot/test_design.py checks all."""
     assert main(["tune", "hexa", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["gains"]["attitude_p"] == pytest.approx(design(load("hexa")).attitude_p, rel=1e-3)
-    assert len(found["loops"]) == 10
-    for loop in found["loops"].values():
+    result = json.loads(capsys.readouterr().out)
+    assert result["gains"]["attitude_p"] == pytest.approx(design(load("hexa")).attitude_p, rel=1e-3)
+    assert len(result["loops"]) == 10
+    for loop in result["loops"].values():
         assert loop["phase_margin_deg"] >= PHASE_MARGIN_MIN
         assert loop["gain_margin_db"] >= 6.0
         assert loop["phase_margin_by_control_deg"] == pytest.approx(loop["phase_margin_deg"], abs=1.0)

@@ -1,4 +1,4 @@
-"""`--view` and what goes with it: refused in one sentence before anything flies, declared where something does."""
+"""The option `--view` and its companions: rejected in one sentence before any flight, accepted by commands that fly."""
 
 import re
 import subprocess
@@ -23,7 +23,7 @@ def test_every_verb_with_a_page_takes_other_host_names_for_it():
         assert page_of(args, prefix) == (8090, ("drone.example.org", "other")), words
 
 
-def test_what_does_not_go_together_is_refused(capsys, monkeypatch, tmp_path):
+def test_incompatible_options_are_rejected(capsys, monkeypatch, tmp_path):
     for words, parts in (
         (["fly", "--sitl", "--view-port", "9000"], "--view-port .*--view"),
         (["fly", "--sitl", "--view-stay"], "--view-stay .*--view"),
@@ -43,7 +43,7 @@ def test_what_does_not_go_together_is_refused(capsys, monkeypatch, tmp_path):
 
 
 def test_the_command_that_flies_does_not_load_what_draws():
-    """Opening a page costs the flight's process neither viser nor the world."""
+    """Opening a page loads neither viser nor the world in the flight's process."""
     code = (
         "import dronecats.view.live.opening, sys\n"
         "print([name for name in ('viser', 'numpy', 'embreex') if name in sys.modules])"

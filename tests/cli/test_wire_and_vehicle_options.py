@@ -1,4 +1,4 @@
-"""What is done to wire and vehicle, in the words of `fly` and of a bench.toml."""
+"""Disturbances of wire and vehicle, as options of `fly` and of a bench.toml."""
 
 import argparse
 import re
@@ -29,7 +29,7 @@ def wire(text: str) -> LinkFaults:
     return parsed("--link", text).link
 
 
-def test_a_wire_is_said_in_a_word_and_one_way_overrides_both() -> None:
+def test_one_direction_of_a_link_option_overrides_both() -> None:
     both = Impairment(delay_s=0.1, loss=0.05, baud=57_600)
     assert wire("delay=0.1,loss=0.05,baud=57600") == LinkFaults(to_vehicle=both, from_vehicle=both)
     assert wire("to.loss=1,delay=0.2,from.delay=0.3, to.queue=4096") == LinkFaults(
@@ -40,11 +40,11 @@ def test_a_wire_is_said_in_a_word_and_one_way_overrides_both() -> None:
 
 
 def test_every_option_reaches_its_field() -> None:
-    found = parsed(
+    disturbances = parsed(
         "--wind=-4,3", "--gusts", "7.7", "--payload", "0.5", "--gps-delay", "0.2", "--gps-noise", "3", "--sensor-noise",
         "2", "--setpoint-rate", "5", "--host-stalls", "0.1,0.6", "--link", "loss=0.1",
     )  # fmt: skip
-    assert found == Disturbances(
+    assert disturbances == Disturbances(
         link=LinkFaults(to_vehicle=Impairment(loss=0.1), from_vehicle=Impairment(loss=0.1)),
         vehicle=VehicleFaults(
             wind_ned=(-4.0, 3.0, 0.0), gusts_w20=7.7, payload_kg=0.5, gps_delay_s=0.2, gps_noise=3.0,
@@ -54,7 +54,7 @@ def test_every_option_reaches_its_field() -> None:
     assert parsed() == Disturbances()
 
 
-def test_what_cannot_be_is_told_in_one_sentence() -> None:
+def test_invalid_values_are_rejected_in_one_sentence() -> None:
     for words, parts in (
         ("--link los=0.1", "--link .*NAME=VALUE.* delay,"),
         ("--link delay", "'delay'"),
@@ -75,10 +75,10 @@ def test_what_cannot_be_is_told_in_one_sentence() -> None:
         ("--host-stalls 0.1", "--host-stalls .*0.1"),
         ("--host-stalls 2,1", "stall_share .*0 .*1"),
     ):
-        with pytest.raises(UsageError) as told:
+        with pytest.raises(UsageError) as raised:
             parsed(*words.split(" ", 1))
-        assert re.search(parts, str(told.value)), told.value
-        assert "\n" not in str(told.value), words
+        assert re.search(parts, str(raised.value)), raised.value
+        assert "\n" not in str(raised.value), words
 
 
 def test_a_host_cannot_stall_in_lockstep() -> None:
@@ -86,7 +86,7 @@ def test_a_host_cannot_stall_in_lockstep() -> None:
         spec_of(parse(["fly", "--sitl", "--speed", "max", "--host-stalls", "0.1,0.5"]))
 
 
-def test_what_is_done_is_said_with_its_values() -> None:
+def test_the_description_has_the_values() -> None:
     for words, values in (
         (("--link", "delay=0.1,loss=0.05,baud=57600"), ["0.1", "5", "57600", "2048"]),
         (("--link", "to.jitter=0.1,from.reorder=0.2"), ["0.1", "20"]),
@@ -96,8 +96,8 @@ def test_what_is_done_is_said_with_its_values() -> None:
         assert re.findall(r"\d[\d.]*", parsed(*words).words or "") == values, words
 
 
-def test_nothing_that_is_done_is_left_unsaid() -> None:
-    told = [UNDISTURBED.words]
+def test_each_disturbance_has_its_own_description() -> None:
+    descriptions = [UNDISTURBED.words]
     wires: dict[str, Any] = {
         "loss": 0.1, "delay_s": 0.1, "jitter_s": 0.1, "duplicate": 0.1, "reorder": 0.1, "corrupt": 0.1, "baud": 300,
         "cuts": ((1.0, 2.0),),
@@ -105,15 +105,15 @@ def test_nothing_that_is_done_is_left_unsaid() -> None:
     assert {*wires, "queue_bytes"} == {field.name for field in fields(Impairment)}
     for name, value in wires.items():
         bad = Impairment(**{name: value})
-        told += [Disturbances(link=LinkFaults(**{way: bad})).words for way in ("to_vehicle", "from_vehicle")]
+        descriptions += [Disturbances(link=LinkFaults(**{way: bad})).words for way in ("to_vehicle", "from_vehicle")]
     faults: dict[str, Any] = {
-        name: of.quantity.high
-        for name, of in declarations(VehicleFaults).items()
+        name: declaration.quantity.high
+        for name, declaration in declarations(VehicleFaults).items()
         if name not in ("wind_ned", "stall_s")
     } | {"wind_ned": (0.0, 0.0, 1.0)}
     assert {*faults, "stall_s"} == {field.name for field in fields(VehicleFaults)}
-    told += [Disturbances(vehicle=VehicleFaults(**{name: value})).words for name, value in faults.items()]
-    assert len(set(told)) == 1 + 2 * len(wires) + len(faults)
+    descriptions += [Disturbances(vehicle=VehicleFaults(**{name: value})).words for name, value in faults.items()]
+    assert len(set(descriptions)) == 1 + 2 * len(wires) + len(faults)
 
 
 def test_a_declaration_is_an_option_a_word_of_a_file_a_factor_and_a_row_of_the_docs() -> None:

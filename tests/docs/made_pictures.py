@@ -1,4 +1,4 @@
-"""The pictures of the documentation that this program draws: `make pictures` flies, looks and writes them anew."""
+"""The documentation's pictures that this program draws: `make pictures` flies, captures and writes them anew."""
 
 import socket
 import sys
@@ -40,15 +40,15 @@ PATIENCE_S = 120.0
 
 @dataclass(frozen=True, slots=True)
 class MadePicture:
-    """One of them, and what must be true of the committed file."""
+    """One of the pictures, and the required properties of the committed file."""
 
     name: str
     size: tuple[int, int]  # px, width and height
-    colors: tuple[tuple[int, int, int], ...]  # sRGB, of the marks that its caption speaks of
+    colors: tuple[tuple[int, int, int], ...]  # sRGB, of the marks in its caption
 
 
 def rgb_of(color: str) -> tuple[int, int, int]:
-    """Return a colour that is written as #rrggbb."""
+    """Return a colour written as #rrggbb."""
     red, green, blue = ImageColor.getrgb(color)[:3]
     return red, green, blue
 
@@ -62,7 +62,7 @@ MADE = (FLIGHT_PICTURE, REPLAY_PICTURE, LIVE_PICTURE, REPORT_PICTURE)
 
 
 class Standing:
-    """A flight that is at one moment for ever, followed as one in the air is."""
+    """A flight that stays at one moment, followed like one in the air."""
 
     def __init__(self, flight: FlightMoments, t_s: float) -> None:
         self._moment = flight.moment(t_s)
@@ -71,7 +71,7 @@ class Standing:
         return self._moment
 
 
-def flown(folder: Path, episode: str, pilot: str) -> Path:
+def fly_episode(folder: Path, episode: str, pilot: str) -> Path:
     """Fly an episode in lockstep with pictures and return its folder."""
     from dronecats.flight.run.fly import fly
 
@@ -86,7 +86,7 @@ def flight_picture(folder: Path) -> NDArray[np.uint8]:
 
 
 def few_colors(picture: NDArray[np.uint8], marks: tuple[tuple[int, int, int], ...]) -> Any:
-    """Return a picture of 256 colours, the marks' own among them: a palette of the frequent ones turns marks grey."""
+    """Return a picture of 256 colours that include the marks' own: a palette of the frequent ones turns marks grey."""
     image = Image.fromarray(picture)
     frequent = image.quantize(PALETTE - len(marks), method=Image.Quantize.MEDIANCUT).getpalette() or []
     palette = Image.new("P", (1, 1))
@@ -105,13 +105,13 @@ def shown(url: str, size: tuple[int, int]) -> Iterator[Any]:
 
 
 def standing(driver: Any) -> NDArray[np.uint8]:
-    """Return what a browser shows, (H, W, 3) BGR, as soon as it has been the same six times in a row."""
+    """Return the browser's picture, (H, W, 3) BGR, once it was the same six times in a row."""
     from selenium.webdriver.support.ui import WebDriverWait
 
     seen: list[bytes] = []
 
     def is_still(_: Any) -> bool:
-        # the note that no graphics card is there is the machine's, and not the page's
+        # the note about the missing graphics card belongs to the machine, not to the page
         driver.execute_script(
             "document.querySelectorAll('.mantine-Notification-root').forEach((each) => each.remove())"
         )
@@ -123,7 +123,7 @@ def standing(driver: Any) -> NDArray[np.uint8]:
 
 
 def replay_picture(folders: list[Path]) -> NDArray[np.uint8]:
-    """Return the replay page of two flights over one another, (H, W, 3) BGR."""
+    """Return the replay page of two overlaid flights, (H, W, 3) BGR."""
     page = ReplayPage([flight_moments(each) for each in folders], free_port(socket.SOCK_STREAM), at_s=REPLAY_S)
     try:
         with shown(page.url, REPLAY_PICTURE.size) as driver:
@@ -136,7 +136,7 @@ def replay_picture(folders: list[Path]) -> NDArray[np.uint8]:
 
 
 def live_picture(folder: Path) -> NDArray[np.uint8]:
-    """Return the live page as it is in the middle of a flight, (H, W, 3) BGR."""
+    """Return the live page in the middle of a flight, (H, W, 3) BGR."""
     flight = flight_moments(folder)
     server = LoopbackServer("DroneCATS · vision", free_port(socket.SOCK_STREAM))
     try:
@@ -169,14 +169,14 @@ def save_jpeg(picture: NDArray[np.uint8], path: Path) -> None:
 
 
 def write(folder: Path) -> None:
-    """Write them into a folder."""
+    """Write the pictures into a folder."""
     with tempfile.TemporaryDirectory() as runs:
-        picture = flight_picture(flown(Path(runs) / "flight", FLIGHT, "vision"))
+        picture = flight_picture(fly_episode(Path(runs) / "flight", FLIGHT, "vision"))
         few_colors(picture, FLIGHT_PICTURE.colors).save(folder / FLIGHT_PICTURE.name, optimize=True)
-        replayed = replay_picture([flown(Path(runs) / "replay", REPLAY, pilot) for pilot in ("vision", "oracle")])
+        replayed = replay_picture([fly_episode(Path(runs) / "replay", REPLAY, pilot) for pilot in ("vision", "oracle")])
         save_jpeg(replayed, folder / REPLAY_PICTURE.name)
-        save_jpeg(live_picture(flown(Path(runs) / "live", LIVE, "vision")), folder / LIVE_PICTURE.name)
-        reported = flown(Path(runs) / "reported", REPORTED, "vision").parent
+        save_jpeg(live_picture(fly_episode(Path(runs) / "live", LIVE, "vision")), folder / LIVE_PICTURE.name)
+        reported = fly_episode(Path(runs) / "reported", REPORTED, "vision").parent
         save_jpeg(report_picture(reported, Path(runs) / "report"), folder / REPORT_PICTURE.name)
 
 

@@ -54,7 +54,7 @@ class Block:
 def blocks(page: Path) -> Iterator[Block]:
     """Yield the fenced blocks of a page from top to bottom."""
     text, path = page.read_text(encoding="utf-8"), page.relative_to(ROOT).as_posix()
-    for found in BLOCK.finditer(text):
-        line = text.count("\n", 0, found.start("language")) + 1
-        kind, *rest = found.group("kind", "file", "language", "code")
+    for match in BLOCK.finditer(text):
+        line = text.count("\n", 0, match.start("language")) + 1
+        kind, *rest = match.group("kind", "file", "language", "code")
         yield Block(path, line, kind or ("long" if GENERATED.fullmatch(path) else None), *rest)

@@ -1,4 +1,4 @@
-"""Runs the blocks of code of README.md and docs/ that are marked `run`, and parses the commands of all others."""
+"""Runs the code blocks of README.md and docs/ that are marked `run`, and parses the commands of all others."""
 
 import os
 import re
@@ -15,7 +15,7 @@ from dronecats.cli.main import parse
 from tests.docs.pages import BLOCK, KINDS, MARKER, PAGES, ROOT, Block, blocks
 
 BLOCKS = [block for page in PAGES for block in blocks(page)]
-RUNNING = sorted({block.page for block in BLOCKS if block.kind == "run"} - {"docs/README.md"})  # `demo` runs that one
+RUNNING = sorted({block.page for block in BLOCKS if block.kind == "run"} - {"docs/README.md"})  # `demo` runs that block
 SHELL = ("sh", "console")
 COMMAND = re.compile(r"(    )?(\$ )?(dronecats|python3?|make|pip|pytest) (?!\S*: )")  # `dronecats fly: …` is an output
 # `dronecats` and `python` are those of this test, also where nothing is installed.
@@ -38,7 +38,7 @@ def prose(page: Path) -> str:
 
 
 def spans(page: Path) -> list[str]:
-    """Return the commands with options that a page sets as code within its sentences."""
+    """Return the commands with options that a page has as code within its sentences."""
     return [" ".join(span.split()) for span in re.findall(r"`(dronecats\s[^`]*\s\[?-[^`]*)`", prose(page))]
 
 
@@ -105,7 +105,7 @@ def test_the_blocks_of_a_page_run(page, demo, tmp_path):
 
 
 def run_block(block: Block, folder: Path) -> None:
-    """Write a block that is a file, run one that is marked `run`, and pass over all others."""
+    """Write a block that is a file, run one marked `run`, and skip all others."""
     if block.file:
         (folder / block.file).write_text(block.code, encoding="utf-8")
     elif block.kind == "run":

@@ -1,4 +1,4 @@
-"""The committed pictures are as large as the code that makes them makes them, and have its colours."""
+"""The committed pictures have the size and the colours that their code produces."""
 
 from typing import Any
 
@@ -8,7 +8,7 @@ import pytest
 
 from tests.docs.made_pictures import FOLDER, MADE, few_colors
 
-NEAR = 24  # of 255, in each channel: what JPEG and a smaller size make of a colour
+NEAR = 24  # of 255, in each channel: changes by JPEG and by a smaller size
 PIXELS = 40  # of a mark, at least
 
 

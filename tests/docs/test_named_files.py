@@ -14,7 +14,7 @@ SOURCE = re.compile(r"`([\w/-]+\.py)`")  # a source file, by its path or by its 
 
 
 def missing(text: str) -> list[str]:
-    """Return the files of ours that a text names and that are not there."""
+    """Return the files of ours in a text that do not exist."""
     wrong = [name for name in NAMED.findall(text) if name not in NO_PATHS and not (ROOT / name).exists()]
     return wrong + [name for name in SOURCE.findall(text) if name not in wrong and not _is_there(name)]
 
@@ -24,7 +24,7 @@ def _is_there(name: str) -> bool:
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_what_a_page_names_is_there(page):
+def test_files_named_on_a_page_exist(page):
     assert missing(page.read_text(encoding="utf-8")) == []
 
 
@@ -49,7 +49,7 @@ def test_every_page_that_the_code_names_is_there():
         ("see tests/none/test_nothing.py.", ["tests/none/test_nothing.py"]),
     ],
 )
-def test_what_is_not_there_is_found(text, wrong):
+def test_missing_files_are_detected(text, wrong):
     assert missing(text) == wrong
 
 

@@ -1,4 +1,4 @@
-"""The drones of a fleet: as large as they are solid, where the truth has them in pictures, and in each other's way."""
+"""The drones of a fleet: drawn as large as solid, at their true places in pictures, and as obstacles to view."""
 
 import itertools
 import math
@@ -36,7 +36,7 @@ def renderer(world):
 
 
 def turned(roll, pitch, yaw):
-    """Return the (3, 3) matrix body FRD → NED, by Euler's angles (rad), a second time beside `frames`."""
+    """Return the (3, 3) matrix body FRD → NED from Euler's angles (rad), independent of `frames`."""
     cr, sr, cp, sp, cy, sy = (f(a) for a in (roll, pitch, yaw) for f in (math.cos, math.sin))
     rz = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
     ry = np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]])
@@ -45,7 +45,7 @@ def turned(roll, pitch, yaw):
 
 
 def projected(points, eye_place, eye_turned):
-    """Return the (N, 2) pixels of world points in the picture of a drone, and their (N,) depths: a pinhole by hand."""
+    """Return the (N, 2) pixels of world points in a drone's picture, and their (N,) depths: an independent pinhole."""
     eye = np.array(eye_place) + eye_turned @ np.array(HALF.offset_frd)
     local = (np.asarray(points) - eye) @ eye_turned
     focal = HALF.width / (2.0 * math.tan(math.radians(HALF.hfov_deg / 2)))
@@ -65,8 +65,8 @@ def test_the_default_drone_is_the_default_airframe():
 
 
 @pytest.mark.parametrize("name", airframes.names())
-def test_what_is_drawn_is_what_is_solid(name):
-    """Every ball of the physics has something drawn in it, and nothing is drawn where a vehicle flies through."""
+def test_the_drawn_body_is_the_solid_body(name):
+    """Every ball of the physics contains something drawn, and nothing is drawn outside them."""
     frame = airframes.load(name)
     mesh = multirotor(outline(frame))
     assert len(mesh.triangles) <= 1500
@@ -119,12 +119,12 @@ def test_every_drone_is_in_the_pictures_where_a_pinhole_has_it(world, renderer):
             (roll, pitch), yaw = rng.uniform(-0.35, 0.35, 2), math.radians(start.yaw_deg) + rng.uniform(-2.0, 2.0)
             place = (float(at[0]), float(at[1]), float(at[2]))
             poses[k] = (place, (float(roll), float(pitch), float(yaw)))
-        flown = {k: DronePose(place, quat_from_euler(*tilt)) for k, (place, tilt) in poses.items()}
+        drone_poses = {k: DronePose(place, quat_from_euler(*tilt)) for k, (place, tilt) in poses.items()}
         for i in poses:
             place, tilt = poses[i]
-            eye = camera_pose(place, flown[i].attitude, HALF)
-            view = renderer.render(eye, world.moved(0.0, {k: p for k, p in flown.items() if k != i}))
-            assert not (view.ids == world.fleet.instances[i].id).any()  # nobody sees himself
+            eye = camera_pose(place, drone_poses[i].attitude, HALF)
+            view = renderer.render(eye, world.moved(0.0, {k: p for k, p in drone_poses.items() if k != i}))
+            assert not (view.ids == world.fleet.instances[i].id).any()  # no drone sees itself
             for j in poses:
                 if j == i:
                     continue
@@ -136,12 +136,12 @@ def test_every_drone_is_in_the_pictures_where_a_pinhole_has_it(world, renderer):
                     behind += 1
                     continue
                 inside = (depth > 0.6) & (np.abs(pixels - np.array((320, 180))) < np.array((320, 180))).all(axis=1)
-                between = world.past(p for k, p in flown.items() if k not in (i, j))
+                between = world.past(p for k, p in drone_poses.items() if k not in (i, j))
                 if not inside.all() or between.hidden(eye.position_ned, points).any():
                     continue
                 low, high = pixels.min(axis=0), pixels.max(axis=0)
                 assert len(mine) > 0
-                thick = 1.0 + 0.03 * 320.0 / depth.min()  # px: half the camera's housing, for which one point stands
+                thick = 1.0 + 0.03 * 320.0 / depth.min()  # px: half the camera's housing, represented by one point
                 assert (mine.min(axis=0) > low - thick).all()
                 assert (mine.max(axis=0) < high + thick).all()
                 spread, wanted = np.ptp(mine, axis=0), high - low
@@ -154,7 +154,7 @@ def test_every_drone_is_in_the_pictures_where_a_pinhole_has_it(world, renderer):
     assert behind >= 15
 
 
-def test_who_stands_behind_sees_who_stands_before_in_its_first_picture(world, renderer):
+def test_rear_drones_see_front_drones_in_their_first_picture(world, renderer):
     starts = world.fleet.starts
     for i, j in itertools.permutations(range(4), 2):
         view = renderer.render(
@@ -180,14 +180,14 @@ def test_a_moved_drone_casts_a_shadow_and_one_that_is_not_there_none(world, rend
     assert 200 < mine.sum() < 8000
     assert not (bare.ids == world.fleet.instances[1].id).any()
     darker = (bare.rgb.mean(axis=2) > shown.rgb.mean(axis=2) + 8.0) & ~mine
-    if bare.rgb[mine].mean() > 60.0:  # where the sun reaches
+    if bare.rgb[mine].mean() > 60.0:  # in the sun
         assert darker.sum() > 50
     again = renderer.render(eye, world.moved(0.0, {}))
     np.testing.assert_array_equal(again.rgb, bare.rgb)
 
 
 def before_the_lens(world, gap_m, aside_m=0.0):
-    """Return a drone's pose facing the target 12 m before it, and another's with its hull `gap_m` before the lens."""
+    """Return the poses of a drone that faces the target at 12 m, and of one with its hull `gap_m` before the lens."""
     goal = world.target_centre(0.0)
     start = np.array(world.record.starts[0].position_ned)
     way = np.array(goal) - start

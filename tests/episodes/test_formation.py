@@ -1,4 +1,4 @@
-"""A commanding record for another number of drones: the first of its four, or more of them on the same lattice."""
+"""A commanding record for another number of drones: the first of its four, or more on the same lattice."""
 
 import itertools
 import math
@@ -41,7 +41,7 @@ def test_more_stand_on_the_lattice_of_the_square_where_the_records_own_checks_pa
         assert off[2] == pytest.approx(0.0, abs=1e-6)
     gaps = [math.dist(a.position_ned, b.position_ned) for a, b in itertools.combinations(more.starts, 2)]
     assert min(gaps) == pytest.approx(2.0, abs=0.01)
-    red = [found.rule for found in check(World(more)) if not found.passed]
+    red = [finding.rule for finding in check(World(more)) if not finding.passed]
     assert red == ["the number of drones"]
 
 
@@ -53,15 +53,15 @@ def test_more_are_the_same_every_time():
 def test_no_place_is_ahead_of_the_square_and_none_is_in_it():
     starts = catalogue.load(BLOCKS).starts
     ahead = [a - b for a, b in zip(starts[0].position_ned, starts[2].position_ned, strict=True)]
-    found = list(formation.places(starts))
-    assert len(found) > 30
-    for place in found:
+    places = list(formation.places(starts))
+    assert len(places) > 30
+    for place in places:
         off = [b - a for a, b in zip(starts[0].position_ned, place.position_ned, strict=True)]
         assert sum(o * a for o, a in zip(off, ahead, strict=True)) < 0.1
         assert min(math.dist(place.position_ned, start.position_ned) for start in starts) > 1.9
 
 
-def test_what_cannot_be_flown_is_told_in_one_sentence():
+def test_impossible_formations_are_rejected_in_one_sentence():
     for episode, drones, parts in (
         (BLOCKS, 0, "1 to 8, .*0"),
         (BLOCKS, 9, "1 to 8, .*9"),

@@ -1,4 +1,4 @@
-"""The box that a target has in the picture, against points spread over the box, and against what is drawn."""
+"""The target's box in the picture, against points spread over the box, and against the drawn pixels."""
 
 import itertools
 import math
@@ -40,29 +40,29 @@ def over_the_edges(box, count=4001):
 @given(place, st.tuples(*[st.floats(0.1, 3.0)] * 3), st.tuples(turn, st.floats(-1.5, 1.5), turn))
 def test_it_is_the_hull_of_what_lies_before_the_camera(centre, half, angles):
     box = corners(centre, half, quat_from_euler(*angles))
-    told = picture_box(box, CAMERA)
+    measured_box = picture_box(box, CAMERA)
     points = over_the_edges(box)
     ahead = points[points[:, 0] >= NEAR_M]
     if not len(ahead):
-        assert told is None
+        assert measured_box is None
         return
     across = 500.0 + 500.0 * ahead[:, 1] / ahead[:, 0]  # 90° across
     under = 500.0 + 500.0 * ahead[:, 2] / ahead[:, 0] * 1280 / 720
     edges = [np.clip(edge, 0.0, 1000.0) for edge in (across.min(), under.min(), across.max(), under.max())]
-    if told is None:
+    if measured_box is None:
         assert edges[2] - edges[0] < 1.0 or edges[3] - edges[1] < 1.0
         return
     if ahead[:, 0].min() > 2.0 * NEAR_M:  # nearer than that the samples are too far apart in the picture
-        assert told == pytest.approx(edges, abs=2.0)
-    assert told[0] <= edges[0] + 1e-6
-    assert told[1] <= edges[1] + 1e-6
-    assert told[2] >= edges[2] - 1e-6
-    assert told[3] >= edges[3] - 1e-6
-    assert 0.0 <= told[0] < told[2] <= 1000.0
-    assert 0.0 <= told[1] < told[3] <= 1000.0
+        assert measured_box == pytest.approx(edges, abs=2.0)
+    assert measured_box[0] <= edges[0] + 1e-6
+    assert measured_box[1] <= edges[1] + 1e-6
+    assert measured_box[2] >= edges[2] - 1e-6
+    assert measured_box[3] >= edges[3] - 1e-6
+    assert 0.0 <= measured_box[0] < measured_box[2] <= 1000.0
+    assert 0.0 <= measured_box[1] < measured_box[3] <= 1000.0
 
 
-def test_what_is_behind_or_beside_the_camera_has_none():
+def test_targets_behind_or_beside_the_camera_have_no_box():
     level = quat_from_euler(0.0, 0.0, 0.0)
     assert picture_box(corners((-6.0, 0.0, 0.0), (1.0, 1.0, 1.0), level), CAMERA) is None
     assert picture_box(corners((6.0, 9.0, 0.0), (1.0, 1.0, 1.0), level), CAMERA) is None
@@ -87,17 +87,17 @@ def test_the_world_says_where_the_target_is_drawn(world):
         )
         yaw = math.atan2(goal[1] - spot[1], goal[0] - spot[0]) + rng.uniform(-0.6, 0.6)
         attitude = quat_from_euler(rng.uniform(-0.2, 0.2), rng.uniform(-0.2, 0.2), yaw)
-        told = world.measure(0.0, spot, attitude, SMALL)
+        measures = world.measure(0.0, spot, attitude, SMALL)
         rows, columns = np.nonzero(renderer.render(camera_pose(spot, attitude, SMALL), {}).ids == world.target_id)
         if not len(rows):
             continue
         drawn = [columns.min() / 0.32, rows.min() / 0.18, (columns.max() + 1) / 0.32, (rows.max() + 1) / 0.18]
-        assert told.target_box is not None
-        x0, y0, x1, y1 = told.target_box
+        assert measures.target_box is not None
+        x0, y0, x1, y1 = measures.target_box
         assert x0 - 4.0 <= drawn[0] < drawn[2] <= x1 + 4.0
         assert y0 - 6.0 <= drawn[1] < drawn[3] <= y1 + 6.0
-        forward, right, down = told.target_frd
-        if told.visible_fraction > 0.99:  # nothing of it hidden or cut: the box is as large as what is drawn
+        forward, right, down = measures.target_frd
+        if measures.visible_fraction > 0.99:  # nothing hidden or cut: the box is as large as the drawn target
             boxes += 1
             assert (drawn[2] - drawn[0]) / (x1 - x0) > 0.6
             assert (drawn[3] - drawn[1]) / (y1 - y0) > 0.6
@@ -110,7 +110,7 @@ def test_a_target_whose_camera_looks_away_has_no_box(world):
     start = world.record.starts[0]
     goal = world.target_centre(0.0)
     away = math.atan2(goal[1] - start.position_ned[1], goal[0] - start.position_ned[0]) + math.pi
-    told = world.measure(0.0, start.position_ned, quat_from_euler(0.0, 0.0, away), CAMERA)
-    assert told.target_box is None
-    assert told.target_frd[0] < 0.0
-    assert math.hypot(*told.target_frd) == pytest.approx(told.distance_m, abs=0.6)
+    measures = world.measure(0.0, start.position_ned, quat_from_euler(0.0, 0.0, away), CAMERA)
+    assert measures.target_box is None
+    assert measures.target_frd[0] < 0.0
+    assert math.hypot(*measures.target_frd) == pytest.approx(measures.distance_m, abs=0.6)

@@ -1,4 +1,4 @@
-"""A target that the map brings: the very instance, solid to a drone, and no screen before itself."""
+"""A target from the map itself: the same instance, solid to a drone, and not its own occluder."""
 
 import json
 import math
@@ -49,7 +49,7 @@ def test_the_instance_itself_is_the_target(world: World, thing: Instance) -> Non
 
 def test_it_does_not_hide_itself_and_is_seen_as_it_is_drawn(world: World) -> None:
     n, e, _ = world.target_centre(0.0)
-    # towards the road, where nothing else stands before it
+    # towards the road, with nothing else before it
     spot = (n - 1.5, e + 4.0, world.ground_down(n - 1.5, e + 4.0) - 1.2)
     attitude = quat_from_euler(0.0, 0.0, math.atan2(e - spot[1], n - spot[0]))
     seen = world.measure(0.0, spot, attitude, CAMERA)
@@ -73,7 +73,7 @@ def test_a_drone_can_hit_it_once(world: World, thing: Instance) -> None:
         ({"yaw_deg": 91.0}, "target"),
     ],
 )
-def test_what_the_map_does_not_have_is_refused(thing: Instance, change: dict[str, Any], says: str) -> None:
+def test_targets_that_the_map_lacks_are_rejected(thing: Instance, change: dict[str, Any], says: str) -> None:
     record = record_of(thing)
     with pytest.raises(UsageError, match=says):
         World(replace(record, target=replace(record.target, **change)))
@@ -87,7 +87,7 @@ def test_two_millimetres_off_are_refused(thing: Instance) -> None:
 
 
 def test_solids_without_one_are_those_of_the_others(thing: Instance) -> None:
-    """Sharing the rays of the whole map changes no answer about the one that is left out."""
+    """Shared rays of the whole map give the same answers for the omitted instance."""
     instances = maps.build("residential", 1).instances
     instances = tuple(i for i in instances if i.kind not in ("wood", "conifer"))
     one = next(i for i in instances if i.name == thing.name)

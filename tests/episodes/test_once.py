@@ -1,4 +1,4 @@
-"""What several flights of a process share is made once, whoever asks at the same time."""
+"""Resources shared by several flights of a process are created once, even for simultaneous requests."""
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
@@ -7,28 +7,28 @@ from episodes import maps
 from foundation.threads import once
 
 
-def test_who_asks_for_one_in_the_making_waits_for_it():
-    made, asked = [], threading.Barrier(4)
+def test_requests_during_the_creation_wait_for_it():
+    made, all_asked = [], threading.Barrier(4)
     going_on = threading.Event()
 
     @once(2)
     def thing(name):
         made.append(name)
-        going_on.wait(0.2)  # long enough for the others to ask, were they let in
+        going_on.wait(0.2)  # long enough for the others to request it, if they were let in
         return object()
 
     def ask(name):
-        asked.wait()
+        all_asked.wait()
         return thing(name)
 
     with ThreadPoolExecutor(4) as threads:
-        found = list(threads.map(ask, ["a"] * 4))
+        values = list(threads.map(ask, ["a"] * 4))
     assert made == ["a"]
-    assert len(set(found)) == 1
-    assert thing("b") is not found[0]
-    assert thing("a") is found[0]
-    thing("b"), thing("c")  # the one used last but one is let go
-    assert thing("a") is not found[0]
+    assert len(set(values)) == 1
+    assert thing("b") is not values[0]
+    assert thing("a") is values[0]
+    thing("b"), thing("c")  # the least recently used value is dropped
+    assert thing("a") is not values[0]
     assert made == ["a", "b", "c", "a"]
 
 

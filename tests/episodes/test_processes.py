@@ -1,4 +1,4 @@
-"""Shared-out work: it is done, it fails as one, and nothing of it outlives whoever asked."""
+"""Shared-out work: it finishes, fails as one, and no part of it outlives its caller."""
 
 import os
 import signal
@@ -21,7 +21,7 @@ def ignores_interrupts(process: psutil.Process) -> bool:
 
 
 def sleepers(seconds: float) -> tuple[subprocess.Popen[str], list[psutil.Process]]:
-    """Return a process, in a session of its own, that has work done by two others, and these two."""
+    """Return a process, in a session of its own, with work for two others, and these two."""
     code = (
         "import time; from episodes.authoring.processes import share_out; "
         f"list(share_out(time.sleep, [{seconds}] * 4, 2))"

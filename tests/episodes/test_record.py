@@ -1,4 +1,4 @@
-"""Records: what is written is read back, what is wrong is refused in one sentence, and the schema says the same."""
+"""Records: written ones are read back, invalid ones are rejected in one sentence, and the schema agrees."""
 
 import copy
 import json
@@ -171,7 +171,7 @@ def test_a_file_of_a_gigabyte_is_refused_before_memory_is_spent(tmp_path: Path) 
         tracemalloc.stop()
 
 
-def test_what_stands_on_posts_cannot_move() -> None:
+def test_things_on_posts_cannot_move() -> None:
     if "sign" in assets.names():
         assert "'target.path'" in refusal(json.dumps(changed(TRACKING, ("target", "asset"), "sign")))
 
@@ -219,10 +219,10 @@ def test_the_published_schema_is_that_of_the_types(tmp_path: Path, monkeypatch: 
     assert records.schema() == SCHEMA
     assert list(records.schema()["properties"]) == list(SCHEMA["properties"])
     word = re.compile(SCHEMA["$defs"]["name"]["pattern"])
-    assert all(word.fullmatch(known) for known in maps.names())
+    assert all(word.fullmatch(name) for name in maps.names())
     before = records.SCHEMA_FILE.read_bytes()
     records.write_schema()
-    assert records.SCHEMA_FILE.read_bytes() == before  # whose layout was made by hand
+    assert records.SCHEMA_FILE.read_bytes() == before  # its layout was made by hand
     monkeypatch.setattr(records, "SCHEMA_FILE", tmp_path / "record.schema.json")
     records.SCHEMA_FILE.write_text("{}")
     records.write_schema()

@@ -1,4 +1,4 @@
-"""Episodes of one process share what is laid out of their map, and are, byte for byte, those laid out alone."""
+"""Episodes of one process share the layout of their map, and equal separately built ones to the byte."""
 
 import dataclasses
 from concurrent.futures import ThreadPoolExecutor
@@ -32,21 +32,21 @@ def same(one, other):
 
 
 def alone(scene):
-    """Return a scene that knows nothing of the map that it was added to."""
+    """Return a scene without its link to the map."""
     return dataclasses.replace(scene, base=None)
 
 
 def shadows(renderer):
-    """Return the shadows that it draws a picture with, of things that never move."""
+    """Return the scene's shadows of static things."""
     with renderer._shadows.cast(renderer._layout, ()) as sun:
         return sun._replace(height=sun.height.copy())
 
 
 @pytest.mark.parametrize("episode", EPISODES)
-def test_what_is_gone_on_from_is_what_is_laid_out_anew(episode):
+def test_a_continued_layout_equals_a_new_layout(episode):
     world = World(catalogue.load(episode))
     assert world.filmed.base is not None
-    layout.laid_out(world.filmed.base)  # the first to ask makes nothing that is kept
+    layout.laid_out(world.filmed.base)  # the first request caches nothing
     of_map = layout.laid_out(world.filmed.base)
     assert of_map is not None
     shared, own = layout.lay_out(world.filmed, of_map), layout.lay_out(alone(world.filmed))
@@ -59,14 +59,14 @@ def test_what_is_gone_on_from_is_what_is_laid_out_anew(episode):
     ]
     one, other = Renderer(world.filmed, SMALL, shadow_cells=512), Renderer(alone(world.filmed), SMALL, shadow_cells=512)
     assert same(tuple(shadows(one)), tuple(shadows(other)))
-    third = Renderer(world.filmed, SMALL, shadow_cells=512)  # of the same map, whose shadows are as they were before
+    third = Renderer(world.filmed, SMALL, shadow_cells=512)  # of the same map, with its earlier shadows
     assert same(tuple(shadows(third)), tuple(shadows(one)))
     for each in (one, other, third):
         each.close()
 
 
 def test_two_scenes_of_a_map_draw_their_own_shadows():
-    """They share the map's, which each gives back as it was: what one draws into it must not be in the other's."""
+    """They share the map's shadows, and each restores them: the drawings of one must not be in the other's."""
     one, other = (World(catalogue.load(f"residential-approaching-0{k}")).filmed for k in (1, 2))
     assert one.base is not None
     assert one.base is other.base
@@ -84,7 +84,7 @@ def test_two_scenes_of_a_map_draw_their_own_shadows():
 
 
 def test_renderers_that_draw_at_the_same_time_draw_what_each_draws_alone():
-    """They draw on one sheet and into one map of shadows: two scenes through one camera, and one through another."""
+    """They draw on one sheet and into one shadow map: two scenes through one camera, and one through another."""
     first, second = (World(catalogue.load(f"residential-approaching-0{k}")) for k in (1, 2))
     wide = CameraModel(320, 180)
     drawn = [(first, wide), (second, wide), (second, CameraModel(160, 90))]
@@ -97,17 +97,17 @@ def test_renderers_that_draw_at_the_same_time_draw_what_each_draws_alone():
     def pictures(one, times):
         return [[one.picture(pose) for pose in poses] for _ in range(times)]
 
-    alone = [pictures(each, 1)[0] for each in made]
+    alone = [pictures(picture, 1)[0] for picture in made]
     with ThreadPoolExecutor(3) as threads:
-        together = [threads.submit(pictures, each, 4) for each in made]
-        for expected, found in zip(alone, together, strict=True):
-            for each in found.result():
-                assert same(each, expected)
-    for each in made:
-        each.close()
+        together = [threads.submit(pictures, picture, 4) for picture in made]
+        for expected, future in zip(alone, together, strict=True):
+            for picture in future.result():
+                assert same(picture, expected)
+    for picture in made:
+        picture.close()
 
 
-def test_whoever_draws_has_the_sheet_and_the_shadows_to_itself(monkeypatch):
+def test_a_drawing_renderer_has_the_sheet_and_the_shadows_to_itself(monkeypatch):
     scene = World(catalogue.load("residential-approaching-01")).filmed
     one, other = (Renderer(scene, SMALL, shadow_cells=512) for _ in range(2))
     assert one._sheet is other._sheet
@@ -137,8 +137,8 @@ def test_solids_are_those_sorted_anew(episode):
     assert (shared.moving is None) == (own.moving is None)
 
 
-def test_what_stands_among_other_things_comes_after_them():
-    """The order within a cell is the order in which a vehicle is pushed."""
+def test_things_added_among_others_come_after_them():
+    """A vehicle is pushed in the order of things within a cell."""
     middle = np.random.default_rng(3).uniform(0.0, 9.0, (300, 1, 3))
     triangles = middle + np.random.default_rng(4).uniform(-0.8, 0.8, (300, 3, 3))
     triangles[0], triangles[1] = np.eye(3) * 12.0 - 2.0, -np.eye(3) * 12.0 + 10.0  # the grid is the first ones'
@@ -151,7 +151,7 @@ def test_what_stands_among_other_things_comes_after_them():
         assert same(getattr(more, field.name), getattr(whole, field.name)), field.name
 
 
-def test_what_reaches_beyond_the_map_makes_its_own_grid():
+def test_scenes_beyond_the_map_get_their_own_grid():
     world = World(catalogue.load("blocks-commanding-01"))
     far = dataclasses.replace(world.target, position_ned=(500.0, 0.0, 0.0), movable=False)
     rest = tuple(one for one in world.scene.instances if one.id != far.id)

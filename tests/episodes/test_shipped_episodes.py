@@ -1,4 +1,4 @@
-"""The catalogue: complete, varied and accepted by every rule; and what a world measures of it."""
+"""The catalogue: complete, varied and accepted by every rule, and a world's measurements of it."""
 
 import hashlib
 import itertools
@@ -62,7 +62,7 @@ def test_a_hundred_episodes_ten_of_each_cell_and_map() -> None:
 
 
 def test_the_first_hundred_are_kept_as_they_were() -> None:
-    """Their results stay comparable: only the id tells that there are others now."""
+    """Their results stay comparable: only the id shows that others exist now."""
     assert [f"v1-{name}" for name in catalogue.ids()] == catalogue.v1_ids()
     digest = hashlib.sha256()
     for name in catalogue.v1_ids():
@@ -82,9 +82,9 @@ def test_targets_are_varied() -> None:
     assert {r.target.asset for r in campus if r.target.path} == {"delivery_robot", "pedestrian", "service_cart"}
     assert min(r.start_distance_m for r in campus) < 14.0
     assert max(r.start_distance_m for r in campus) > 44.0
-    told = Counter(next(how for how in RELATIONS if f" {how} " in r.instruction) for r in campus)
-    assert len(told) >= len(RELATIONS) - 2  # what is behind a landmark is seldom in sight
-    assert max(told.values()) < 36
+    relation_counts = Counter(next(how for how in RELATIONS if f" {how} " in r.instruction) for r in campus)
+    assert len(relation_counts) >= len(RELATIONS) - 2  # things behind a landmark are seldom in sight
+    assert max(relation_counts.values()) < 36
     assert len({(r.instruction, r.cell) for r in records}) > 90
 
 
@@ -194,13 +194,13 @@ def test_clearance_is_a_distance(first: World) -> None:
         step = rng.normal(size=3) * 0.3
         b = (a[0] + float(step[0]), a[1] + float(step[1]), a[2] + float(step[2]))
         assert abs(first.clearance_m(a) - first.clearance_m(b)) <= math.dist(a, b) + 1e-9
-        # nothing that a ray meets is nearer than the clearance
+        # no ray hits anything nearer than the clearance
         for direction in ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)):
             assert first.solids.range_m(a, direction) >= first.clearance_m(a) - 1e-3
 
 
 def test_the_camera_is_where_the_renderer_puts_it(first: World) -> None:
-    """A pitched attitude moves the target in the picture; measure and renderer must agree on which way."""
+    """A pitched attitude moves the target in the picture. Measure and renderer must agree on its direction."""
     goal = first.target_centre(0.0)
     spot = (goal[0] - 9.0, goal[1], goal[2] - 6.0)
     down, up = quat_from_euler(0.0, -0.6, 0.0), quat_from_euler(0.0, 0.6, 0.0)

@@ -43,7 +43,7 @@ def test_heading_follows_the_path_and_turns_gradually() -> None:
     assert abs(way.pose(1e6)[1]) == pytest.approx(math.pi)
     yaws = [way.pose(t / 10)[1] for t in range(1300)]
     steps = [abs(math.remainder(b - a, 2 * math.pi)) for a, b in itertools.pairwise(yaws)]
-    assert max(steps) < math.radians(3.0)  # 30 °/s at most where a polyline would jump by 90°
+    assert max(steps) < math.radians(3.0)  # 30 °/s at most; a polyline would jump by 90°
 
 
 def test_height_is_interpolated() -> None:
@@ -65,19 +65,19 @@ def test_a_corner_is_turned_over_a_wheelbase_or_a_step(asset: str, longest_s: fl
 
 def test_processes_agree_to_the_last_bit() -> None:
     """Agent, logger and verifier each compute the pose themselves, under hash seeds of their own."""
-    asked = "residential-tracking-01", [0.0, 0.1, 17.3, 123.456, 299.99]
+    request = "residential-tracking-01", [0.0, 0.1, 17.3, 123.456, 299.99]
     program = (
         "import json, sys\nfrom episodes.records import catalogue\nfrom episodes.world.target import motion\n"
         "name, times = json.loads(sys.argv[1])\nway = motion(catalogue.load(name).target)\n"
         "print(json.dumps([[*p, y] for p, y in map(way.pose, times)]))"
     )
-    said = [
+    outputs = [
         subprocess.run(
-            [sys.executable, "-c", program, json.dumps(asked)],
+            [sys.executable, "-c", program, json.dumps(request)],
             capture_output=True, text=True, check=True, env={**os.environ, "PYTHONHASHSEED": seed},
         ).stdout
         for seed in ("1", "2")
     ]  # fmt: skip
-    way = motion(catalogue.load(asked[0]).target)
-    here = [[*place, yaw] for place, yaw in map(way.pose, asked[1])]
-    assert [json.loads(text) for text in said] == [here, here]
+    way = motion(catalogue.load(request[0]).target)
+    here = [[*place, yaw] for place, yaw in map(way.pose, request[1])]
+    assert [json.loads(text) for text in outputs] == [here, here]

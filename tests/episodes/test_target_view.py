@@ -1,4 +1,4 @@
-"""What is surely beside the picture is not looked for with rays, and nothing else is left out."""
+"""Targets certainly outside the picture need no rays. All others get them."""
 
 import math
 
@@ -29,10 +29,10 @@ def test_every_measure_is_the_one_with_rays(world, away, side, height, turn, til
     north, east, down = world.target_centre(0.0)
     place = (north + away * math.cos(side), east + away * math.sin(side), down - height)
     attitude = quat_from_euler(roll, tilt, side + math.pi + turn)
-    told = world.measure(0.0, place, attitude, CAMERA)
+    measures = world.measure(0.0, place, attitude, CAMERA)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(TargetView, "_beside", lambda *of: False)
-        assert world.measure(0.0, place, attitude, CAMERA) == told
+        assert world.measure(0.0, place, attitude, CAMERA) == measures
 
 
 def test_behind_the_camera_no_ray_is_cast(world):

@@ -1,4 +1,4 @@
-"""A target that drives stands on the ground with every wheel, in the pictures and for the judge alike."""
+"""A driving target stands on the ground with every wheel, in the pictures and for the judge alike."""
 
 import math
 
@@ -43,7 +43,7 @@ STANDING = ("residential-commanding-05", "residential-searching-04", "v1-residen
 
 
 @pytest.mark.parametrize("name", STANDING)
-def test_what_stands_touches_the_ground_with_every_wheel_in_its_picture_too(name):
+def test_standing_targets_touch_the_ground_with_every_wheel_in_pictures_too(name):
     world, camera = World(catalogue.load(name)), CameraModel(640, 360)
     leaning = [one for one in world.target_and_lookalikes if one.attitude is not None]
     assert leaning
@@ -62,12 +62,12 @@ def test_what_stands_touches_the_ground_with_every_wheel_in_its_picture_too(name
 
 
 def test_its_middle_is_on_its_path_as_if_it_stood_level(world):
-    """What the judge measures from stays where it was, but for the height on a crest or in a dip."""
+    """The judge's reference point stays the same, except its height on a crest or in a dip."""
     low, high = world.target.mesh.vertices.min(axis=0), world.target.mesh.vertices.max(axis=0)
     for t_s in TIMES_S:
         place, yaw = motion(world.record.target).pose(float(t_s))
         level = turn(yaw) @ ((low + high) / 2) + np.array(place)
-        upright, heading = world.target_upright(float(t_s))  # for what meets its box
+        upright, heading = world.target_upright(float(t_s))  # for hits on its box
         middle = turn(heading) @ ((low + high) / 2) + np.array(upright)
         assert math.dist(middle, world.target_centre(float(t_s))) < 1e-3
         off = np.array(world.target_centre(float(t_s))) - level
@@ -75,7 +75,7 @@ def test_its_middle_is_on_its_path_as_if_it_stood_level(world):
         assert abs(off[2]) < 0.1
 
 
-def test_who_rides_on_two_wheels_does_not_roll_and_who_walks_stands_upright():
+def test_two_wheelers_do_not_roll_and_walkers_stand_upright():
     rider, walker = (World(catalogue.load(name)) for name in (DRIVING["cyclist"], "campus-tracking-01"))
     tilts = [quat_to_euler(_attitude(rider, float(t)))[:2] for t in TIMES_S]
     assert max(abs(roll) for roll, _ in tilts) < 1e-9

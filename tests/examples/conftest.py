@@ -10,8 +10,8 @@ EPISODES = ("residential-approaching-05", "residential-searching-03")
 
 
 @pytest.fixture(scope="session")
-def flown(tmp_path_factory) -> Path:
-    """A run folder of two flights that were drawn; nothing may be written into it."""
+def run_folder(tmp_path_factory) -> Path:
+    """A run folder of two rendered flights. No test may write into it."""
     folder = tmp_path_factory.mktemp("action_head") / "flown"
     words = ["fly", "--sitl", "--speed", "max", "--pilot", "oracle", "--latency", "fixed:0.1", "--out", str(folder)]
     for episode in EPISODES:
@@ -20,8 +20,8 @@ def flown(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def dataset_folder(flown) -> Path:
+def dataset_folder(run_folder) -> Path:
     """The LeRobot dataset of those flights."""
-    folder = flown.with_name("dataset")
-    assert main(["export", str(flown), "--to", "lerobot", "--out", str(folder)]) == 0
+    folder = run_folder.with_name("dataset")
+    assert main(["export", str(run_folder), "--to", "lerobot", "--out", str(folder)]) == 0
     return Path(folder)

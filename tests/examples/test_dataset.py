@@ -1,4 +1,4 @@
-"""A dataset read as arrays, beside the logs of the flight that it was made of."""
+"""A dataset read as arrays, beside the logs of its flights."""
 
 import json
 import shutil
@@ -21,15 +21,15 @@ from tests.examples.conftest import EPISODES
 pytestmark = pytest.mark.slow  # two flights whose frames are drawn
 
 
-def decided(flown):
-    """Return (episode, its row of decisions.jsonl) of every decision, in the order of the dataset."""
+def decided(run_folder):
+    """Yield (episode, its row of decisions.jsonl) of every decision, in the order of the dataset."""
     for episode in EPISODES:
-        for line in (flown / episode / "decisions.jsonl").read_text().splitlines():
+        for line in (run_folder / episode / "decisions.jsonl").read_text().splitlines():
             yield episode, json.loads(line)
 
 
-def test_every_decision_is_there_with_what_the_pilot_knew(flown, dataset_folder):
-    data, logged = dataset.read(dataset_folder), list(decided(flown))
+def test_every_decision_is_there_with_what_the_pilot_knew(run_folder, dataset_folder):
+    data, logged = dataset.read(dataset_folder), list(decided(run_folder))
     assert len(data) == len(logged)
     past: list[PastAction] = []
     for k, (episode, row) in enumerate(logged):
@@ -39,7 +39,7 @@ def test_every_decision_is_there_with_what_the_pilot_knew(flown, dataset_folder)
         assert KINDS[data.kinds[k]] == row["action"]["action"]
         assert data.past[0, k] == pytest.approx(features.history(past[-5:]), abs=1e-6)
         assert data.past[1, k] == pytest.approx(features.history(past[-5:], mirrored=True), abs=1e-6)
-        record = json.loads((flown / episode / "episode.json").read_text())
+        record = json.loads((run_folder / episode / "episode.json").read_text())
         np.testing.assert_array_equal(data.words[0, k], features.words(record["instruction"]))
         if isinstance(action, Go):
             np.testing.assert_allclose(data.points[k] * 1000.0, (action.x, action.y), rtol=1e-5)
@@ -50,19 +50,19 @@ def test_every_decision_is_there_with_what_the_pilot_knew(flown, dataset_folder)
     assert {KINDS[kind] for kind in data.kinds} == {"go", "rotate", "finished"}  # else the flights show too little
 
 
-def test_the_pictures_are_the_pilots_own(flown, dataset_folder):
+def test_the_pictures_are_the_pilots_own(run_folder, dataset_folder):
     data = dataset.read(dataset_folder)
-    frames = [frame for episode in EPISODES for frame in sorted((flown / episode / "frames").iterdir())]
+    frames = [frame for episode in EPISODES for frame in sorted((run_folder / episode / "frames").iterdir())]
     for shown, frame in zip(data.pictures, frames, strict=True):
         np.testing.assert_array_equal(shown, features.picture(frame.read_bytes()))
 
 
 def test_flights_that_were_not_drawn_are_refused(tmp_path):
-    """Lockstep leaves blank pictures for pilots that do not look, and from those nothing can be learnt but to turn."""
-    flown, folder = tmp_path / "flown", tmp_path / "dataset"
+    """Lockstep leaves blank pictures for pilots that do not look. From those only turning can be learnt."""
+    unrendered, folder = tmp_path / "flown", tmp_path / "dataset"
     blank = FlightSpec(episode=EPISODES[0], pilot="oracle", simulated=Simulated(speed=None, rendered=False))
-    assert fly(blank, flown, lambda _: None)["success"]
-    assert main(["export", str(flown), "--to", "lerobot", "--out", str(folder)]) == 0
+    assert fly(blank, unrendered, lambda _: None)["success"]
+    assert main(["export", str(unrendered), "--to", "lerobot", "--out", str(folder)]) == 0
     with pytest.raises(UsageError, match="--rendered"):
         dataset.read(folder)
 
@@ -78,7 +78,7 @@ def test_a_flight_that_failed_teaches_nothing(dataset_folder, tmp_path):
         dataset.read(folder)
 
 
-def test_what_is_no_dataset_is_told(dataset_folder, tmp_path):
+def test_invalid_datasets_are_reported(dataset_folder, tmp_path):
     with pytest.raises(UsageError, match="dronecats export"):
         dataset.read(tmp_path)
     folder = tmp_path / "broken"

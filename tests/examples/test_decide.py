@@ -33,15 +33,15 @@ def test_a_point_lies_in_its_cell_at_every_edge():
 def test_a_point_lies_between_cells_that_share_it():
     heat = outlook(cell=(9, 10)).heat
     heat[9, 11] = 1.0 / 3.0
-    heat[2, 30] = 0.9  # elsewhere, and not so sure: no mean of the two is a place where anything is
+    heat[2, 30] = 0.9  # elsewhere, and less sure: the mean of the two is a place without anything
     assert point(heat)[0] * COLUMNS == pytest.approx(10.75)
 
 
 def test_no_depth_is_beyond_belief():
-    for said, named in ((0.0, 0.5), (1e9, 60.0), (float("inf"), 60.0)):
-        action = parse(decide(outlook(go=1.0, depth_m=said), (), 0.5))
-        assert isinstance(action, Go), said
-        assert action.depth_m == named, said
+    for depth_m, named in ((0.0, 0.5), (1e9, 60.0), (float("inf"), 60.0)):
+        action = parse(decide(outlook(go=1.0, depth_m=depth_m), (), 0.5))
+        assert isinstance(action, Go), depth_m
+        assert action.depth_m == named, depth_m
 
 
 def test_it_turns_where_turning_is_likelier():
@@ -53,13 +53,13 @@ def test_it_declares_from_the_threshold_on():
     assert isinstance(parse(decide(outlook(go=0.75, finished=0.24), (), 0.25)), Go)
 
 
-def test_who_has_claimed_in_vain_does_something_else_first():
+def test_after_a_false_declaration_the_head_acts_first():
     past = [as_past(Finished())]
     assert isinstance(parse(decide(outlook(go=0.1, finished=0.9), past, 0.4)), Go)
     assert parse(decide(outlook(go=0.1, finished=0.9), [*past, as_past(Go(1.0, 2.0, 3.0))], 0.4)) == Finished()
 
 
-def test_who_has_turned_all_the_way_round_looks_from_elsewhere():
+def test_after_a_full_turn_the_head_moves_elsewhere():
     turned = [as_past(Rotate(75.0))] * 4 + [as_past(Think())]
     assert parse(decide(outlook(rotate=1.0), turned, 0.5)) == Go(500.0, 500.0, ELSEWHERE_M)
     assert isinstance(parse(decide(outlook(rotate=1.0), turned[1:], 0.5)), Rotate)

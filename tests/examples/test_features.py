@@ -1,4 +1,4 @@
-"""What the head is given: the same from a dataset as from a served prompt, and mirrored as a mirror would."""
+"""The head's inputs: the same from a dataset as from a served prompt, and mirrored like in a mirror."""
 
 import cv2
 import numpy as np
@@ -23,15 +23,15 @@ FLOWN: tuple[Action, ...] = (
 
 
 def test_a_prompt_tells_what_a_dataset_tells():
-    """What is learnt from is made of actions, what is flown on of the prompt's text."""
+    """Learning uses actions; flight uses the prompt's text."""
     history = History(CameraModel())
     for count, action in enumerate(FLOWN, 1):
         history.append(action)
         prompt = Prompt.load().render("go to the cyan SUV", history.render(), 5)
-        told = actions.read_prompt(prompt)
-        flown = [features.as_past(one) for one in FLOWN[:count]][-5:]
-        np.testing.assert_allclose(features.history(told.past(0)), features.history(flown), atol=1e-3)
-        assert told.command == "go to the cyan SUV"
+        from_prompt = actions.read_prompt(prompt)
+        past_steps = [features.as_past(one) for one in FLOWN[:count]][-5:]
+        np.testing.assert_allclose(features.history(from_prompt.past(0)), features.history(past_steps), atol=1e-3)
+        assert from_prompt.command == "go to the cyan SUV"
     assert not features.history(
         actions.read_prompt(Prompt.load().render("x", History(CameraModel()).render(), 5)).past(0)
     ).any()
@@ -45,7 +45,7 @@ def test_the_newest_action_is_told_first_and_no_depth_is():
     assert vector[6:12].tolist() == [0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
 
 
-def test_what_it_has_turned_since_it_last_went():
+def test_the_history_holds_the_turn_since_the_last_go():
     past = [features.as_past(one) for one in (Rotate(-90.0), Go(500.0, 500.0, 5.0), Rotate(90.0), Rotate(45.0))]
     assert features.history(past)[-2] == pytest.approx(135.0 / 360.0)
 
@@ -62,10 +62,10 @@ def test_words_tell_colours_things_and_landmarks_apart():
     def alike(one, other):
         return float(features.words(one) @ features.words(other))
 
-    told = "fly to the cyan SUV"
-    assert alike(told, told) == pytest.approx(1.0)
-    assert alike(told, "fly to the brown SUV") < 0.9
-    assert alike(told, "fly to the cyan van") > alike(told, "fly to the brown van")
+    instruction = "fly to the cyan SUV"
+    assert alike(instruction, instruction) == pytest.approx(1.0)
+    assert alike(instruction, "fly to the brown SUV") < 0.9
+    assert alike(instruction, "fly to the cyan van") > alike(instruction, "fly to the brown van")
     assert alike("the bench nearest the kiosk", "the kiosk nearest the bench") < 0.9
     assert not features.words("").any()
 
@@ -89,7 +89,7 @@ def test_a_picture_of_any_size_is_made_small():
         np.testing.assert_allclose(small[:, 70, 20], 0, atol=8)
 
 
-def test_what_is_no_picture_is_refused():
+def test_invalid_pictures_are_rejected():
     for data in (b"", b"no picture", b"\xff\xd8\xff\xe0"):
         with pytest.raises(UsageError):
             features.picture(data)

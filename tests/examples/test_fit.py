@@ -1,4 +1,4 @@
-"""The fit, where PyTorch is installed: a few steps on a few made-up pictures."""
+"""The fit, if PyTorch is installed: a few steps on a few synthetic pictures."""
 
 from dataclasses import asdict
 
@@ -19,20 +19,20 @@ SMALL = Shape(channels=16, words=8, hidden=16)
 
 
 def made_up(count=48):
-    """Return decisions on a blue square: to go to it, to turn where there is none, to declare where it is large."""
+    """Return decisions on a blue square: go to it, turn if there is none, declare if it is large."""
     numbers = np.random.default_rng(1)
     pictures = np.full((count, 3, features.HEIGHT, features.WIDTH), 120, np.uint8)
     kinds = np.arange(count) % 4
-    kinds[kinds == 2] = 0  # nobody thinks
+    kinds[kinds == 2] = 0  # no `think` decisions
     points = numbers.uniform(0.2, 0.8, (count, 2)).astype(np.float32)
     for k, (x, y) in enumerate(points * (features.WIDTH, features.HEIGHT)):
         half = {0: 8, 3: 40}.get(int(kinds[k]), 0)
         rows = slice(max(0, int(y) - half), int(y) + half)
         pictures[k, :, rows, max(0, int(x) - half) : int(x) + half] = np.array((20, 20, 240))[:, None, None]
-    told = np.stack([features.words("go to the blue square")] * count)
+    word_vectors = np.stack([features.words("go to the blue square")] * count)
     return Decisions(
         pictures=pictures,
-        words=np.stack([told, told]),
+        words=np.stack([word_vectors, word_vectors]),
         past=np.zeros((2, count, features.PAST), np.float32),
         kinds=kinds,
         points=points,
@@ -53,10 +53,13 @@ def test_the_loss_falls_and_what_was_learnt_can_be_judged():
     data = made_up()
     head, losses = fitted(data, 12)
     assert losses[-1] < 0.75 * losses[0]
-    found = fit.judged(head, data)
-    assert found is not None
-    assert found.decisions == 8
-    assert (found.declared, found.precise) == (1.0, 1.0)  # what is large is told from what is small and what is none
+    judgement = fit.judged(head, data)
+    assert judgement is not None
+    assert judgement.decisions == 8
+    assert (judgement.declared, judgement.precise) == (
+        1.0,
+        1.0,
+    )  # large squares are separable from small ones and from none
 
 
 def test_the_same_seed_gives_the_same_weights_and_another_one_others():
@@ -73,7 +76,7 @@ def test_a_mirrored_decision_points_to_the_other_side():
     batch = fit.drawn(data, chosen, numbers)
     for picture, place in zip(batch.pictures.numpy(), batch.points.numpy(), strict=True):
         rows, columns = np.nonzero(picture[2] > 200)
-        if len(columns) == 256:  # whole in the picture
+        if len(columns) == 256:  # completely in the picture
             x, y = (columns.mean() + 0.5) / features.WIDTH, (rows.mean() + 0.5) / features.HEIGHT
             assert (x, y) == (pytest.approx(place[0], abs=0.01), pytest.approx(place[1], abs=0.01))
     mirrored = batch.angles_deg.numpy() < 0
@@ -86,7 +89,7 @@ def test_a_picture_is_moved_and_its_edge_repeated():
     assert fit.moved(shown, -2, 1)[0, 0].tolist() == [2, 3, 4, 5, 6, 7, 7, 7]
 
 
-def test_what_is_misnamed_is_looked_for():
+def test_a_misnamed_target_is_searched_for():
     data = made_up(40)
     data.words[:, ::2] = features.words("go to the red sphere")
     batch = fit.drawn(data, np.arange(40), np.random.default_rng(0))
@@ -109,8 +112,8 @@ def test_a_head_is_kept_and_read_again(tmp_path):
     again, declares_at = network.load(tmp_path / "head.pt")
     assert declares_at == 0.35
     data = made_up(16)
-    given = (data.pictures[0], data.words[0, 0], data.past[0, 0])
-    np.testing.assert_array_equal(again.outlook(*given).heat, head.outlook(*given).heat)
+    inputs = (data.pictures[0], data.words[0, 0], data.past[0, 0])
+    np.testing.assert_array_equal(again.outlook(*inputs).heat, head.outlook(*inputs).heat)
 
 
 def test_a_file_that_is_no_head_is_refused(tmp_path):
@@ -120,8 +123,8 @@ def test_a_file_that_is_no_head_is_refused(tmp_path):
     with pytest.raises(UsageError, match=r"text\.pt"):
         network.load(tmp_path / "text.pt")
     head = network.ActionHead(SMALL)
-    told = {"format": network.FORMAT + 1, "shape": asdict(SMALL), "declares_at": 0.5, "weights": head.state_dict()}
-    torch.save(told, tmp_path / "later.pt")
+    document = {"format": network.FORMAT + 1, "shape": asdict(SMALL), "declares_at": 0.5, "weights": head.state_dict()}
+    torch.save(document, tmp_path / "later.pt")
     with pytest.raises(UsageError, match=r"later\.pt.*version"):
         network.load(tmp_path / "later.pt")
 

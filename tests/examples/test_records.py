@@ -1,4 +1,4 @@
-"""Nothing that is learnt from is an episode of the benchmark."""
+"""No training record is an episode of the benchmark."""
 
 from dataclasses import replace
 
@@ -11,10 +11,12 @@ from foundation.errors import UsageError
 
 
 def test_requests_are_of_other_maps_and_their_ids_are_their_own():
-    asked = records.requests()
-    shipped = {(one.map, one.map_seed) for one in map(catalogue.load, catalogue.all_ids())}
-    assert not {(one.map, one.map_seed) for one in asked} & shipped
-    ids = [f"{one.map}-{one.cell}-{one.first + k:02d}" for one in asked for k in range(one.count)]
+    requests = records.requests()
+    shipped = {(request.map, request.map_seed) for request in map(catalogue.load, catalogue.all_ids())}
+    assert not {(request.map, request.map_seed) for request in requests} & shipped
+    ids = [
+        f"{request.map}-{request.cell}-{request.first + k:02d}" for request in requests for k in range(request.count)
+    ]
     assert len(ids) == len(set(ids)) == 448
     assert not set(ids) & set(catalogue.all_ids())
 
@@ -25,8 +27,8 @@ def test_any_beginning_is_mixed():
     assert first == records.requests()[: len(first)]
 
 
-def test_what_is_drafted_is_new():
-    """A request as it is made, but for its length."""
+def test_drafted_records_are_new():
+    """A real request, except for its length."""
     made = propose(replace(records.requests()[0], count=1))
     records.must_be_new(made)
     assert made[0].map_seed == records.FIRST_MAP_SEED

@@ -10,7 +10,7 @@ from foundation.errors import UsageError
 
 
 def test_without_pytorch_it_is_told_what_to_install(monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "torch", None)  # as where it is not installed
+    monkeypatch.setitem(sys.modules, "torch", None)  # as without an installed PyTorch
     assert exit_status("action_head", lambda: serve.main(["head.pt"])) == 2
     assert "dronecats[train]" in capsys.readouterr().err
 

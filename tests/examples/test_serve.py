@@ -1,4 +1,4 @@
-"""A head behind the interface of a model: real requests, by the client that the agent has."""
+"""A head behind the interface of a model: real requests, from the agent's own client."""
 
 import base64
 import json
@@ -20,13 +20,13 @@ from tests.needs import needs
 
 
 class Reddest:
-    """A head that was not learnt: it goes to where the picture is reddest."""
+    """A head without training: it goes to the reddest place of the picture."""
 
     def outlook(self, picture, words, past):
         red = picture[0].astype(int) - picture[1:].max(0)
         cells = red.reshape(ROWS, 8, COLUMNS, 8).mean((1, 3))
         heat = (cells == cells.max()).astype(np.float32)
-        arrived = 0.9 * float(past[1])  # a picture later than a turn, it declares
+        arrived = 0.9 * float(past[1])  # it declares one picture after a turn
         return Outlook(
             np.array([0.95 - arrived, 0.0, 0.0, arrived], np.float32), heat, 6.0, np.zeros(len(TURNS_DEG), np.float32)
         )
@@ -44,10 +44,10 @@ def disc(x, y):
     return encode(shown)
 
 
-def asked(server, pictures, past=None):
+def post_question(server, pictures, past=None):
     drones = max(1, len(pictures))
-    told = past or "\n".join(f"Drone {k + 1}:\n{History(CameraModel()).render()}" for k in range(drones))
-    prompt = Prompt.load().render("go to the red disc", told, 5, drones=drones)
+    history = past or "\n".join(f"Drone {k + 1}:\n{History(CameraModel()).render()}" for k in range(drones))
+    prompt = Prompt.load().render("go to the red disc", history, 5, drones=drones)
     parts: list[dict[str, object]] = [{"type": "text", "text": prompt}]
     for jpeg in pictures:
         url = "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()
@@ -57,14 +57,14 @@ def asked(server, pictures, past=None):
 
 
 def test_it_points_at_what_it_saw(served):
-    action = parse(asked(served, [disc(960, 180)]).json()["choices"][0]["message"]["content"])
+    action = parse(post_question(served, [disc(960, 180)]).json()["choices"][0]["message"]["content"])
     assert isinstance(action, Go)
     assert action.x == pytest.approx(750, abs=32)
     assert action.y == pytest.approx(250, abs=56)
 
 
 def test_each_drone_of_a_fleet_is_asked_alone(served):
-    text = asked(served, [disc(320, 360), disc(960, 360)]).json()["choices"][0]["message"]["content"]
+    text = post_question(served, [disc(320, 360), disc(960, 360)]).json()["choices"][0]["message"]["content"]
     left, right = parse_fleet(text, 2)
     assert isinstance(left, Go)
     assert isinstance(right, Go)
@@ -74,16 +74,16 @@ def test_each_drone_of_a_fleet_is_asked_alone(served):
 
 def test_each_drone_of_a_fleet_has_its_own_past(served):
     past = "Drone 1:\n(none yet — this is the first step)\nDrone 2:\n1. ROTATE angle=90deg  <- latest"
-    text = asked(served, [disc(320, 360)] * 2, past).json()["choices"][0]["message"]["content"]
+    text = post_question(served, [disc(320, 360)] * 2, past).json()["choices"][0]["message"]["content"]
     went, turned = parse_fleet(text, 2)
     assert isinstance(went, Go)
     assert turned == Finished()
 
 
 def test_a_request_without_a_picture_is_refused(served):
-    said = asked(served, [])
-    assert said.status_code == 400
-    assert "picture" in said.json()["error"]["message"]
+    response = post_question(served, [])
+    assert response.status_code == 400
+    assert "picture" in response.json()["error"]["message"]
 
 
 def test_the_models_own_check_finds_that_it_points(served, capsys):
@@ -93,15 +93,15 @@ def test_the_models_own_check_finds_that_it_points(served, capsys):
 
 @needs("torch")
 def test_a_trained_head_is_served(tmp_path):
-    """Untrained in truth: what its weights are changes nothing of the way."""
+    """In truth untrained: the path is the same for any weights."""
     from examples.action_head.network import ActionHead, save
     from examples.action_head.settings import Shape
 
     file = tmp_path / "head.pt"
     save(file, ActionHead(Shape(16, 4, 8)), 0.0, {})
     with serve.server(file, 0, 1) as server:
-        text = asked(server, [disc(640, 360)]).json()["choices"][0]["message"]["content"]
-    assert parse(text) == Finished()  # from a probability of 0 on
+        text = post_question(server, [disc(640, 360)]).json()["choices"][0]["message"]["content"]
+    assert parse(text) == Finished()  # at any probability
 
 
 def test_a_number_that_is_none_is_refused():

@@ -1,4 +1,4 @@
-"""Values kept on the disk: taken from there, and made anew after a change of the sources or damage."""
+"""Values cached on disk: read from there, and computed anew after a change of the sources or damage."""
 
 import os
 from pathlib import Path
@@ -12,17 +12,17 @@ from foundation.kept_values import kept
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
-    """Return a function that asks for a value, and the list of those that had to be made."""
+    """Return a function that requests a value, and the list of the computed ones."""
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
     monkeypatch.setattr(kept_values, "ROOT", tmp_path)
     (tmp_path / "source.py").write_text("a = 1")
-    found: list[int] = []
+    made_numbers: list[int] = []
 
     def make():
-        found.append(len(found))
-        return {"value": np.arange(3) + found[-1]}
+        made_numbers.append(len(made_numbers))
+        return {"value": np.arange(3) + made_numbers[-1]}
 
-    return lambda: kept("thing", ["*.py"], make)["value"].tolist(), found
+    return lambda: kept("thing", ["*.py"], make)["value"].tolist(), made_numbers
 
 
 def files(tmp_path):
@@ -30,9 +30,9 @@ def files(tmp_path):
 
 
 def test_a_value_is_made_once(made, tmp_path):
-    ask, found = made
+    ask, made_numbers = made
     assert ask() == ask() == [0, 1, 2]
-    assert found == [0]
+    assert made_numbers == [0]
     assert len(files(tmp_path)) == 1
 
 
@@ -55,14 +55,14 @@ def test_a_damaged_file_is_made_anew(made, tmp_path, data):
 
 
 def test_a_folder_that_cannot_be_written_costs_only_time(made, tmp_path):
-    ask, found = made
+    ask, made_numbers = made
     (tmp_path / "cache").write_text("a file where the folder should be")
     ask(), ask()
-    assert found == [0, 1]
+    assert made_numbers == [0, 1]
 
 
 def test_a_folder_that_can_only_be_read_is_read(made, monkeypatch):
-    ask, found = made
+    ask, made_numbers = made
     ask()
 
     def refuse(path):
@@ -70,16 +70,16 @@ def test_a_folder_that_can_only_be_read_is_read(made, monkeypatch):
 
     monkeypatch.setattr(os, "utime", refuse)
     ask()
-    assert found == [0]
+    assert made_numbers == [0]
 
 
 def test_a_write_that_fails_leaves_no_file(made, tmp_path, monkeypatch):
-    ask, found = made
+    ask, made_numbers = made
 
     def is_full(path, target):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(Path, "replace", is_full)
     ask(), ask()
-    assert found == [0, 1]
+    assert made_numbers == [0, 1]
     assert files(tmp_path) == []

@@ -1,4 +1,4 @@
-"""The newest truth is asked on one thread while another feeds it."""
+"""One thread reads the newest truth while another one feeds it."""
 
 import threading
 from collections import deque
@@ -13,7 +13,7 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 
 
 class Watched(deque[TruthSample]):
-    """Notes at each look into it whether another thread could change it meanwhile."""
+    """Records at each access whether another thread could change it meanwhile."""
 
     truth: NewestTruth
     open: list[bool]
@@ -42,19 +42,19 @@ def test_nothing_is_read_in_while_somebody_looks_through_it(ask: str) -> None:
         packer = Packer(drone + 1, 51)
         for k in range(5):
             place = (0.1 * k, 0.0, -2.0)
-            told = truth_message(20_000 * k, place, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, ORIGIN)
-            truth.feed(packer.pack(told))
+            message = truth_message(20_000 * k, place, (0.0,) * 3, (1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, ORIGIN)
+            truth.feed(packer.pack(message))
     newest = truth.of(0)
     assert newest is not None
     opened: list[bool] = []
-    for drone, heard in truth._samples.items():
-        truth._samples[drone] = watched = Watched(heard)
+    for drone, samples in truth._samples.items():
+        truth._samples[drone] = watched = Watched(samples)
         watched.truth, watched.open = truth, opened
-    asked = {
+    queries = {
         "together": lambda: truth.together(0),
         "at": lambda: truth.at(0, 40_000),
         "before": lambda: truth.before(newest),
     }
-    assert asked[ask]() is not None
+    assert queries[ask]() is not None
     assert opened
     assert not any(opened)

@@ -19,13 +19,13 @@ def test_a_nook_is_outside():
     st.lists(st.floats(0.0, 6.28), min_size=3, max_size=9, unique=True), st.tuples(metres, metres), st.integers(0, 8)
 )
 def test_a_convex_polygon_holds_what_is_left_of_all_its_edges(angles: list[float], point: Point, first: int):
-    """Corners on a circle; which of them is named first, and which way round they go, says nothing."""
+    """Corners on a circle, in either direction and from any first corner."""
     ring = [(10.0 * math.cos(a), 10.0 * math.sin(a)) for a in sorted(angles)]
     sides = [
         (n2 - n1) * (point[1] - e1) - (e2 - e1) * (point[0] - n1)
         for (n1, e1), (n2, e2) in zip(ring, (*ring[1:], ring[0]), strict=True)
     ]
-    if min(abs(side) for side in sides) < 1e-6:  # on an edge, which belongs to neither
+    if min(abs(side) for side in sides) < 1e-6:  # on an edge, which belongs to neither polygon
         return
     inside = all(side > 0.0 for side in sides)
     turned = ring[first % len(ring) :] + ring[: first % len(ring)]

@@ -1,4 +1,4 @@
-"""What is shown of words that are not ours."""
+"""Display of foreign text."""
 
 import json
 import re
@@ -31,12 +31,12 @@ def test_json_stays_the_json_that_it_is(value):
     assert json.dumps(json.loads(printable(text))) == json.dumps(json.loads(text))
 
 
-def test_what_people_write_is_shown_as_they_wrote_it():
+def test_ordinary_text_is_shown_unchanged():
     text = "Où\u00a0? 左の車\u3000へ, 5°, naïve — “so”\nand מימין"
     assert printable(text) == text
 
 
-def test_what_steers_a_terminal_is_spelt():
-    said = "\x1b]52;c;Zm9v\x07 \x9b2J\r\x08\x00 \u202egnp.exe\u2066 \ud800 \U000e0041\u2028\ttab\x7f"
+def test_terminal_control_characters_are_escaped():
+    text = "\x1b]52;c;Zm9v\x07 \x9b2J\r\x08\x00 \u202egnp.exe\u2066 \ud800 \U000e0041\u2028\ttab\x7f"
     shown = r"\u001b]52;c;Zm9v\u0007 \u009b2J\u000d\u0008\u0000 \u202egnp.exe\u2066 \ud800 \udb40\udc41\u2028"
-    assert printable(said) == shown + r"\u0009tab\u007f"
+    assert printable(text) == shown + r"\u0009tab\u007f"

@@ -1,4 +1,4 @@
-"""The protocol's numbers are the paper's, and stand in one file."""
+"""The protocol's numbers are the paper's, and are defined in one file."""
 
 import ast
 import contextlib
@@ -18,8 +18,8 @@ def test_they_are_the_papers():
     assert [protocol.GO, protocol.ROTATE, protocol.THINK, protocol.FINISHED] == ["go", "rotate", "think", "finished"]
 
 
-def test_nobody_defines_one_of_them_again():
-    """The same name with the same value; a near plane is a NEAR_M, too, and of no protocol."""
+def test_no_other_module_defines_a_protocol_number():
+    """No other module has the same name with the same value. A near plane called NEAR_M is not of the protocol."""
     again = {
         f"{path.relative_to(ROOT)}: {name}"
         for room in ("foundation", "dronecats", "autopilot", "vehicles", "episodes", "hil")

@@ -28,6 +28,6 @@ def test_a_field_of_a_record_in_a_record_is_read():
 
 
 @pytest.mark.parametrize("names", [("short",), ("count", "place"), ("place", "place")])
-def test_what_cannot_be_read_is_refused(names):
+def test_unreadable_fields_are_rejected(names):
     with pytest.raises(ValueError):
         reader(np.zeros(1, RECORD)[0], *names)

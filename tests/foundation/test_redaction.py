@@ -1,4 +1,4 @@
-"""No spelling of a key survives, and what is no key stays readable."""
+"""No spelling of a key survives, and other text stays readable."""
 
 import base64
 import html
@@ -63,9 +63,9 @@ def test_every_part_of_an_address_that_is_not_shown_is_a_secret_of_it(key):
     for place in ("{}/v1", "v1?a=b&k={}", "v1?{}", "v1#{}"):
         url = "http://h/" + place.format(spelt)
         for echo in (url, spelt, key):
-            said = redacted(f"no such page: {echo}", *secrets_of(url))
-            assert key not in said
-            assert spelt not in said
+            text = redacted(f"no such page: {echo}", *secrets_of(url))
+            assert key not in text
+            assert spelt not in text
 
 
 def test_basic_authentication_is_a_secret_too():

@@ -1,4 +1,4 @@
-"""The file of a signing key: what is taken, and that no error says what is in it."""
+"""The file of a signing key: accepted contents, and errors that do not show it."""
 
 import pytest
 from hypothesis import given

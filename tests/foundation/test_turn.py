@@ -1,4 +1,4 @@
-"""One computes, the others wait: in the order of their asking, and beside whoever only waits."""
+"""One thread computes and the others wait, in the order of their requests. A lent turn lets others compute."""
 
 import threading
 
@@ -21,7 +21,7 @@ def ended(threads):
 
 
 def asking(turn, seen, count):
-    """Wait until so many stand in the queue."""
+    """Wait until the queue has so many threads."""
     while len(turn._queue) < count:
         assert not seen.is_set()
         threading.Event().wait(0.001)
@@ -47,24 +47,24 @@ def test_only_one_computes_and_in_the_order_of_asking():
     assert order == [0, 1, 2, 3, 4]
 
 
-def test_who_waits_lets_others_compute_and_then_stands_in_line_again():
-    turn, said = ComputingTurn(), threading.Event()
+def test_a_waiting_thread_lets_others_compute_and_then_queues_again():
+    turn, answered = ComputingTurn(), threading.Event()
 
     def answer():
         with turn.taken():
-            said.set()
+            answered.set()
 
     with turn.taken():
         threads = start(answer)
         with turn.lent():
-            assert said.wait(10.0)
+            assert answered.wait(10.0)
         assert not turn._queue
         threads += start(answer)
         asking(turn, threading.Event(), 1)
     assert ended(threads)
 
 
-def test_who_does_not_have_it_lends_nothing():
+def test_a_thread_without_the_turn_lends_nothing():
     turn = ComputingTurn()
     with turn.taken():
         threads = start(lambda: turn.lent().__enter__())
@@ -83,7 +83,7 @@ def test_an_error_gives_it_back():
     assert ended(start(lambda: turn.taken().__enter__()))
 
 
-def test_who_never_waits_gives_it_to_the_others_after_some_steps():
+def test_a_thread_that_never_waits_yields_after_some_steps():
     turn, had = ComputingTurn(), threading.Event()
 
     def other():
@@ -98,12 +98,12 @@ def test_who_never_waits_gives_it_to_the_others_after_some_steps():
         assert not had.is_set()
         turn.step()
         assert had.is_set()
-        with turn.lent():  # and who has waited in between begins to count anew
+        with turn.lent():  # a thread that has waited in between restarts its count
             pass
         threads += start(other)
         had.clear()
         asking(turn, had, 1)
         turn.step()
         assert not had.is_set()
-    turn.step()  # without it: nothing
+    turn.step()  # without the turn: no effect
     assert ended(threads)

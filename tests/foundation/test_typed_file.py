@@ -1,4 +1,4 @@
-"""Typed files: what the annotations allow is read, and anything else is one sentence with file, key and rule."""
+"""Typed files: contents that match the annotations are read; others give one sentence with file, key and rule."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
@@ -26,7 +26,7 @@ class Wheel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cart:
-    """What a file holds."""
+    """The contents of a file."""
 
     name: Annotated[str, Meta(pattern="^[a-z]+$", extra={"wrong": "may hold small letters only"})]
     paint: Literal["red", "green"] = "red"
@@ -77,13 +77,13 @@ WRONG: list[tuple[dict[str, Any], tuple[str, ...]]] = [
 
 
 @pytest.mark.parametrize(("changed", "words"), WRONG, ids=[words[0] + str(k) for k, (_, words) in enumerate(WRONG)])
-def test_what_is_wrong_is_one_sentence_with_file_key_and_rule(changed, words):
+def test_errors_are_one_sentence_with_file_key_and_rule(changed, words):
     message = refusal(typed, {**CART, **changed}, Cart, "cart.toml")
     assert [word for word in ("cart.toml", *words) if word not in message] == [], message
     assert "\n" not in message
 
 
-def test_what_is_no_table_is_refused():
+def test_invalid_tables_are_rejected():
     nothing: list[Any] = [3, None, [], "x", {}]
     for value in nothing:
         assert "cart.toml" in refusal(typed, value, Cart, "cart.toml")

@@ -1,4 +1,4 @@
-"""A file is the old one or the new one, and no draft is left behind."""
+"""A file is the old one or the new one, and no draft remains."""
 
 import pytest
 
@@ -11,7 +11,7 @@ def break_off(path):
         raise KeyboardInterrupt
 
 
-def test_what_breaks_off_leaves_the_old_file_and_no_draft(tmp_path):
+def test_an_interrupted_write_leaves_the_old_file_and_no_draft(tmp_path):
     path = tmp_path / "table.csv"
     write_text(path, "old\n")
     with pytest.raises(KeyboardInterrupt):

@@ -1,4 +1,4 @@
-"""Our MAVLink codec against pymavlink's, for every message of the dialect, and on streams that nobody should send."""
+"""Our MAVLink codec against pymavlink's, for every message of the dialect, and on invalid streams."""
 
 import math
 import struct
@@ -30,7 +30,7 @@ def element(kind: str) -> st.SearchStrategy[Any]:
 
 
 def message_of(kind: Any) -> st.SearchStrategy[Any]:
-    """Return the messages of a class, with a trailing stretch of zeros as likely as none."""
+    """Return the messages of a class; a trailing stretch of zeros is as likely as none."""
     fields = []
     for name, type_name in zip(kind.fieldnames, kind.fieldtypes, strict=True):
         place = kind.ordered_fieldnames.index(name)
@@ -76,7 +76,7 @@ def same(a: Any, b: Any) -> bool:
 
 
 def assert_same(ours: Any, theirs: Any) -> None:
-    """All that pymavlink's message offers is there and equal."""
+    """Assert that every field of pymavlink's message exists and is equal."""
     assert isinstance(ours, type(theirs))
     assert type(ours).__name__ == type(theirs).__name__
     for reader in (
@@ -176,14 +176,14 @@ def test_any_stream_in_any_chunks_gives_what_pymavlink_gives(stream: bytes, cuts
     places = [0, *sorted(cut % (len(stream) + 1) for cut in cuts), len(stream)]
     for start, stop in pairwise(places):
         chunk = stream[start:stop]
-        found = ours.feed(chunk)
+        messages = ours.feed(chunk)
         try:
             wanted = theirs.feed(chunk)
-        except Exception:  # what pymavlink cannot survive, we have counted
+        except Exception:  # pymavlink cannot survive these; we have counted them
             assert ours.bad > 0
             return
-        assert [bytes(m.get_msgbuf()) for m in found] == [bytes(m.get_msgbuf()) for m in wanted]
-        for mine, other in zip(found, wanted, strict=True):
+        assert [bytes(m.get_msgbuf()) for m in messages] == [bytes(m.get_msgbuf()) for m in wanted]
+        for mine, other in zip(messages, wanted, strict=True):
             assert_same(mine, other)
         assert ours.bad == theirs.bad
 
@@ -193,9 +193,9 @@ def test_any_stream_in_any_chunks_gives_what_pymavlink_gives(stream: bytes, cuts
 def test_messages_survive_any_chunking(messages: list[Any], size: int) -> None:
     packer, parser = Packer(1, 1), Parser()
     stream = b"".join(packer.pack(m) for m in messages)
-    found = [m for i in range(0, len(stream), size) for m in parser.feed(stream[i : i + size])]
-    assert [m.get_type() for m in found] == [m.get_type() for m in messages]
-    assert [m.get_seq() for m in found] == list(range(len(messages)))
+    parsed = [m for i in range(0, len(stream), size) for m in parser.feed(stream[i : i + size])]
+    assert [m.get_type() for m in parsed] == [m.get_type() for m in messages]
+    assert [m.get_seq() for m in parsed] == list(range(len(messages)))
     assert parser.bad == 0
 
 
@@ -211,9 +211,9 @@ def test_a_damaged_frame_is_counted_and_the_next_one_is_heard() -> None:
 def test_the_sequence_number_counts_to_255_and_begins_again() -> None:
     packer, parser = Packer(9, 8), Parser()
     ping = dialect.MAVLink_ping_message(0, 0, 0, 0)
-    found = parser.feed(b"".join(packer.pack(ping) for _ in range(300)))
-    assert [m.get_seq() for m in found] == [n % 256 for n in range(300)]
-    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in found} == {(9, 8)}
+    messages = parser.feed(b"".join(packer.pack(ping) for _ in range(300)))
+    assert [m.get_seq() for m in messages] == [n % 256 for n in range(300)]
+    assert {(m.get_srcSystem(), m.get_srcComponent()) for m in messages} == {(9, 8)}
 
 
 def test_a_value_its_field_cannot_hold_is_refused_and_uses_no_number() -> None:
@@ -225,7 +225,7 @@ def test_a_value_its_field_cannot_hold_is_refused_and_uses_no_number() -> None:
 
 
 class TwoInOne(dialect.MAVLink_param_value_message):  # type: ignore[misc]
-    """PARAM_VALUE with an integer's bytes where the float stands."""
+    """PARAM_VALUE with an integer's bytes in place of the float."""
 
     def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
         payload = struct.pack("<IHH16sB", 2, 1, 0, self._param_id_raw, 6)
@@ -237,20 +237,20 @@ def test_a_message_with_a_packing_of_its_own_keeps_it() -> None:
     first, second = (packer.pack(TwoInOne(b"N", 0.0, 6, 1, 0)) for _ in range(2))
     assert struct.unpack_from("<I", first, 10) == (2,)
     assert first == Reference(5, 6).pack(TwoInOne(b"N", 0.0, 6, 1, 0))
-    (found,) = Parser().feed(second)
-    assert (found.get_seq(), found.get_srcSystem(), found.get_srcComponent()) == (1, 5, 6)
+    (parsed,) = Parser().feed(second)
+    assert (parsed.get_seq(), parsed.get_srcSystem(), parsed.get_srcComponent()) == (1, 5, 6)
 
 
-def test_what_is_no_message_cannot_be_packed() -> None:
+def test_bad_data_is_not_packed() -> None:
     with pytest.raises(TypeError, match="message"):
         Packer(1, 1).pack(dialect.MAVLink_bad_data(b"x", "why"))
 
 
 def test_nan_and_infinity_travel() -> None:
     message = dialect.MAVLink_attitude_message(1, math.nan, math.inf, -math.inf, 0.0, 0.0, 0.0)
-    (found,) = Parser().feed(Packer(1, 1).pack(message))
-    assert math.isnan(found.roll)
-    assert (found.pitch, found.yaw) == (math.inf, -math.inf)
+    (parsed,) = Parser().feed(Packer(1, 1).pack(message))
+    assert math.isnan(parsed.roll)
+    assert (parsed.pitch, parsed.yaw) == (math.inf, -math.inf)
 
 
 def _heard(system: int, number: int) -> bytes:
@@ -258,10 +258,10 @@ def _heard(system: int, number: int) -> bytes:
 
 
 @given(st.lists(st.tuples(st.integers(1, 3), st.booleans()), max_size=40), st.integers(1, 5))
-def test_the_newest_frames_are_those_that_a_parser_finds_last(told, count):
+def test_the_newest_frames_are_those_that_a_parser_finds_last(sources, count):
     frames, pings = [], list[tuple[int, int]]()
     heartbeat = dialect.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3)
-    for number, (system, ping) in enumerate(told):
+    for number, (system, ping) in enumerate(sources):
         frames.append(_heard(system, number + 1) if ping else Packer(system, 1).pack(heartbeat))
         pings += [(system, number + 1)] if ping else []
     kept = Parser().feed(wire.newest(b"".join(frames), dialect.MAVLINK_MSG_ID_PING, count))
@@ -280,10 +280,10 @@ def test_among_what_is_no_plain_frame_nothing_is_left_out(odd):
 
 
 @given(st.lists(st.sampled_from(["ping", "odd", "cut"]), max_size=12))
-def test_frames_that_are_only_passed_on_are_those_of_the_messages(told):
+def test_frames_that_are_only_passed_on_are_those_of_the_messages(kinds):
     pieces = {"ping": _heard(1, 7), "odd": b"\xfe\x00\x13", "cut": _heard(2, 9)[:-4]}
-    data = b"".join(pieces[one] for one in told)
-    whole, passed = Parser(), Parser()
+    data = b"".join(pieces[kind] for kind in kinds)
+    reference, passed = Parser(), Parser()
     for part in (data[: len(data) // 2], data[len(data) // 2 :], _heard(3, 1)):
-        assert passed.frames(part) == [bytes(message.get_msgbuf()) for message in whole.feed(part)]
-    assert passed.bad == whole.bad
+        assert passed.frames(part) == [bytes(message.get_msgbuf()) for message in reference.feed(part)]
+    assert passed.bad == reference.bad

@@ -1,4 +1,4 @@
-"""Words of messages: numbers with their nouns, and the names that are near to a mistyped one."""
+"""Words of messages: numbers with their nouns, and names similar to a mistyped one."""
 
 import pytest
 
@@ -18,7 +18,7 @@ def test_a_plural_of_its_own():
 
 
 @pytest.mark.parametrize(
-    ("word", "known", "near"),
+    ("word", "names", "near"),
     [
         ("gpt6", ("gpt-5", "gpt-6-luna", "gpt-6.2-sol", "gemini-3"), ["gpt-6-luna", "gpt-6.2-sol"]),  # the family first
         ("GPT_5", ("gpt-5", "qwen3.5-4b"), ["gpt-5"]),
@@ -27,6 +27,6 @@ def test_a_plural_of_its_own():
         ("", ("fly", "sitl"), []),
     ],
 )
-def test_the_nearest_names(word, known, near):
-    assert nearest(word, known, count=2)[: len(near)] == near
-    assert bool(nearest(word, known)) is bool(near)
+def test_the_nearest_names(word, names, near):
+    assert nearest(word, names, count=2)[: len(near)] == near
+    assert bool(nearest(word, names)) is bool(near)

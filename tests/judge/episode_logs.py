@@ -31,8 +31,8 @@ def pose(t, distance_m, visible=True, drone=0, place=None, **more):
 def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
     """Return the logs that hold these rows, frames and poses in `truth`."""
 
-    def row(told, kind):
-        made, fault = taken(told, kind)
+    def row(fields, kind):
+        made, fault = taken(fields, kind)
         assert fault is None, fault
         return made
 
@@ -50,27 +50,27 @@ def logs(decisions=(), truth=(), begin=BEGIN, end=END, record=None) -> Logs:
 
 
 def judge_folder(folder: Path, *radius) -> dict[str, Any]:
-    """Return what `dronecats judge --json` prints of an episode folder."""
+    """Return the output of `dronecats judge --json` for an episode folder."""
     return episode.judge_folder(folder, *radius).as_json()
 
 
 def judge_run(run: Path, *radius) -> dict[str, Any]:
-    """Return what `dronecats judge --json` prints of a run."""
+    """Return the output of `dronecats judge --json` for a run."""
     return {name: judged.as_json() for name, judged in episode.judge_run(run, *radius).items()}
 
 
 def outcome(flight: Logs, *radius) -> dict[str, Any]:
-    """Return the verdict of these logs as verdict.json holds it."""
+    """Return the verdict of these logs in the form of verdict.json."""
     return judged_flight.outcome(flight, *radius).as_json()
 
 
 def write_verdict(folder: Path) -> dict[str, Any]:
-    """Judge and store, and return what is stored."""
+    """Judge an episode folder, write its verdict.json, and return the stored verdict."""
     return episode.write_verdict(folder).as_json()
 
 
 def write(folder: Path, decisions, truth) -> Path:
-    """Write the two logs of an episode folder, which is made where it is missing, and return it."""
+    """Write the two logs of an episode folder and return the folder. It is created if it is missing."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     (folder / "truth.jsonl").write_text("".join(json.dumps(row) + "\n" for row in truth))

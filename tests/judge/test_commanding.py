@@ -1,4 +1,4 @@
-"""How a fleet was commanded, held to a second implementation: homogeneous matrices, from docs/commanding.md."""
+"""The commanding part of a verdict against a second implementation with homogeneous matrices (docs/commanding.md)."""
 
 import numpy as np
 import pytest
@@ -20,10 +20,10 @@ def go(x, y, depth_m):
 
 
 def flight(steps, record=RECORD):
-    """Logs of steps, each a list of (pose or None, action), a drone each; a pose is (north, east, down, yaw in °)."""
+    """Return logs of steps. A step has (pose or None, action) per drone, a pose (north, east, down, yaw in °)."""
     decisions, truth = [], []
-    for step, told in enumerate(steps):
-        for drone, (pose, action) in enumerate(told):
+    for step, drones in enumerate(steps):
+        for drone, (pose, action) in enumerate(drones):
             number = step * 10 + drone
             decisions.append({**decision(step, number, 5.0 + step, None, drone), "action": action})
             there = {} if pose is None else {"position_ned": [*pose[:3]], "yaw_deg": pose[3]}
@@ -32,7 +32,7 @@ def flight(steps, record=RECORD):
 
 
 def projected(pose, action):
-    """The place in the world, by inverting the camera's matrix and chaining homogeneous transforms."""
+    """Return the place in the world: invert the camera's matrix and chain homogeneous transforms."""
     point = np.array(action["point"]) * [1.28, 0.72]
     across = np.linalg.inv(PINHOLE) @ [point[0], point[1], 1.0] * action["depth_m"]  # right, down, ahead
     yaw = np.deg2rad(pose[3])
@@ -44,22 +44,22 @@ def projected(pose, action):
 
 
 def expected(steps, record):
-    """Per step (all have one point, spread, places, nears); near-ties are not asked."""
+    """Yield (all have one point, spread, places, nears) per step. Near-ties are discarded."""
     things = np.array([record["target"]["position_ned"], *(c["position_ned"] for c in record["candidates"])])[:, :2]
-    for told in steps:
-        gone = [action is not None and action["action"] == "go" for _, action in told]
-        one = None
-        if all(gone) and len(told) > 1:
-            points = np.array([action["point"] for _, action in told])
-            one = bool((points == points[0]).all())
-        places = [projected(*each) if went and each[0] else None for went, each in zip(gone, told, strict=True)]
-        known = np.array([p for p in places if p is not None])
+    for drones in steps:
+        gone = [action is not None and action["action"] == "go" for _, action in drones]
+        is_identical = None
+        if all(gone) and len(drones) > 1:
+            points = np.array([action["point"] for _, action in drones])
+            is_identical = bool((points == points[0]).all())
+        places = [projected(*pair) if went and pair[0] else None for went, pair in zip(gone, drones, strict=True)]
+        placed = np.array([p for p in places if p is not None])
         apart = None
-        if len(known) > 1:
-            gaps = np.linalg.norm(known[:, None] - known[None], axis=-1)
-            apart = gaps.sum() / (len(known) * (len(known) - 1))
+        if len(placed) > 1:
+            gaps = np.linalg.norm(placed[:, None] - placed[None], axis=-1)
+            apart = gaps.sum() / (len(placed) * (len(placed) - 1))
         nears: list[int | None] = []
-        for (pose, _), place in zip(told, places, strict=True):
+        for (pose, _), place in zip(drones, places, strict=True):
             if place is None:
                 nears.append(None)
                 continue
@@ -70,7 +70,7 @@ def expected(steps, record):
             order = np.sort(closed)
             assume(abs(order[-1]) > 1e-6 and order[-1] - order[-2] > 1e-6)
             nears.append(int(closed.argmax()) if closed.max() > 0 else None)
-        yield one, apart, places, nears
+        yield is_identical, apart, places, nears
 
 
 metres = st.integers(-4000, 4000).map(lambda n: n / 100)
@@ -85,23 +85,25 @@ actions = (
 
 @settings(max_examples=150)
 @given(st.lists(st.lists(st.tuples(poses, actions), min_size=1, max_size=4), min_size=1, max_size=5))
-def test_every_step_is_as_a_second_implementation_has_it(steps):
+def test_every_step_matches_the_second_implementation(steps):
     wanted = list(expected(steps, RECORD))
-    told = outcome(flight(steps))["commanding"]
-    assert [row["step"] for row in told["steps"]] == list(range(len(steps)))
-    for row, (one, apart, places, nears) in zip(told["steps"], wanted, strict=True):
-        assert row["identical_point"] is one
+    commanding = outcome(flight(steps))["commanding"]
+    assert [row["step"] for row in commanding["steps"]] == list(range(len(steps)))
+    for row, (is_identical, apart, places, nears) in zip(commanding["steps"], wanted, strict=True):
+        assert row["identical_point"] is is_identical
         assert row["spread_m"] == (None if apart is None else pytest.approx(apart, abs=6e-4))
         for place, want in zip(row["places_ned"], places, strict=True):
             assert (place is None) == (want is None)
             assert place is None or np.allclose(place, want, atol=6e-4)
         assert row["nears"] == nears
-    every = [one for one, *_ in wanted if one is not None]
-    assert (told["all_go_steps"], told["identical_points"]) == (len(every), sum(every))
-    assert told["identical_share"] == (round(sum(every) / len(every), 4) if every else None)
+    every = [is_identical for is_identical, *_ in wanted if is_identical is not None]
+    assert (commanding["all_go_steps"], commanding["identical_points"]) == (len(every), sum(every))
+    assert commanding["identical_share"] == (round(sum(every) / len(every), 4) if every else None)
     spreads = [apart for _, apart, *_ in wanted if apart is not None]
-    assert told["spread_m"] == (pytest.approx(np.median(spreads), abs=1.1e-3) if spreads else None)  # rounded twice
-    assert told["candidates_neared"] == len({n for *_, nears in wanted for n in nears} - {None})
+    assert commanding["spread_m"] == (
+        pytest.approx(np.median(spreads), abs=1.1e-3) if spreads else None
+    )  # rounded twice
+    assert commanding["candidates_neared"] == len({n for *_, nears in wanted for n in nears} - {None})
 
 
 def test_one_answer_pasted_into_four_views_and_a_division():
@@ -109,15 +111,15 @@ def test_one_answer_pasted_into_four_views_and_a_division():
     pasted = [(pose, go(448, 357, 12)) for pose in start]
     divided = [(pose, go(x, 500, 20)) for pose, x in zip(start, (300, 500, 750, 751), strict=True)]
     paired = [(pose, go(x, 357, 12)) for pose, x in zip(start, (448, 448, 449, 449), strict=True)]
-    told = outcome(flight([pasted, divided, paired]))["commanding"]
-    assert [row["identical_point"] for row in told["steps"]] == [True, False, False]
-    assert told["identical_share"] == 0.3333
-    assert told["steps"][0]["spread_m"] == pytest.approx(20 / 6, abs=1e-3)  # as far apart as the drones are
-    assert told["steps"][1]["nears"] == [2, 0, 1, 1]
-    assert told["candidates_neared"] == 3
+    commanding = outcome(flight([pasted, divided, paired]))["commanding"]
+    assert [row["identical_point"] for row in commanding["steps"]] == [True, False, False]
+    assert commanding["identical_share"] == 0.3333
+    assert commanding["steps"][0]["spread_m"] == pytest.approx(20 / 6, abs=1e-3)  # as far apart as the drones are
+    assert commanding["steps"][1]["nears"] == [2, 0, 1, 1]
+    assert commanding["candidates_neared"] == 3
 
 
-def test_what_comes_after_the_cap_and_what_is_no_number_is_not_commanded():
+def test_late_steps_have_no_row_and_invalid_points_have_no_place():
     late = logs([{**decision(0, 1, 300.1), "action": go(1, 1, 1)}], [frame(1, 299.6, 9.0)], record=RECORD)
     assert outcome(late)["commanding"]["steps"] == []
     odd = [((0, 0, 0, 0), {"action": "go", **more}) for more in ({}, {"point": [1, "2"], "depth_m": 3})]
@@ -125,11 +127,11 @@ def test_what_comes_after_the_cap_and_what_is_no_number_is_not_commanded():
 
 
 @pytest.mark.parametrize("record", [None, {**RECORD, "cell": "approaching"}])
-def test_the_verdict_of_any_other_episode_has_none_of_it(record):
+def test_verdicts_of_other_episodes_have_no_commanding_part(record):
     assert "commanding" not in outcome(flight([[((0, 0, 0, 0), go(1, 1, 1))]], record))
 
 
-def test_it_is_judged_from_the_folder_alone(tmp_path):
+def test_commanding_is_judged_from_the_folder_alone(tmp_path):
     folder = write(tmp_path / "x", [{**decision(0, 1, 5.0), "action": go(500, 500, 9)}], [])
     assert "commanding" not in judge_folder(folder)
     for text in ("{", '{"cell": "commanding"}', '{"cell": "commanding", "target": {"position_ned": [1, 2]}}'):

@@ -1,4 +1,4 @@
-"""Logs that do not hold together are nobody's score; what still is certain stands."""
+"""Contradictory logs are not scored, but a certain success stands."""
 
 import json
 
@@ -12,41 +12,41 @@ GO = [decision(0, 0, 5.0, "go")]
 SEEN = [pose(0.0, 12.0), frame(0, 4.5, 9.0)]
 
 
-def said(decisions, truth, **more):
+def judge_logs(decisions, truth, **more):
     verdict = outcome(logs(decisions, truth, **more))
     return verdict["outcome"], verdict["error"]
 
 
-def test_ended_as_decided_by_nothing():
-    for decisions in ([], GO, [decision(0, 0, 5.0)]):  # empty, cut, and one that does not qualify
-        named, error = said(decisions, SEEN, end=DECIDED)
+def test_a_decided_end_without_a_qualifying_declaration_is_an_error():
+    for decisions in ([], GO, [decision(0, 0, 5.0)]):  # empty, cut off, and one that does not qualify
+        named, error = judge_logs(decisions, SEEN, end=DECIDED)
         assert named == "error", decisions
         assert "decisions.jsonl" in error, decisions
-    assert said([decision(0, 0, 5.0)], [frame(0, 4.5, 4.0)], end=DECIDED)[0] == "success"
+    assert judge_logs([decision(0, 0, 5.0)], [frame(0, 4.5, 4.0)], end=DECIDED)[0] == "success"
 
 
-def test_ended_at_the_cap_long_before_it():
+def test_an_end_at_the_cap_long_before_it_is_an_error():
     for cap_s, end_s, good in (
         (None, 300.0, True), (None, 295.0, True), (None, 294.9, False), (45.0, 45.1, True), (45.0, 39.9, False),
     ):  # fmt: skip
-        named, error = said(GO, SEEN, begin={**BEGIN, "cap_s": cap_s}, end={**END, "t": end_s})
+        named, error = judge_logs(GO, SEEN, begin={**BEGIN, "cap_s": cap_s}, end={**END, "t": end_s})
         assert named == ("failure" if good else "error"), (cap_s, end_s)
         assert good or f"{end_s:g} s" in error, (cap_s, end_s)
 
 
-def test_flown_to_the_cap_without_one_decision_or_one_measurement():
-    assert "decisions.jsonl" in said([], SEEN)[1]
-    assert "logger" in said(GO, [pose(0.0, None, None)])[1]
+def test_a_flight_to_the_cap_without_decisions_or_measurements_is_an_error():
+    assert "decisions.jsonl" in judge_logs([], SEEN)[1]
+    assert "logger" in judge_logs(GO, [pose(0.0, None, None)])[1]
 
 
-def test_a_step_that_is_missing_or_there_twice():
+def test_a_missing_or_duplicate_step_is_an_error():
     truth = [*SEEN, frame(1, 8.5, 9.0), frame(2, 11.5, 9.0)]
     for decisions, place in (
         ([*GO, decision(2, 2, 12.0, "go")], "step 1"),
         ([decision(1, 1, 9.0, "go")], "step 0"),
         ([*GO, *GO], "step 0 of drone 1"),
     ):
-        named, error = said(decisions, truth)
+        named, error = judge_logs(decisions, truth)
         assert named == "error", place
         assert place in error
 
@@ -54,7 +54,7 @@ def test_a_step_that_is_missing_or_there_twice():
 def test_a_contradiction_cannot_undo_a_success():
     truth = [*SEEN, frame(2, 8.5, 4.0)]
     for end in (None, {**END, "t": 20.0}, {**END, "reason": "error"}):
-        assert said([*GO, decision(2, 2, 9.0)], truth, end=end) == ("success", None)
+        assert judge_logs([*GO, decision(2, 2, 9.0)], truth, end=end) == ("success", None)
 
 
 POSITIONS = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, 2.0]}  # 5 m apart
@@ -63,8 +63,8 @@ POSITIONS = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, 2.0]}  #
 @pytest.mark.parametrize(
     "doubtful",
     [
-        frame(1, 8.6, 4.0),  # of another instant than the decision says
-        frame(1, 8.5, 4.0, **POSITIONS),  # nearer than its own positions are
+        frame(1, 8.6, 4.0),  # at another time than that of the decision
+        frame(1, 8.5, 4.0, **POSITIONS),  # nearer than its own positions
     ],
 )
 def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(doubtful):
@@ -76,7 +76,7 @@ def test_a_declaration_whose_measurement_contradicts_itself_was_not_measured(dou
     assert log_contradictions(good) == []
 
 
-def test_a_pose_is_held_to_its_positions_too():
+def test_a_pose_is_compared_with_its_positions():
     here = pose(1.0, 5.0, place=[0.0, 0.0, -2.0], target_ned=[3.0, 0.0, 2.0])
     assert log_contradictions(logs(GO, [*SEEN, here])) == []
     assert len(log_contradictions(logs(GO, [*SEEN, {**here, "distance_m": 5.01}]))) == 1
@@ -86,17 +86,17 @@ def replied(reply, action, drone=0):
     return {**decision(0, drone, 5.0, drone=drone), "reply": reply, "action": action}
 
 
-def test_the_action_is_what_the_reply_says():
+def test_the_action_is_that_of_the_reply():
     go = {"action": "go", "point": [100.0, 900.0], "depth_m": 4.0}
-    true = [
+    consistent = [
         replied('{"action": "finished"}', {"action": "finished"}),
         replied('so: {"action": "go", "point": [100, 900], "depth_m": 4}', go),
-        replied('{"action": "go", "point": [900, 100], "depth_m": 4}', go),  # of a model that says y first
+        replied('{"action": "go", "point": [900, 100], "depth_m": 4}', go),  # from a model that gives y first
         replied("I cannot", None),
     ]
-    for each in true:
-        assert reply_contradictions(logs([each]), reread) == []
-        other = {**each, "action": {"action": "think"}}
+    for row in consistent:
+        assert reply_contradictions(logs([row]), reread) == []
+        other = {**row, "action": {"action": "think"}}
         assert len(reply_contradictions(logs([other]), reread)) == 1
     assert len(reply_contradictions(logs([replied("I cannot", {"action": "finished"})]), reread)) == 1
 
@@ -109,32 +109,32 @@ def test_each_drone_of_a_fleet_takes_its_own_action_of_the_reply():
     assert len(reply_contradictions(logs(swapped), reread)) == 1
 
 
-def test_a_reply_that_was_mended_is_read_again_with_the_same_patience():
+def test_a_mended_reply_is_read_again_with_the_same_repairs():
     reply = "[{'drone': 2, 'action': 'think'}, {'drone': 1, 'action': 'finished'}]"
     fleet = [replied(reply, {"action": "finished"}), replied(reply, {"action": "think"}, 1)]
-    mended = [{**each, "mended": ["single_quotes", "by_name"]} for each in fleet]
+    mended = [{**row, "mended": ["single_quotes", "by_name"]} for row in fleet]
     assert reply_contradictions(logs(mended), reread) == []
-    assert len(reply_contradictions(logs(fleet), reread)) == 1  # nothing was mended, they say
-    swapped = [{**each, "action": other["action"]} for each, other in zip(mended, reversed(fleet), strict=True)]
+    assert len(reply_contradictions(logs(fleet), reread)) == 1  # these rows record no repair
+    swapped = [{**row, "action": other["action"]} for row, other in zip(mended, reversed(fleet), strict=True)]
     assert len(reply_contradictions(logs(swapped), reread)) == 1
 
 
-def test_of_drones_that_are_asked_for_alone_each_has_a_reply_of_its_own():
-    """A commander's confirmation has none; its drone's own replies are read as one drone's."""
-    told = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
+def test_drones_that_are_asked_separately_have_their_own_replies():
+    """A commander's confirmation has no reply. Its drone's own replies are read as those of one drone."""
+    rows = [{**replied('{"action": "think"}', {"action": "think"}, drone), "step": drone} for drone in range(3)]
     confirmed = {k: v for k, v in decision(3, 1, 6.0, drone=1).items() if k != "reply"}
-    assert reply_contradictions(logs([*told, {**confirmed, "confirmed_by": 0}]), reread) == []
-    other = {**told[2], "action": {"action": "finished"}}
-    assert len(reply_contradictions(logs([*told[:2], other]), reread)) == 1
+    assert reply_contradictions(logs([*rows, {**confirmed, "confirmed_by": 0}]), reread) == []
+    other = {**rows[2], "action": {"action": "finished"}}
+    assert len(reply_contradictions(logs([*rows[:2], other]), reread)) == 1
 
 
-def test_a_step_of_which_a_kill_left_one_row_is_still_a_fleets():
+def test_a_step_with_one_row_after_a_kill_is_still_a_fleets():
     reply = '[{"action": "think"}, {"action": "finished"}]'
-    whole = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
-    assert reply_contradictions(logs([*whole, {**whole[0], "step": 1}]), reread) == []
+    complete = [replied(reply, {"action": "think"}), replied(reply, {"action": "finished"}, 1)]
+    assert reply_contradictions(logs([*complete, {**complete[0], "step": 1}]), reread) == []
 
 
-def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_and_no_more(tmp_path):
+def test_commander_declarations_match_its_log_and_damage_there_is_only_reported(tmp_path):
     confirmed = {k: v for k, v in decision(0, 7, 5.0, drone=1, confirmed_by=2).items() if k != "reply"}
     folder = write(tmp_path / "a-01", [confirmed], [BEGIN, frame(7, 4.5, 4.0, drone=1), END])
     (missing,) = judge_folder(folder)["contradictions"]
@@ -142,16 +142,16 @@ def test_what_a_commander_declares_stands_in_its_log_and_damage_there_is_told_an
     assert "commander.jsonl" in missing
     exchange = {"number": 2, "t_asked": 4.5, "t_answered": 5.0, "causes": [{"why": "report", "drone": 1}], "roster": "",
                 "frames": [6, 7], "reply": "{}", "orders": [], "confirms": [1], "model": "m"}  # fmt: skip
-    for change, told in (({}, []), ({"confirms": [0]}, [missing]), ({"frames": [7, 6]}, [missing])):
+    for change, contradictions in (({}, []), ({"confirms": [0]}, [missing]), ({"frames": [7, 6]}, [missing])):
         (folder / "commander.jsonl").write_text(json.dumps({**exchange, **change}) + "\n")
-        assert judge_folder(folder)["contradictions"] == told
+        assert judge_folder(folder)["contradictions"] == contradictions
     (folder / "commander.jsonl").write_text('{"number": -1}\n{}\n')
     judged = judge_folder(folder)
     assert judged["outcome"] == "success"
     assert "commander.jsonl line 1" in judged["contradictions"][0]
 
 
-def test_an_episode_lies_in_the_folder_of_its_name(tmp_path):
+def test_an_episode_in_a_folder_of_another_name_is_a_contradiction(tmp_path):
     folder = write(tmp_path / "a-01", GO, [BEGIN, *SEEN, END])
     (folder / "episode.json").write_text('{"id": "b-02"}')
     assert judge_folder(folder)["contradictions"] == folder_contradictions("a-01", {"id": "b-02"})

@@ -1,4 +1,4 @@
-"""Whatever a log has become, it is judged or its damage is named in a sentence."""
+"""A damaged log is judged, or its damage is named in one sentence."""
 
 import json
 import re
@@ -40,7 +40,7 @@ def changed(rows, number, key, value):
 
 
 def judged(folder, place, value):
-    """Judge the logs with one key changed: by themselves, and beside an episode that is whole."""
+    """Judge the logs with one key changed, by themselves and beside an undamaged episode."""
     name, number, key = place
     decisions = changed(DECISIONS, number, key, value) if name == "decisions" else DECISIONS
     truth = changed(TRUTH, number, key, value) if name == "truth" else TRUTH
@@ -51,10 +51,10 @@ def judged(folder, place, value):
         for delta_m in (5.0, 7.0):
             json.dumps(outcome(logs, delta_m), allow_nan=False)
         log_contradictions(logs)
-        said = None
+        message = None
     except UsageError as damage:
-        said = str(damage)
-    assert said is None or (f"{name}.jsonl" in said and "\n" not in said)
+        message = str(damage)
+    assert message is None or (f"{name}.jsonl" in message and "\n" not in message)
     verdicts = judge_run(folder)
     assert verdicts["whole"]["outcome"] == "failure"
     return verdicts["damaged"]
@@ -75,7 +75,7 @@ def test_any_missing_key_is_judged_or_named(tmp_path):
         assert ("damaged" in (verdict["error"] or "")) == needed, place
 
 
-def test_what_cannot_be_is_damage(tmp_path):
+def test_impossible_values_are_damage(tmp_path):
     for place, value in [
         (("truth", 1, "visible"), 1),
         (("truth", 3, "visible"), 0),

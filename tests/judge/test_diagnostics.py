@@ -1,6 +1,6 @@
-"""The diagnostics held to a second implementation: naive, over a fine grid of time, from docs/run-folder.md.
+"""The diagnostics against a second, naive implementation on a fine time grid, from docs/run-folder.md.
 
-Times are sixteenths of a second, which a float holds exactly.
+Times are multiples of 1/16 s, which a float holds exactly.
 """
 
 import math
@@ -27,16 +27,16 @@ between = st.sampled_from([8, 8, 8, 8, 4, 12, 13, 40])
 
 @st.composite
 def rows(draw, drone):
-    """A drone's poses and frames: gaps, parts that nobody measured, the beginning or the cap near by, out of order."""
-    told, at = [], draw(st.sampled_from([0, 1, 12, 13, CAP_TICKS - 40]))
-    for spacing, d, v, where in draw(st.lists(st.tuples(between, distance, visible, place), max_size=12)):
-        told.append(pose(at * TICK_S, d, v, drone, where))
+    """Draw a drone's poses and frames, out of order: gaps, unmeasured parts, times near the beginning or the cap."""
+    drawn, at = [], draw(st.sampled_from([0, 1, 12, 13, CAP_TICKS - 40]))
+    for spacing, d, v, position in draw(st.lists(st.tuples(between, distance, visible, place), max_size=12)):
+        drawn.append(pose(at * TICK_S, d, v, drone, position))
         at += spacing
     at = draw(st.sampled_from([-1, 2, 30, CAP_TICKS - 30]))
     for number, (spacing, d, v) in enumerate(draw(st.lists(st.tuples(between, distance, visible), max_size=5))):
-        told.append(frame(number, at * TICK_S, d, v, drone))
+        drawn.append(frame(number, at * TICK_S, d, v, drone))
         at += spacing
-    return draw(st.permutations(told))
+    return draw(st.permutations(drawn))
 
 
 @st.composite
@@ -69,7 +69,7 @@ class Naive:
         return row.distance_m is not None and row.distance_m <= self.delta_m
 
     def state(self, tick):
-        """The row that speaks for this moment, None in a gap."""
+        """Return the row that is valid at this tick, None in a gap."""
         ticks = sorted({r.t / TICK_S for r in self.rows})
         before, after = [t for t in ticks if t <= tick], [t for t in ticks if t > tick]
         until = after[0] if after else self.end
@@ -105,21 +105,21 @@ class Naive:
         }
 
 
-def assert_same(told, naive):
+def assert_same(diagnostics, naive):
     for name, value in naive.items():
-        assert getattr(told, name) == (None if value is None else pytest.approx(value, abs=6e-4)), name
+        assert getattr(diagnostics, name) == (None if value is None else pytest.approx(value, abs=6e-4)), name
 
 
 @settings(max_examples=150, deadline=None)
 @given(flights(), st.sampled_from([1.0, 5.0]))
-def test_every_drone_is_as_the_definition_has_it(flight, delta_m):
-    told = drone_diagnostics(flight, delta_m)
+def test_every_drone_matches_the_definition(flight, delta_m):
+    by_drone = drone_diagnostics(flight, delta_m)
     drones = {row.drone for row in (*flight.poses, *flight.frames.values())}
     for drone in drones:
         naive = Naive(flight, drone, delta_m)
-        assert (drone in told) == bool(naive.rows)
+        assert (drone in by_drone) == bool(naive.rows)
         if naive.rows:
-            assert_same(told[drone], naive.figures())
+            assert_same(by_drone[drone], naive.figures())
 
 
 BEST: dict[str, Callable[[Iterable[Any]], Any]] = {
@@ -130,12 +130,14 @@ BEST: dict[str, Callable[[Iterable[Any]], Any]] = {
 
 @settings(max_examples=50, deadline=None)
 @given(flights())
-def test_of_a_fleet_the_best_drone_counts_and_paths_add_up(flight):
-    told = drone_diagnostics(flight)
-    fleet = fleet_diagnostics(told)
-    assert (fleet is None) == (not told)
+def test_a_fleet_has_the_values_of_its_best_drone_and_the_sum_of_its_paths(flight):
+    by_drone = drone_diagnostics(flight)
+    fleet = fleet_diagnostics(by_drone)
+    assert (fleet is None) == (not by_drone)
     for name, best in BEST.items() if fleet else ():
-        values = [value for value in (getattr(each, name) for each in told.values()) if value is not None]
+        values = [
+            value for value in (getattr(diagnostics, name) for diagnostics in by_drone.values()) if value is not None
+        ]
         expected = best(values) if values else None
         assert getattr(fleet, name) == (pytest.approx(expected, abs=1e-3) if expected is not None else None), name
 
@@ -150,14 +152,14 @@ def test_a_loss_that_never_ends_and_a_target_never_seen():
     never = drone_diagnostics(logs((), trace(300, lambda t: False)))[0]
     assert (never.longest_loss_s, never.first_seen_s) == (300.0, None)
     late = drone_diagnostics(logs((), trace(300, lambda t: t >= 299.5)))[0]
-    assert late.longest_loss_s == 299.5  # next to never, and so is the number
+    assert late.longest_loss_s == 299.5  # almost never seen: almost the same value
 
 
 def test_one_drones_view_is_not_anothers():
     flight = logs((), trace(20, lambda t: t < 5) + trace(20, lambda t: t >= 5, drone=1), end={**END, "t": 20.0})
-    told = drone_diagnostics(flight)
-    assert (told[0].longest_loss_s, told[1].longest_loss_s) == (15.0, 5.0)
-    fleet = fleet_diagnostics(told)
+    by_drone = drone_diagnostics(flight)
+    assert (by_drone[0].longest_loss_s, by_drone[1].longest_loss_s) == (15.0, 5.0)
+    fleet = fleet_diagnostics(by_drone)
     assert fleet is not None
     assert fleet.longest_loss_s == 5.0
 
@@ -169,11 +171,11 @@ def test_dwell_is_one_drones_and_not_the_fleets_together():
     assert fleet.dwell_s == 10.0
 
 
-def test_what_the_logger_did_not_trace_is_told():
+def test_untraced_time_is_reported():
     flight = logs((), [row for row in trace(60) if not 10 < row["t"] < 40])
-    told = drone_diagnostics(flight)[0]
-    assert told.untraced_s == 30.0 + 240.0  # in between, and from the last pose to the cap
-    assert told.path_m == pytest.approx(30.0)
+    diagnostics = drone_diagnostics(flight)[0]
+    assert diagnostics.untraced_s == 30.0 + 240.0  # in between, and from the last pose to the cap
+    assert diagnostics.path_m == pytest.approx(30.0)
 
 
 @settings(deadline=None)
@@ -209,7 +211,7 @@ def test_the_verdict_has_a_row_per_drone():
     assert math.isclose(verdict["diagnostics"]["min_distance_m"], 4.0)
 
 
-def test_turns_of_more_than_was_asked_for_are_counted():
+def test_turns_beyond_the_allowed_angle_are_counted():
     def turned(step, angle_deg, t=5.0):
         action = {"action": "rotate", "angle_deg": angle_deg}
         return {**decision(step, step, t, "rotate"), "action": action}

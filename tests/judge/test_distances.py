@@ -1,4 +1,4 @@
-"""What the verifier says of a flight whose truth nobody measured: distances, give or take, and never a success."""
+"""Verdicts of flights without a measured truth: estimated distances with their errors, and never a success."""
 
 import json
 import re
@@ -22,10 +22,10 @@ def row(kind: str, t: float, distance_m: float | None, std_m: float | None, **mo
     return {"kind": kind, "t": t, "drone": 0, **place, **more}
 
 
-def flown(
+def write_flight(
     folder: Path, estimate: list[dict[str, Any]], declared: list[int], *, source: str | None = "estimate", end="cap"
 ) -> Path:
-    """Write a flight whose decisions k were made on frames k at k seconds; those in `declared` are declarations."""
+    """Write a flight with decision k on frame k at k seconds. The decisions in `declared` are declarations."""
     folder.mkdir(exist_ok=True)
     begin = {"kind": "begin", "t": 0.0, "t0_us": 0} | ({"source": source} if source else {})
     truth = [begin, {"kind": "end", "t": 300.0, "reason": end, "error": None}]
@@ -39,27 +39,34 @@ def flown(
     return folder
 
 
-def frames(*told: tuple[float | None, float | None]) -> list[dict[str, Any]]:
-    return [row("frame", float(k), *t, frame_id=k) for k, t in enumerate(told)]
+def frames(*estimates: tuple[float | None, float | None]) -> list[dict[str, Any]]:
+    return [row("frame", float(k), *t, frame_id=k) for k, t in enumerate(estimates)]
 
 
 @pytest.mark.parametrize(
-    ("told", "within"),
+    ("distance", "within"),
     [
         ((0.1, 0.1), True), ((4.0, 0.5), True), ((4.0, 0.51), None), ((5.0, 0.0), True), ((5.0, 0.1), None),
         ((6.0, 0.5), None), ((6.01, 0.5), False), ((50.0, None), None), ((None, None), None),
     ],
 )  # fmt: skip
-def test_within_the_radius_is_said_by_two_standard_deviations_and_is_never_a_success(tmp_path, told, within) -> None:
-    verdict = judge_folder(flown(tmp_path / "e", [HEAD, *frames((9, 1), told, (9, 1), (9, 1))], [1]))
+def test_within_the_radius_takes_two_standard_deviations_and_is_never_a_success(tmp_path, distance, within) -> None:
+    verdict = judge_folder(write_flight(tmp_path / "e", [HEAD, *frames((9, 1), distance, (9, 1), (9, 1))], [1]))
     assert (verdict["outcome"], verdict["success"], verdict["ne_m"]) == ("distance only", None, None)
     (declared,) = verdict["distances"]["declarations"]
-    assert declared == {"step": 1, "drone": 0, "t": 1.5, "distance_m": told[0], "std_m": told[1], "within": within}
+    assert declared == {
+        "step": 1,
+        "drone": 0,
+        "t": 1.5,
+        "distance_m": distance[0],
+        "std_m": distance[1],
+        "within": within,
+    }
 
 
 def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_frame(tmp_path: Path) -> None:
     poses = [row("pose", k / 2, abs(8.0 - k), 0.5) for k in range(17)]
-    measured = judge_folder(flown(tmp_path / "e", [HEAD, *poses, *frames((9, 1), (8, 1), (7, 1), (3, 1))], []))[
+    measured = judge_folder(write_flight(tmp_path / "e", [HEAD, *poses, *frames((9, 1), (8, 1), (7, 1), (3, 1))], []))[
         "distances"
     ]
     assert measured["closest"] == {"t": 4.0, "distance_m": 0.0, "std_m": 0.5, "within": True}
@@ -69,34 +76,34 @@ def test_closest_and_dwell_come_from_the_poses_and_the_last_action_from_its_fram
 
 
 def test_without_an_estimate_or_a_target_the_outcome_is_unknown(tmp_path: Path) -> None:
-    without_target = flown(tmp_path / "e", [{**HEAD, "target": None}, *frames((None, None))], [0])
+    without_target = write_flight(tmp_path / "e", [{**HEAD, "target": None}, *frames((None, None))], [0])
     assert judge_folder(without_target)["outcome"] == "unknown"
     (without_target / "estimate.jsonl").unlink()
     verdict = judge_folder(without_target)
     assert (verdict["outcome"], verdict["distances"]) == ("unknown", None)
 
 
-def test_a_known_truth_is_judged_by_itself_whatever_an_estimate_says(tmp_path: Path) -> None:
-    folder = flown(tmp_path / "e", [HEAD, *frames((0.1, 0.1))], [0], source=None)
+def test_a_measured_truth_is_judged_without_the_estimate(tmp_path: Path) -> None:
+    folder = write_flight(tmp_path / "e", [HEAD, *frames((0.1, 0.1))], [0], source=None)
     verdict = judge_folder(folder)
     assert verdict["outcome"] == "error"  # no frame was measured in truth.jsonl
     assert "distances" not in verdict
 
 
 def test_a_flight_that_broke_off_is_an_error_with_or_without_distances(tmp_path: Path) -> None:
-    verdict = judge_folder(flown(tmp_path / "e", [HEAD, *frames((1, 0.1))], [0], end="interrupted"))
+    verdict = judge_folder(write_flight(tmp_path / "e", [HEAD, *frames((1, 0.1))], [0], end="interrupted"))
     assert verdict["outcome"] == "error"
     assert verdict["distances"]["declarations"][0]["within"] is True
 
 
 def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
-    folder = flown(tmp_path / "e", [HEAD, *frames((9, 1), (2, 0.5), (1, 0.5))], [1, 2])
+    folder = write_flight(tmp_path / "e", [HEAD, *frames((9, 1), (2, 0.5), (1, 0.5))], [1, 2])
     stored = write_verdict(folder)
     assert judge_folder(folder)["stored_agrees"] is True
     assert stored == json.loads((folder / "verdict.json").read_text())
-    said = distances_sentence(cast(Distances, episode.verdict_of(folder).distances), 5.0)
-    assert re.search(r"1\.5 s.*2\.00 ± 0\.50 m.* 5 m.*\b2\b", said)
-    assert "SUCCESS" not in said
+    sentence = distances_sentence(cast(Distances, episode.verdict_of(folder).distances), 5.0)
+    assert re.search(r"1\.5 s.*2\.00 ± 0\.50 m.* 5 m.*\b2\b", sentence)
+    assert "SUCCESS" not in sentence
 
 
 @pytest.mark.parametrize(
@@ -109,13 +116,13 @@ def test_the_verdict_is_stored_and_derived_again(tmp_path: Path) -> None:
     ],
 )
 def test_a_damaged_estimate_is_an_error_of_its_own(tmp_path: Path, damaged: list[dict[str, Any]]) -> None:
-    folder = flown(tmp_path / "e", damaged, [0])
+    folder = write_flight(tmp_path / "e", damaged, [0])
     with pytest.raises(UsageError, match=r"estimate\.jsonl"):
         judge_folder(folder)
     assert judge_run(tmp_path)["e"]["outcome"] == "error"
 
 
-def test_dwell_leaves_gaps_of_the_trace_out_and_takes_poses_in_the_order_of_their_times(tmp_path: Path) -> None:
+def test_dwell_omits_gaps_of_the_trace_and_takes_poses_in_the_order_of_time(tmp_path: Path) -> None:
     poses = [row("pose", t, 3.0, 0.5) for t in (10.5, 0.0, 0.5, 1.0, 10.0)]
-    measured = judge_folder(flown(tmp_path / "e", [HEAD, *poses, *frames((9, 1))], []))["distances"]
+    measured = judge_folder(write_flight(tmp_path / "e", [HEAD, *poses, *frames((9, 1))], []))["distances"]
     assert measured["dwell_s"] == pytest.approx(1.5)

@@ -61,7 +61,7 @@ def test_the_radius_changes_without_flying_again(folder):
     assert judge_folder(path, 6.5)["outcome"] == "success"
 
 
-def test_what_broke_is_an_error_and_never_a_failure(folder):
+def test_broken_flights_are_errors_and_never_failures(folder):
     decisions, truth = [decision(0, 0, 5.0, "go")], [BEGIN, frame(0, 4.5, 9.0)]
     assert judge_folder(folder(decisions, truth))["outcome"] == "error"  # the logger was killed
     broken = {**END, "reason": "error", "error": "the model endpoint broke off"}
@@ -93,14 +93,14 @@ def test_is_readable_after_a_kill_at_any_byte(folder, tmp_path):
         [BEGIN, frame(0, 4.5, 9.0), pose(5.0, 8.0), frame(1, 8.5, 3.0), END],
     )
     for name in ("decisions.jsonl", "truth.jsonl"):
-        whole = (path / name).read_bytes()
-        for cut in range(len(whole)):
-            (path / name).write_bytes(whole[:cut])
+        content = (path / name).read_bytes()
+        for cut in range(len(content)):
+            (path / name).write_bytes(content[:cut])
             assert judge_folder(path)["outcome"] in ("success", "failure", "error")
-        (path / name).write_bytes(whole)
+        (path / name).write_bytes(content)
 
 
-def test_damage_in_the_middle_is_said(folder):
+def test_damage_in_the_middle_is_reported(folder):
     path = folder([decision(0, 0, 5.0)], [BEGIN, END])
     (path / "truth.jsonl").write_text('{"kind":"begin"\n{"kind":"end"}\n')
     with pytest.raises(UsageError, match=r"truth\.jsonl line 1"):
@@ -131,8 +131,8 @@ def test_any_damage_is_judged_or_named(folder, key, value, truth_key, truth_valu
     json.dumps(verdict, allow_nan=False)
 
 
-def test_a_success_stands_whatever_else_was_not_measured(folder):
-    """Flown: the logger was stopped after four good declarations, and the pilot went on."""
+def test_a_success_stands_though_later_steps_were_not_measured(folder):
+    """From a real flight: the logger was stopped after four good declarations, and the pilot went on."""
     good = [decision(n, n, 10.0 + n) for n in range(4)]
     later = [decision(4, 4, 20.0), decision(5, 5, 23.0, "go")]
     verdict = judge_folder(folder([*good, *later], [BEGIN, *(frame(n, 9.5 + n, 4.0 - n) for n in range(4))]))
@@ -140,7 +140,7 @@ def test_a_success_stands_whatever_else_was_not_measured(folder):
     assert (verdict["success_at_first"], verdict["declaration_precision"]) == (True, None)
 
 
-def test_a_success_after_what_was_not_measured_says_so(folder):
+def test_a_success_after_an_unmeasured_declaration_has_a_note(folder):
     path = folder([decision(0, 0, 5.0), decision(1, 1, 9.0)], [BEGIN, frame(1, 8.5, 4.0), END])
     verdict = judge_folder(path)
     assert (verdict["outcome"], verdict["ne_m"], verdict["deciding"]["step"]) == ("success", 4.0, 1)
@@ -162,14 +162,14 @@ def test_an_unmeasured_last_action_costs_the_navigation_error_and_not_the_verdic
     assert "ne_m" in verdict["note"]
 
 
-def test_of_a_fleets_last_step_the_closest_is_not_known_when_one_was_not_measured(folder):
+def test_the_closest_of_a_fleets_last_step_is_unknown_if_one_was_not_measured(folder):
     steps = [decision(0, 0, 5.0, "go"), decision(0, 1, 5.0, "go", drone=1)]
     measured = [frame(0, 4.5, 9.0), frame(1, 4.5, 7.0, drone=1)]
     assert judge_folder(folder(steps, [BEGIN, *measured, END]))["ne_m"] == 7.0
     assert judge_folder(folder(steps, [BEGIN, measured[0], END]))["ne_m"] is None
 
 
-def test_of_drones_with_steps_of_their_own_the_closest_last_action_counts(folder):
+def test_the_closest_last_action_counts_if_drones_have_their_own_steps(folder):
     steps = [decision(0, 0, 5.0, "go"), decision(1, 1, 6.0, "go", drone=1), decision(2, 2, 9.0, "go", drone=1)]
     measured = [frame(0, 4.5, 7.0), frame(1, 5.5, 6.0, drone=1), frame(2, 8.5, 9.0, drone=1)]
     assert judge_folder(folder(steps, [BEGIN, *measured, END]))["ne_m"] == 7.0
@@ -191,19 +191,19 @@ def test_a_flight_that_was_cut_off_is_no_failure_at_another_radius(folder):
     truth = [BEGIN, frame(0, 4.5, 9.0), frame(1, 8.5, 4.0)]
     declared = [decision(0, 0, 5.0), decision(1, 1, 9.0)]
     path = folder(declared, [*truth, DECIDED])
-    found = {delta_m: judge_folder(path, delta_m) for delta_m in (3.0, 5.0, 10.0)}
-    assert {d: (v["outcome"], v["success"], v["censored"]) for d, v in found.items()} == {
+    verdicts = {delta_m: judge_folder(path, delta_m) for delta_m in (3.0, 5.0, 10.0)}
+    assert {d: (v["outcome"], v["success"], v["censored"]) for d, v in verdicts.items()} == {
         3.0: ("censored", None, True), 5.0: ("success", True, True), 10.0: ("success", True, True),
     }  # fmt: skip
-    assert (found[3.0]["ne_m"], found[3.0]["deciding"], found[3.0]["error"]) == (None, None, None)
-    assert (found[3.0]["success_at_first"], found[3.0]["success_within_three"]) == (False, None)
-    whole = folder(declared, [*truth, END], "whole")
-    assert [(v["outcome"], v["censored"]) for v in (judge_folder(whole, 3.0), judge_folder(whole))] == [
+    assert (verdicts[3.0]["ne_m"], verdicts[3.0]["deciding"], verdicts[3.0]["error"]) == (None, None, None)
+    assert (verdicts[3.0]["success_at_first"], verdicts[3.0]["success_within_three"]) == (False, None)
+    complete = folder(declared, [*truth, END], "whole")
+    assert [(v["outcome"], v["censored"]) for v in (judge_folder(complete, 3.0), judge_folder(complete))] == [
         ("failure", False), ("success", False),
     ]  # fmt: skip
 
 
-def test_the_folder_one_stands_in_has_a_name(folder, monkeypatch):
+def test_the_current_folder_has_a_name(folder, monkeypatch):
     monkeypatch.chdir(folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0), END], "here"))
     assert list(judge_run(Path("."))) == ["here"]
 
@@ -234,20 +234,20 @@ def _empty(tmp_path):
     return tmp_path / "empty"
 
 
-def test_a_cap_of_ones_own_ends_the_counting_there():
-    told = logs([decision(0, 0, 199.0), decision(1, 1, 201.0)], [frame(0, 198.5, 9.0), frame(1, 200.5, 3.0)])
-    assert (judged_flight.outcome(told, 5.0, 200.0).outcome, judged_flight.outcome(told, 5.0, 202.0).outcome) == (
+def test_declarations_after_a_custom_cap_do_not_count():
+    flight = logs([decision(0, 0, 199.0), decision(1, 1, 201.0)], [frame(0, 198.5, 9.0), frame(1, 200.5, 3.0)])
+    assert (judged_flight.outcome(flight, 5.0, 200.0).outcome, judged_flight.outcome(flight, 5.0, 202.0).outcome) == (
         "failure",
         "success",
     )
-    early = judged_flight.outcome(told, 5.0, 200.0)
+    early = judged_flight.outcome(flight, 5.0, 200.0)
     assert (early.ne_m, early.declarations, early.declarations_after_cap, early.cap_s) == (9.0, 1, 1, 200.0)
     assert early.diagnostics is not None
     assert early.diagnostics.min_distance_m == 9.0
-    assert "cap_s" not in judged_flight.outcome(told).as_json()
+    assert "cap_s" not in judged_flight.outcome(flight).as_json()
 
 
-def test_what_was_decided_after_another_cap_was_seen_to_that_cap():
+def test_a_flight_decided_after_another_cap_is_complete_to_that_cap():
     rows = [decision(0, 0, 199.0), decision(1, 1, 201.0)], [frame(0, 198.5, 9.0), frame(1, 200.5, 3.0)]
     decided = logs(*rows, end={**END, "reason": "decided", "t": 201.5})
     assert judged_flight.outcome(decided).outcome == "success"

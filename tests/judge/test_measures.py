@@ -1,4 +1,4 @@
-"""The measures beside the criterion, held to what they say they are."""
+"""The measures beside the criterion match their definitions."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,7 +19,7 @@ def at(t, distance_m, visible=True, drone=0, step=0):
     return Measured(step, drone, t, distance_m, visible)
 
 
-def test_who_declares_everywhere_succeeds_and_is_seen_to_guess():
+def test_declaring_everywhere_has_a_low_precision():
     assert measures([at(t, 20.0 - t) for t in range(18)]) == Measures(False, False, round(3 / 18, 4), 15)
     assert measures([at(1, 9), at(2, 9), at(3, 4)]) == Measures(False, True, 0.3333, 2)
     assert measures([at(1, 4), at(2, 9)]) == Measures(True, True, 0.5, 1)
@@ -32,40 +32,41 @@ def test_a_fleets_first_is_the_first_by_time_then_step_then_drone():
     assert measures([at(1, 9, step=1), at(1, 4, step=0, drone=2)]).success_at_first is True
 
 
-def test_what_came_after_the_cap_never_was():
+def test_declarations_after_the_cap_are_ignored():
     assert measures([at(300.1, 1.0)]) == Measures(False, False, None, 0)
 
 
-def test_a_flight_not_seen_to_its_cap_might_still_have_declared():
+def test_measures_of_an_incomplete_flight_may_be_unknown():
     assert measures([], is_whole=False) == Measures(None, None, None, 0)
     assert measures([at(1, 9)], is_whole=False) == Measures(False, None, 0.0, 1)
     assert measures([at(1, 9), at(2, 9), at(3, 9)], is_whole=False).success_within_three is False
 
 
-def test_a_share_of_what_was_not_measured_is_not_known():
-    told = measures([at(1, 4), at(2, None, None), at(3, 9)])
-    assert told == Measures(True, True, None, None)
+def test_a_share_with_unmeasured_declarations_is_unknown():
+    result = measures([at(1, 4), at(2, None, None), at(3, 9)])
+    assert result == Measures(True, True, None, None)
 
 
 @given(st.lists(declared, max_size=8), st.booleans())
-def test_known_or_not_is_what_any_truth_of_the_unmeasured_could_make_of_it(declarations, whole):
-    told = measures(declarations, is_whole=whole)
-    could = [
-        measures(filled, is_whole=whole) for filled in (fill(declarations, 0.0, True), fill(declarations, 9.0, False))
+def test_a_measure_is_known_exactly_if_every_possible_truth_agrees(declarations, is_whole):
+    result = measures(declarations, is_whole=is_whole)
+    possibilities = [
+        measures(filled, is_whole=is_whole)
+        for filled in (fill(declarations, 0.0, True), fill(declarations, 9.0, False))
     ]
     for name in ("success_at_first", "success_within_three"):
-        values = {getattr(each, name) for each in could}
-        assert getattr(told, name) == (values.pop() if len(values) == 1 else None)
-    if told.false_declarations is not None:
-        assert {each.false_declarations for each in could} == {told.false_declarations}
-    if told.success_at_first:
-        assert told.success_within_three
-    if told.success_within_three:
+        values = {getattr(possible, name) for possible in possibilities}
+        assert getattr(result, name) == (values.pop() if len(values) == 1 else None)
+    if result.false_declarations is not None:
+        assert {possible.false_declarations for possible in possibilities} == {result.false_declarations}
+    if result.success_at_first:
+        assert result.success_within_three
+    if result.success_within_three:
         assert judge(declarations, None).success
 
 
 def fill(declarations, distance_m, visible):
-    """The same declarations, had the unmeasured ones been this."""
+    """Return the declarations with these values in place of the unmeasured ones."""
     return [
         Measured(
             d.step,

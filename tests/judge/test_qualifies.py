@@ -1,4 +1,4 @@
-"""One rule says whether a declaration is a success, also where pictures and pages once had rules of their own."""
+"""Pictures, pages and films use the judge's rule for a successful declaration."""
 
 import pytest
 
@@ -21,26 +21,26 @@ NEAR = {"position_ned": [0.0, 0.0, -2.0], "target_ned": [3.0, 0.0, -2.0]}
         (decision(0, 1, 10.0), frame(1, 9.5, None, visible=False), False),
         (decision(0, 1, 10.0), frame(1, 9.5, None, visible=True), None),
         (decision(0, 1, 10.0), frame(1, 9.4, 3.0), None),  # not the picture that the decision was made on
-        (decision(0, 1, 10.0), frame(1, 9.5, 4.0, **NEAR), None),  # its distance is not that of its positions
+        (decision(0, 1, 10.0), frame(1, 9.5, 4.0, **NEAR), None),  # its distance contradicts its positions
         (decision(0, 1, 300.5), frame(1, 300.0, 3.0), False),  # after the cap
         (decision(0, 2, 10.0), frame(1, 9.5, 3.0), None),
         (decision(0, 1, 10.0, action="think"), frame(1, 9.5, 3.0), None),
     ],
 )
 def test_a_declaration_qualifies(declared, seen, expected):
-    told = logs([declared], [seen])
-    assert qualifies(told.decisions[0], told) is expected
+    flight = logs([declared], [seen])
+    assert qualifies(flight.decisions[0], flight) is expected
 
 
-def test_nobodys_truth_qualifies_nothing():
-    told = logs([decision(0, 1, 10.0)], [frame(1, 9.5, 3.0)], begin={**BEGIN, "source": "estimate"})
-    assert qualifies(told.decisions[0], told) is None
+def test_an_estimated_truth_qualifies_nothing():
+    flight = logs([decision(0, 1, 10.0)], [frame(1, 9.5, 3.0)], begin={**BEGIN, "source": "estimate"})
+    assert qualifies(flight.decisions[0], flight) is None
 
 
-def test_radius_and_cap_are_those_of_the_judging():
-    told = logs([decision(0, 1, 10.0)], [frame(1, 9.5, 3.0)])
-    assert qualifies(told.decisions[0], told, 2.0) is False
-    assert qualifies(told.decisions[0], told, 5.0, 9.0) is False
+def test_radius_and_cap_are_arguments():
+    flight = logs([decision(0, 1, 10.0)], [frame(1, 9.5, 3.0)])
+    assert qualifies(flight.decisions[0], flight, 2.0) is False
+    assert qualifies(flight.decisions[0], flight, 5.0, 9.0) is False
 
 
 def test_pictures_pages_and_films_have_no_rule_of_their_own():

@@ -1,4 +1,4 @@
-"""verdict.json beside what the logs say, and the status that `dronecats judge` ends with."""
+"""verdict.json compared with the logs, and the exit status of `dronecats judge`."""
 
 import json
 
@@ -20,10 +20,10 @@ def folder(tmp_path):
 
 
 def leaves(value, path=()):
-    """The path of every number, text and truth value in a JSON value."""
+    """Return the path of every number, text and truth value in a JSON value."""
     inner = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
-    found = [leaf for key, child in inner for leaf in leaves(child, (*path, key))]
-    return found or ([path] if not isinstance(value, dict | list) else [])
+    paths = [leaf for key, child in inner for leaf in leaves(child, (*path, key))]
+    return paths or ([path] if not isinstance(value, dict | list) else [])
 
 
 def forged(verdict, path, change):
@@ -39,11 +39,11 @@ def other(value):
     return not value if isinstance(value, bool) else value + 0.01 if isinstance(value, int | float) else "forged"
 
 
-def test_every_single_thing_in_it_is_compared(folder, capsys):
+def test_every_field_is_compared(folder, capsys):
     stored = json.loads((folder / "verdict.json").read_text())
     assert len(leaves(stored)) > 30
     for path in leaves(stored):
-        if path != ("delta_m",):  # of another radius, and then there is nothing to compare
+        if path != ("delta_m",):  # a verdict for another radius is not compared
             (folder / "verdict.json").write_text(json.dumps(forged(stored, path, other)))
             assert judge_folder(folder)["stored_agrees"] is False, path
     assert main(["judge", str(folder.parent)]) == 4
@@ -52,7 +52,7 @@ def test_every_single_thing_in_it_is_compared(folder, capsys):
     assert main(["judge", str(folder.parent)]) == 0
 
 
-def test_numbers_agree_to_the_digit_that_they_are_rounded_to(folder):
+def test_numbers_agree_within_their_rounding(folder):
     stored = json.loads((folder / "verdict.json").read_text())
     close = forged(stored, ("diagnostics", "dwell_s"), lambda s: s + 0.001)
     (folder / "verdict.json").write_text(json.dumps(close))
@@ -63,8 +63,8 @@ def test_numbers_agree_to_the_digit_that_they_are_rounded_to(folder):
     assert judge_folder(folder)["stored_differs"] == ["success"]
 
 
-def test_why_a_flight_is_an_error_may_be_said_in_other_words(folder):
-    (folder / "truth.jsonl").write_text("")  # nobody measured anything
+def test_the_words_of_an_error_are_not_compared(folder):
+    (folder / "truth.jsonl").write_text("")  # nothing was measured
     write_verdict(folder)
     stored = json.loads((folder / "verdict.json").read_text())
     assert stored["outcome"] == "error"
@@ -79,7 +79,7 @@ OLD = {"outcome": "success", "success": True, "ne_m": 4.0, "delta_m": 5.0, "step
        "diagnostics": {"dwell_s": 0, "longest_loss_s": 0.5}}  # fmt: skip
 
 
-def test_what_an_older_version_stored_agrees_as_far_as_it_goes(folder, capsys):
+def test_verdicts_of_older_versions_are_compared_by_their_fields(folder, capsys):
     (folder / "verdict.json").write_text(json.dumps(OLD))
     assert main(["judge", str(folder)]) == 0
     (folder / "verdict.json").write_text(json.dumps({**OLD, "outcome": "error", "success": False}))
@@ -87,19 +87,19 @@ def test_what_an_older_version_stored_agrees_as_far_as_it_goes(folder, capsys):
     assert "outcome, success" in capsys.readouterr().out
 
 
-def test_half_a_verdict_differs(folder):
+def test_a_cut_off_verdict_differs(folder):
     (folder / "verdict.json").write_text('{"outcome": "succ')
     assert main(["judge", str(folder)]) == 4
 
 
-def test_nothing_stored_and_another_radius_are_nothing_to_differ_from(folder, capsys):
+def test_missing_verdicts_and_other_radii_are_not_compared(folder, capsys):
     assert main(["judge", str(folder), "--delta", "4"]) == 0
     (folder / "verdict.json").unlink()
     assert main(["judge", str(folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["episodes"]["e"]["stored_agrees"] is None
 
 
-def test_an_action_that_is_not_its_replys_is_told(folder, capsys):
+def test_an_action_that_differs_from_its_reply_is_reported(folder, capsys):
     write(folder, [DECISIONS[0], {**DECISIONS[1], "action": {"action": "finished"}}], TRUTH)
     write_verdict(folder)  # forged together with the log
     assert main(["judge", str(folder)]) == 4

@@ -52,7 +52,7 @@ def test_agrees_with_the_definition(declarations, last):
         assert verdict.ne_m == (last.distance_m if last else None)
 
 
-# a drone takes a step once: a log in which it does not is found out by judged_flight.gaps
+# a drone takes each step once; judged_flight.gaps detects logs in which it does not
 @given(st.lists(measured, max_size=12, unique_by=lambda d: (d.step, d.drone)), st.permutations(range(12)))
 def test_the_order_of_the_log_does_not_matter(declarations, order):
     shuffled = [declarations[i] for i in order if i < len(declarations)]
@@ -63,7 +63,7 @@ def unmeasured(t):
     return Measured(0, 0, t, None, None, "nobody looked")
 
 
-def test_what_was_not_measured_cannot_undo_a_success():
+def test_unmeasured_declarations_cannot_undo_a_success():
     for early, late in ((10, 50), (50, 10)):
         verdict = judge([unmeasured(early), at(late, 4.0)], unmeasured(60))
         assert verdict.deciding is not None
@@ -71,14 +71,14 @@ def test_what_was_not_measured_cannot_undo_a_success():
         assert [d.t for d in verdict.unknown] == ([early] if early < late else [])
 
 
-def test_without_a_success_what_was_not_measured_leaves_it_open():
+def test_without_a_success_an_unmeasured_declaration_leaves_the_verdict_open():
     verdict = judge([at(10, 9.0), unmeasured(20)], at(60, 1.0))
     assert (verdict.success, verdict.ne_m) == (None, None)
     assert [d.t for d in verdict.unknown] == [20]
     assert judge([at(10, 9.0), unmeasured(301)], at(60, 1.0)).success is False
 
 
-def test_a_last_action_that_was_not_measured_costs_the_navigation_error_alone():
+def test_an_unmeasured_last_action_loses_only_the_navigation_error():
     verdict = judge([at(10, 9.0)], unmeasured(60))
     assert (verdict.success, verdict.ne_m) == (False, None)
 

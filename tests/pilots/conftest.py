@@ -1,4 +1,4 @@
-"""A flight without dynamics: the agent's own rules, executed exactly, with real frames or the bare truth."""
+"""Flights without dynamics: the agent's own rules, executed exactly, with real frames or the bare truth."""
 
 import math
 from dataclasses import dataclass, field
@@ -14,12 +14,12 @@ from foundation.camera import CameraModel, encode
 from foundation.frames import quat_from_euler, wrap_pi
 from foundation.setpoints import Turn, Velocity
 
-HALF = CameraModel(640, 360)  # what a 1280 × 720 frame is resized to before a pilot gets it
+HALF = CameraModel(640, 360)  # a pilot gets a 1280 × 720 frame resized to this
 
 
 @dataclass
-class Flown:
-    """What became of a flight."""
+class KinematicFlight:
+    """The declarations, distances and actions of a flight."""
 
     declared: list[Any] = field(default_factory=list)  # (time s, distance m, visible) of each declaration
     distances: list[Any] = field(default_factory=list)  # m, body to target centre at each frame
@@ -32,22 +32,22 @@ class Flown:
 
 
 def fly(world, decide, cap_s=300.0, latency_s=0.3, start=None, stop_at_success=True):
-    """Fly `decide(prompt, position, yaw, t)` → reply text in a world until it succeeds or time is over."""
+    """Fly `decide(prompt, position, yaw, t)` → reply text in a world until it succeeds or the time is over."""
     start = start or world.record.starts[0]
     position, yaw, t = list(start.position_ned), math.radians(start.yaw_deg), 0.0
-    history, flown, prompt = History(CameraModel()), Flown(), Prompt.load()
+    history, flight, prompt = History(CameraModel()), KinematicFlight(), Prompt.load()
     while t < cap_s:
         truth = world.measure(t, tuple(position), quat_from_euler(0, 0, yaw), CameraModel())
-        flown.distances.append(truth.distance_m)
-        flown.clearances.append(min(world.clearance_m(tuple(position)), truth.distance_box_m))
+        flight.distances.append(truth.distance_m)
+        flight.clearances.append(min(world.clearance_m(tuple(position)), truth.distance_box_m))
         text = prompt.render(world.record.instruction, history.render(), history.length)
         action = parse(decide(text, tuple(position), yaw, t))
         t += latency_s
         history.append(action)
-        flown.actions.append(action)
+        flight.actions.append(action)
         if isinstance(action, Finished):
-            flown.declared.append((t, truth.distance_m, truth.visible))
-            if flown.success and stop_at_success:
+            flight.declared.append((t, truth.distance_m, truth.visible))
+            if flight.success and stop_at_success:
                 break
         for segment in plan(action, CameraModel()):
             t += segment.duration_s
@@ -58,7 +58,7 @@ def fly(world, decide, cap_s=300.0, latency_s=0.3, start=None, stop_at_success=T
                     position[0] += segment.setpoint.forward * segment.duration_s * math.cos(yaw)
                     position[1] += segment.setpoint.forward * segment.duration_s * math.sin(yaw)
                     position[2] -= (segment.setpoint.up or 0.0) * segment.duration_s
-    return flown
+    return flight
 
 
 @pytest.fixture(scope="session")

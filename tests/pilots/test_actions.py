@@ -1,4 +1,4 @@
-"""What the pilots read out of the prompt's words."""
+"""The pilots read the command and the histories from the prompt."""
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -19,11 +19,11 @@ def test_command_and_history_come_back_as_the_agent_wrote_them():
     history = History(CameraModel())
     for action in (Go(500, 600, 9.5), Rotate(-45), Think(), Finished()):
         history.append(action)
-    told = actions.read_prompt(prompt(history.render()))
-    assert told.command == "go to the cyan SUV"
-    assert [p.kind for p in told.past(0)] == ["go", "rotate", "think", "finished"]
-    assert told.past(0)[0].depth_m == 9.5
-    assert told.past(0)[1].angle_deg == -45
+    parsed = actions.read_prompt(prompt(history.render()))
+    assert parsed.command == "go to the cyan SUV"
+    assert [p.kind for p in parsed.past(0)] == ["go", "rotate", "think", "finished"]
+    assert parsed.past(0)[0].depth_m == 9.5
+    assert parsed.past(0)[1].angle_deg == -45
 
 
 def test_the_first_step_has_no_history():
@@ -32,14 +32,16 @@ def test_the_first_step_has_no_history():
 
 def test_histories_of_several_drones_follow_the_lines_that_name_them():
     text = "Command: x\nDrone 1:\n1. THINK\n2. FINISHED\nDrone 2:\n(none yet)\nDrone 3:\n1. ROTATE angle=60deg"
-    told = actions.read_prompt(text)
-    assert [[p.kind for p in told.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
+    parsed = actions.read_prompt(text)
+    assert [[p.kind for p in parsed.past(k)] for k in range(4)] == [["think", "finished"], [], ["rotate"], []]
 
 
-def test_the_labels_of_pictures_add_no_history_and_take_none():
+def test_the_labels_of_pictures_do_not_change_the_histories():
     """The server joins all texts of a message: a fleet's labels come after its prompt."""
-    told = [f"Drone {k}:\n1. {past}  <- latest" for k, past in enumerate(("THINK", "FINISHED", "ROTATE angle=9deg"), 1)]
-    text = Prompt.load().render("go to the cyan SUV", "\n".join(told), 5, drones=3)
+    histories = [
+        f"Drone {k}:\n1. {past}  <- latest" for k, past in enumerate(("THINK", "FINISHED", "ROTATE angle=9deg"), 1)
+    ]
+    text = Prompt.load().render("go to the cyan SUV", "\n".join(histories), 5, drones=3)
     labelled = actions.read_prompt("\n".join((text, *labels(3))))
     assert labelled == actions.read_prompt(text)
     assert [[p.kind for p in labelled.past(k)] for k in range(4)] == [["think"], ["finished"], ["rotate"], []]
@@ -47,9 +49,9 @@ def test_the_labels_of_pictures_add_no_history_and_take_none():
 
 @given(st.text(max_size=300))
 def test_no_text_breaks_the_reader(text):
-    told = actions.read_prompt(text)
-    read_referent(told.command)
-    assert len(told.history) >= 0
+    parsed = actions.read_prompt(text)
+    read_referent(parsed.command)
+    assert len(parsed.history) >= 0
 
 
 def test_colour_and_noun_of_a_command():

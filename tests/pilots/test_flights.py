@@ -27,14 +27,14 @@ def oracle_of(world, camera):
 
 
 @pytest.mark.parametrize("episode", SINGLE)
-def test_the_oracle_arrives_well_within_the_radius_and_says_so_at_once(episode, fly_kinematic):
+def test_the_oracle_arrives_well_within_the_radius_and_declares_at_once(episode, fly_kinematic):
     world = worlds.World(catalogue.load(episode))
-    flown = fly_kinematic(world, oracle_of(world, CameraModel()))
-    assert flown.success
-    assert [d for _, d, _ in flown.declared] == [pytest.approx(flown.distances[-1])]
-    assert flown.distances[-1] <= 4.5  # by its own rule: 4 m, or 4.5 m where the shortest stride would be too long
-    assert flown.declared[0][0] < 90.0  # 48 m at 1.2 m/s, and turns
-    assert min(flown.clearances) > 0.5  # neither into the ground nor into the target
+    flight = fly_kinematic(world, oracle_of(world, CameraModel()))
+    assert flight.success
+    assert [d for _, d, _ in flight.declared] == [pytest.approx(flight.distances[-1])]
+    assert flight.distances[-1] <= 4.5  # its rule: 4 m, or 4.5 m if the shortest stride is too long
+    assert flight.declared[0][0] < 90.0  # 48 m at 1.2 m/s, and turns
+    assert min(flight.clearances) > 0.5  # neither into the ground nor into the target
 
 
 @pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, -135.0])
@@ -45,9 +45,9 @@ def test_the_oracle_arrives_from_any_heading_and_from_above(turn, up, fly_kinema
     start = record.starts[0]
     north, east, down = start.position_ned
     start = replace(start, position_ned=(north, east, down - up), yaw_deg=start.yaw_deg + turn)
-    flown = fly_kinematic(world, oracle_of(world, CameraModel()), start=start)
-    assert flown.success
-    assert min(flown.clearances) > 0.4
+    flight = fly_kinematic(world, oracle_of(world, CameraModel()), start=start)
+    assert flight.success
+    assert min(flight.clearances) > 0.4
 
 
 @pytest.mark.parametrize("episode", SEEN)
@@ -58,14 +58,14 @@ def test_vision_finds_the_target_in_rendered_frames_and_declares_within_reach(ep
     def decide(prompt, position, yaw, t):
         return pilot.answer(prompt, [see(position, yaw, t)])
 
-    flown = fly_kinematic(world, decide, cap_s=120.0)
-    assert flown.success
-    assert all(distance <= 5.0 for _, distance, _ in flown.declared)
-    assert min(flown.clearances) > 0.4
+    flight = fly_kinematic(world, decide, cap_s=120.0)
+    assert flight.success
+    assert all(distance <= 5.0 for _, distance, _ in flight.declared)
+    assert min(flight.clearances) > 0.4
 
 
 def test_blind_never_declares(fly_kinematic):
     world = worlds.World(catalogue.load(SINGLE[0]))
-    flown = fly_kinematic(world, lambda prompt, position, yaw, t: blind.answer(prompt, [b""]), cap_s=60.0)
-    assert flown.declared == []
-    assert not math.isclose(flown.distances[0], flown.distances[-1])  # it does fly
+    flight = fly_kinematic(world, lambda prompt, position, yaw, t: blind.answer(prompt, [b""]), cap_s=60.0)
+    assert flight.declared == []
+    assert not math.isclose(flight.distances[0], flight.distances[-1])  # it flies

@@ -1,4 +1,4 @@
-"""The pilots' endpoint speaks the OpenAI chat format, refuses everything else, and survives it."""
+"""The pilots' endpoint speaks the OpenAI chat format, rejects everything else, and keeps running."""
 
 import base64
 import contextlib
@@ -43,8 +43,8 @@ def test_the_pilot_gets_text_and_pictures_and_its_answer_comes_back_as_a_chat_co
     answer = client.post("/chat/completions", json=request(images=4)).json()
     assert answer["object"] == "chat.completion"
     assert answer["choices"][0]["message"]["role"] == "assistant"
-    said = json.loads(answer["choices"][0]["message"]["content"])
-    assert said == {"prompt": "Command: go to the cyan SUV", "images": [len(JPEG)] * 4}
+    content = json.loads(answer["choices"][0]["message"]["content"])
+    assert content == {"prompt": "Command: go to the cyan SUV", "images": [len(JPEG)] * 4}
     usage = answer["usage"]
     assert usage["total_tokens"] == usage["prompt_tokens"] + usage["completion_tokens"] > 4
 
@@ -57,13 +57,13 @@ def test_same_request_same_bytes_on_one_kept_connection(client):
     assert "close" not in first.headers.get("connection", "")
 
 
-def test_the_model_list_says_what_answers(client):
+def test_the_model_list_names_the_pilot(client):
     assert client.get("/models").json()["data"] == [
         {"id": "echo", "object": "model", "created": 0, "owned_by": "tests"}
     ]
 
 
-def test_what_is_no_request_is_refused_with_a_reason(client):
+def test_invalid_requests_are_rejected_with_a_reason(client):
     for body in (
         b"",
         b"[]",
@@ -94,12 +94,12 @@ def test_a_pilot_that_breaks_is_a_server_error_and_the_next_request_is_served(cl
     assert client.post("/chat/completions", json=request()).status_code == 200
 
 
-def test_elsewhere_is_not_found(client):
+def test_other_paths_are_not_found(client):
     assert client.get("/").status_code == 404
     assert client.post("/embeddings", json={}).status_code == 404
 
 
-def test_a_body_over_the_limit_is_refused_and_the_server_lives(client):
+def test_a_body_over_the_limit_is_rejected_and_the_server_keeps_running(client):
     assert client.post("/chat/completions", content=b" " * (MAX_BODY_BYTES + 1)).status_code == 413
     assert client.post("/chat/completions", content=iter([b"x"])).status_code == 411  # chunked: no length
     assert client.get("/models").status_code == 200
@@ -122,14 +122,14 @@ _json = st.recursive(
 
 
 @given(_json)
-def test_any_json_is_read_or_refused_by_usage_error(value):
+def test_any_json_is_read_or_rejected_with_a_usage_error(value):
     with contextlib.suppress(UsageError):  # any other exception fails the test
         prompt, images = read_request(json.dumps(value).encode())
         assert isinstance(prompt, str)
         assert all(isinstance(image, bytes) for image in images)
 
 
-def test_only_the_loopback_hears_it_and_a_taken_port_is_named(server):
+def test_the_server_listens_on_the_loopback_and_names_a_taken_port(server):
     assert server.base_url.startswith("http://127.0.0.1:")
     with pytest.raises(UsageError, match=str(server.port)):
         PilotServer(blind.answer, "blind", port=server.port)

@@ -1,4 +1,4 @@
-"""A browser that has no network, and nothing but files to open."""
+"""Fixtures: a browser without a network that opens files, the runs of a page, and the page."""
 
 import json
 from collections.abc import Callable
@@ -12,11 +12,11 @@ from dronecats.report.results.collection import collect
 from tests.report.paged_runs import EPISODES, MODEL, TABLE
 from tests.support.run_folders import run_folder
 
-PATIENCE_S = 60.0  # a busy machine
+PATIENCE_S = 60.0  # allows for a busy machine
 
 
 class Reader:
-    """Somebody who reads a page."""
+    """Reads a page in a browser."""
 
     def __init__(self, driver: Any) -> None:
         self.driver = driver
@@ -50,12 +50,12 @@ class Reader:
 
     def all(self, css: str) -> list[Any]:
         """Return the elements."""
-        found: list[Any] = self.driver.find_elements("css selector", css)
-        return found
+        elements: list[Any] = self.driver.find_elements("css selector", css)
+        return elements
 
     def one(self, css: str) -> Any:
-        """Return the element, as soon as there is one that can be seen."""
-        return self.until(lambda: next((each for each in self.all(css) if each.is_displayed()), None))
+        """Return the first displayed element, as soon as there is one."""
+        return self.until(lambda: next((element for element in self.all(css) if element.is_displayed()), None))
 
     def click(self, words: str, within: str = "main") -> None:
         """Click a link or a button by its words."""
@@ -70,7 +70,7 @@ class Reader:
             ActionChains(self.driver).send_keys(key).perform()
 
     def text(self, css: str = "main") -> str:
-        """Return the words of an element, as soon as there is one that can be seen; in one go, as pages come and go."""
+        """Return the text of the first displayed element, as soon as there is one. One script, as pages re-render."""
         seen = """const some = [...document.querySelectorAll(arguments[0])];
                   const found = some.find((each) => each.getClientRects().length);
                   return found ? [found.innerText] : null"""
@@ -82,18 +82,22 @@ class Reader:
         return str(self.script("return decodeURIComponent(location.hash)"))
 
     def errors(self) -> list[str]:
-        """Return what the console has complained of since it was asked last."""
-        return [f"{each['level']}: {each['message']}" for each in self.driver.get_log("browser")]
+        """Return the console's messages since the last call."""
+        return [f"{entry['level']}: {entry['message']}" for entry in self.driver.get_log("browser")]
 
     def requested(self) -> list[str]:
-        """Return every address that was asked for since that was asked last."""
-        messages = [json.loads(each["message"])["message"] for each in self.driver.get_log("performance")]
-        return [each["params"]["request"]["url"] for each in messages if each["method"] == "Network.requestWillBeSent"]
+        """Return every address requested since the last call."""
+        messages = [json.loads(message["message"])["message"] for message in self.driver.get_log("performance")]
+        return [
+            message["params"]["request"]["url"]
+            for message in messages
+            if message["method"] == "Network.requestWillBeSent"
+        ]
 
 
 @pytest.fixture
 def reader(driver):
-    """Return a reader at a desk, who has chosen no theme."""
+    """Return a reader with a default window and no theme."""
     made = Reader(driver)
     driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
@@ -105,7 +109,7 @@ def reader(driver):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
-    """A model's run, another flight of it, a built-in pilot's without pictures, and a fleet's."""
+    """A model's run, a second flight of it, a built-in pilot's run without images, and a fleet's run."""
     folder = tmp_path_factory.mktemp("bench")
     run_folder(folder / "qwen", EPISODES, model=MODEL)
     run_folder(folder / "qwen-again", EPISODES, model=MODEL, seed=1, steps=9, period_s=1.3)

@@ -1,4 +1,4 @@
-"""The small benchmark's report as it was last looked at: `python -m tests.report.golden` writes it anew."""
+"""The reviewed report of the small benchmark. `python -m tests.report.golden` regenerates it."""
 
 from pathlib import Path
 
@@ -10,9 +10,9 @@ FOLDER = Path(__file__).with_name("golden")
 
 
 def report(out: Path) -> None:
-    """Write the report without its figures into the folder."""
-    who = small()
-    write(tables(who), {}, opening(who, RADIUS_M), out)
+    """Write the report without its figures into a folder."""
+    entrants = small()
+    write(tables(entrants), {}, opening(entrants, RADIUS_M), out)
 
 
 if __name__ == "__main__":

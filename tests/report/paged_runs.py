@@ -1,4 +1,4 @@
-"""Runs as the page tells them, and what a test asks of a picture and its ring."""
+"""Runs and a table for the page's tests, and helpers that locate a ring and an image in the page."""
 
 from dronecats.report.table import ReportTable, TableBlock, TableCell, TableColumn, TableRow
 from tests.support.json_lines import rows
@@ -36,15 +36,15 @@ TABLE = ReportTable(
 
 
 def point_of(runs, address, step, drone=0):
-    """Return the point that a decision of the log has chosen, as shares of the picture's width and height."""
+    """Return the point that a logged decision chose, as fractions of the image's width and height."""
     [decision] = [
-        each for each in rows(runs / address / "decisions.jsonl") if (each["step"], each["drone"]) == (step, drone)
+        row for row in rows(runs / address / "decisions.jsonl") if (row["step"], row["drone"]) == (step, drone)
     ]
     return [x / 1000 for x in decision["action"]["point"]]
 
 
 def ring_in(reader, view=0):
-    """Return where the middle of a ring is, as shares of its picture, and the picture's size in pixels."""
+    """Return the centre of a ring, as fractions of its image, and the image's size in pixels."""
     return reader.script(
         """const view = document.querySelectorAll(".view")[arguments[0]];
         const [ring, box] = [".ring", ".picture"].map((css) => view.querySelector(css).getBoundingClientRect());
@@ -55,7 +55,7 @@ def ring_in(reader, view=0):
 
 
 def ring_is_at(reader, point, view=0):
-    """Whether a ring is where a point is, to the pixel, as soon as it stands still."""
+    """Wait until a ring is at a point, within one pixel."""
 
     def there():
         x, y, wide, high = ring_in(reader, view)
@@ -65,7 +65,7 @@ def ring_is_at(reader, point, view=0):
 
 
 def picture_is(reader, name, view=0):
-    """Whether a view shows a picture of this name, and has loaded it."""
+    """Wait until a view shows the named image and has loaded it."""
     shown = """const image = document.querySelectorAll(".view img")[arguments[0]];
                return image?.complete && image.naturalWidth > 0 && image.src.endsWith(arguments[1])"""
     return reader.until(lambda: reader.script(shown, view, name))

@@ -1,4 +1,4 @@
-"""A small benchmark, made up so that every number of its report can be counted by hand."""
+"""A small synthetic benchmark. Every number of its report can be counted by hand."""
 
 from collections.abc import Callable
 
@@ -15,7 +15,7 @@ PRICED = {"input_usd": 1.0, "output_usd": 10.0}  # ASKED costs 0.002 $
 
 
 def benchmark() -> Collection:
-    """Return two flights of one model, one of another, and of two built-in pilots."""
+    """Return two flights of one model, one flight of another model, and the flights of two built-in pilots."""
     some = []
     for seed, approaching in enumerate(("ssfs", "sffs")):
         run = a_run(f"runs/good-{seed}", model=named("good", **PRICED), seed=seed)
@@ -30,7 +30,7 @@ def benchmark() -> Collection:
 
 
 def _commanded(run, seed):
-    """Return the flight of one commanding episode: won by one of four drones, then by none."""
+    """Return the flight of one commanding episode: seed 0 has one of four drones at the target, others none."""
     drones = {"drones_found": 1, "drones_beside": 2, "drones_elsewhere": 0, "drones_silent": 1}
     lost = {"drones_found": 0, "drones_beside": 1, "drones_elsewhere": 1, "drones_silent": 2, "declared": True}
     won = seed == 0
@@ -38,33 +38,33 @@ def _commanded(run, seed):
 
 
 def blind_table():
-    """Return what pilots that do not look came to: the fan flew all of approaching, the ring one episode alone."""
+    """Return the scores of blind pilots: the fan flew every approaching episode, the ring only one."""
     solved = BlindFlight(success=True, first=False, within_three=False, declarations=9, false_declarations=8, steps=9)
     lost = BlindFlight(success=False, first=False, within_three=False, declarations=9, false_declarations=9, steps=9)
     ids = [f"{place}-approaching-{k:02}" for place in ("campus", "residential") for k in (1, 2)]
     return {"blind:fan": {**dict.fromkeys(ids, lost), ids[0]: solved}, "blind:ring": {ids[0]: solved}}
 
 
-def small(collection: Collection | None = None, **asked: bool) -> ReportData:
-    """Return who stands in its report."""
-    found = entrants(collection or benchmark(), **asked)
-    return ReportData(entrants=found, blind=blind_table(), command=COMMAND)
+def small(collection: Collection | None = None, **options: bool) -> ReportData:
+    """Return the data of its report."""
+    rows = entrants(collection or benchmark(), **options)
+    return ReportData(entrants=rows, blind=blind_table(), command=COMMAND)
 
 
 def line(table: ReportTable, name: str, nth: int = 0) -> dict[str, TableCell]:
-    """Return the nth line of that name, its cells by their columns' names."""
+    """Return the nth row with that name, its cells by column name."""
     rows = [row for row in table.rows if name in (row.entrant, row.cells[0].value)]
     return {column.name: cell for column, cell in zip(table.columns, rows[nth].cells, strict=True)}
 
 
-def made(table: Callable[[ReportData], ReportTable | None], who: ReportData) -> ReportTable:
-    """Return a table that there is."""
-    told = table(who)
-    assert told is not None
-    return told
+def made(table: Callable[[ReportData], ReportTable | None], data: ReportData) -> ReportTable:
+    """Return the table, which must exist."""
+    result = table(data)
+    assert result is not None
+    return result
 
 
 def number(value: str | float | None) -> float:
-    """Return what is a number."""
+    """Return the value, which must be a number."""
     assert isinstance(value, int | float)
     return value

@@ -1,4 +1,4 @@
-"""What was done to flights on purpose makes a line of its own, and is said above the tables."""
+"""Flights with disturbances have their own row, and the report states the disturbance above the tables."""
 
 from dronecats.report.report_data import entrants
 from dronecats.report.report_folder import opening
@@ -11,7 +11,7 @@ LATE = "pictures come 0.5 s late"
 
 
 def disturbed():
-    """Return the flights of one pilot, as they are and with late pictures."""
+    """Return flights of one pilot, undisturbed and with late images."""
     late = a_run("runs/late", flight={"disturbances": {"frame": {"delay_s": 0.5}}}, disturbed=LATE)
     return collected(flights(a_run("runs/plain"), {"campus-approaching": "ss"}),
                      flights(late, {"campus-approaching": "sf"}))  # fmt: skip
@@ -21,19 +21,19 @@ def test_a_disturbed_run_is_no_flight_of_the_undisturbed_line():
     assert [entrant.label for entrant in entrants(disturbed())] == ["vision", f"vision, {LATE}"]
 
 
-def test_it_is_said_above_the_tables_and_in_the_one_that_tells_how_it_was_flown():
-    who = small(disturbed())
-    (said,) = (said for said in opening(who, RADIUS_M) if LATE in said)
-    assert said.startswith(f"vision, {LATE} ")
-    table = made(setup, who)
+def test_a_disturbance_is_stated_above_the_tables_and_in_the_setup_table():
+    data = small(disturbed())
+    (sentence,) = (sentence for sentence in opening(data, RADIUS_M) if LATE in sentence)
+    assert sentence.startswith(f"vision, {LATE} ")
+    table = made(setup, data)
     assert line(table, f"vision, {LATE}")["disturbed"].value == LATE
     assert line(table, "vision")["disturbed"].value is None
     plain = small()
-    assert not [said for said in opening(plain, RADIUS_M) if LATE in said]
+    assert not [sentence for sentence in opening(plain, RADIUS_M) if LATE in sentence]
     assert "disturbed" not in [column.name for column in made(setup, plain).columns]
 
 
-def test_how_it_was_flown_names_the_prompt_before_its_digest():
+def test_the_setup_table_names_the_prompt_before_its_digest():
     named = a_run("runs/paper", prompt_name="paper", prompt_sha256="c" * 64)
     table = made(setup, small(collected(flights(named, {"campus-approaching": "s"}))))
     assert line(table, "vision")["prompt"].value == "paper, cccccccc"

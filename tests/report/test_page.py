@@ -1,4 +1,4 @@
-"""The page in a real browser, from a disk and without a network: what is clicked and pressed is what is seen."""
+"""The page in a real browser, from disk and without a network: the effects of clicks and keys."""
 
 import re
 
@@ -13,27 +13,27 @@ def test_it_opens_without_a_network_and_asks_for_nothing(reader, page):
     reader.open(page)
     reader.open(page, "#qwen/yard-approaching-01/2")
     picture_is(reader, "qwen/yard-approaching-01/000002.jpg")
-    asked = [url for url in reader.requested() if not url.startswith(("about:", "data:", "chrome"))]
-    assert asked
-    assert all(url.startswith("file://") for url in asked)
+    urls = [url for url in reader.requested() if not url.startswith(("about:", "data:", "chrome"))]
+    assert urls
+    assert all(url.startswith("file://") for url in urls)
     assert reader.errors() == []
 
 
-def test_what_would_be_fetched_is_refused(reader, page):
-    """The page's own policy holds where a network would be there."""
+def test_network_requests_are_blocked(reader, page):
+    """The page's own policy also applies if there is a network."""
     reader.open(page)
     reader.script("""const image = new Image(); image.src = "http://127.0.0.1:9/x.png"; document.body.append(image);
                      const script = document.createElement("script"); script.textContent = "window.hacked = 3";
                      document.body.append(script)""")
-    refused: list[str] = []
+    messages: list[str] = []
 
-    def both() -> bool:
-        refused.extend(reader.errors())
-        return len(refused) > 1
+    def has_both_messages() -> bool:
+        messages.extend(reader.errors())
+        return len(messages) > 1
 
-    reader.until(both)
-    assert all("Content Security Policy" in each for each in refused)
-    assert all(any(directive in each for each in refused) for directive in ("img-src", "script-src"))
+    reader.until(has_both_messages)
+    assert all("Content Security Policy" in message for message in messages)
+    assert all(any(directive in message for message in messages) for directive in ("img-src", "script-src"))
     assert reader.script("return window.hacked") is None
 
 
@@ -57,9 +57,9 @@ def test_from_the_table_down_to_a_step_by_clicks(reader, page, runs):
     picture_is(reader, "qwen/yard-approaching-02/000002.jpg")
     ring_is_at(reader, point_of(runs, "qwen/yard-approaching-02", 2))
     assert reader.hash == "#qwen/yard-approaching-02/2"
-    told = reader.text(".facts")
+    facts = reader.text(".facts")
     for part in ("(512, 700) 6.5 m", "0.50 s", "1002", "14", '"action": "go"'):
-        assert part in told
+        assert part in facts
     truth = next(row for row in rows(runs / "qwen/yard-approaching-02/truth.jsonl", "frame") if row["frame_id"] == 2)
     assert f"{truth['distance_m']:.2f} m" in reader.text(".judge")
     reader.click("approaching", within="header")
@@ -112,20 +112,20 @@ def test_the_slider_moves_picture_and_ring(reader, page, runs):
 
 
 def test_the_map_is_where_the_log_says(reader, page, runs):
-    """North is up: the drone's trace, the target and the five metres around it, in metres."""
+    """North is up: the drone's trace, the target and the circle of 5 m around it, in metres."""
     reader.open(page, "#qwen/yard-approaching-01/5")
-    told = rows(runs / "qwen/yard-approaching-01/truth.jsonl", "pose")
+    poses = rows(runs / "qwen/yard-approaching-01/truth.jsonl", "pose")
     ring, points = reader.script("""const at = (css, ...names) => names.map(
             (name) => document.querySelector(css).getAttribute(name));
         return [at(".plan .radius", "cx", "cy", "r").map(Number), at(".plan .trace.all", "points")[0]]""")
-    north, east, _ = told[0]["target_ned"]
+    north, east, _ = poses[0]["target_ned"]
     assert ring == [east, -north, 5.0]
     places = [tuple(map(float, point.split(","))) for point in points.split()]
-    flown = [(row["position_ned"][1], -row["position_ned"][0]) for row in told]
-    assert [x for place in places for x in place] == pytest.approx([x for place in flown for x in place], abs=0.006)
+    expected = [(row["position_ned"][1], -row["position_ned"][0]) for row in poses]
+    assert [x for place in places for x in place] == pytest.approx([x for place in expected for x in place], abs=0.006)
     middle = reader.script("""const box = (css) => document.querySelector(css).getBoundingClientRect();
         const [drone, target] = [box(".plan .drone"), box(".plan .target")]; return [drone.y, target.y]""")
-    assert middle[0] > middle[1]  # it comes from the south
+    assert middle[0] > middle[1]  # the drone starts in the south
 
 
 def test_an_address_leads_to_a_step(reader, page):
@@ -147,7 +147,7 @@ def test_two_runs_side_by_side(reader, page, runs):
     Select(reader.one("#rival")).select_by_value("qwen-again")
     reader.until(lambda: len(reader.all(".view")) == 2)
     assert reader.hash == "#qwen/yard-approaching-01/2/qwen-again"
-    for view, (run, step) in enumerate((("qwen", 2), ("qwen-again", 4))):  # at one time
+    for view, (run, step) in enumerate((("qwen", 2), ("qwen-again", 4))):  # at the same time
         picture_is(reader, f"{run}/yard-approaching-01/00000{step}.jpg", view)
         ring_is_at(reader, point_of(runs, f"{run}/yard-approaching-01", step), view)
     assert len(reader.all(".facts")) == 2

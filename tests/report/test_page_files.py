@@ -1,4 +1,4 @@
-"""What is written: names, data, pictures, and the prompts that were sent."""
+"""The files of the page: names, data, images, and the prompts that were sent."""
 
 import json
 import re
@@ -36,16 +36,16 @@ def page_of(out, *runs, **how):
 
 def flight_in(path):
     """Return the flight that a file of data/ registers."""
-    found = re.fullmatch(r"dronecatsFlight\((.*)\);\n", path.read_text(), re.DOTALL)
-    assert found
-    return json.loads(f"[{found[1]}]")
+    match = re.fullmatch(r"dronecatsFlight\((.*)\);\n", path.read_text(), re.DOTALL)
+    assert match
+    return json.loads(f"[{match[1]}]")
 
 
 @given(st.lists(st.text(max_size=12), max_size=8))
 def test_keys_are_apart_and_fit_for_a_file_anywhere(names):
-    found = keys(names)
-    assert len({key.lower() for key in found}) == len(names)
-    assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9._-]*", key) and key not in ("of", "..") for key in found)
+    file_keys = keys(names)
+    assert len({key.lower() for key in file_keys}) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9._-]*", key) and key not in ("of", "..") for key in file_keys)
 
 
 @settings(max_examples=40)
@@ -61,10 +61,10 @@ def test_a_text_stays_itself_and_cannot_end_a_script(value):
     assert not set("<>&") & set(written)
 
 
-def flown(folder, drones, groups, replies):
-    """Fly the paper's agent; return (decisions of the log, prompts that it really sent)."""
+def fly_paper_agent(folder, drones, groups, replies):
+    """Fly the paper's agent; return (decisions of the log, prompts that it sent)."""
     coming = iter(replies)
-    model = hierarchy.Said(lambda request: next(coming))
+    model = hierarchy.FunctionModel(lambda request: next(coming))
     log, prompts = LineLog(folder / "decisions.jsonl"), PromptLog(folder / "prompts.jsonl")
     cockpit = Cockpit(
         aircraft=[Clock() for _ in range(drones)], camera=Views(), camera_model=CAMERA, log=log, prompts=prompts,
@@ -80,22 +80,24 @@ def flown(folder, drones, groups, replies):
 
 
 def texts(folder, decisions):
-    """Return the text that each step answers, in the order of the steps."""
-    found = prompts_of(decisions, read_prompts(folder))
-    assert found.keys() == {(each.drone, each.step) for each in decisions if not isinstance(each.confirmed_by, int)}
-    return [text for _, text in sorted({step: prompt.text for (_, step), prompt in found.items()}.items())]
+    """Return the prompt text of each step, in the order of the steps."""
+    prompts = prompts_of(decisions, read_prompts(folder))
+    assert prompts.keys() == {
+        (decision.drone, decision.step) for decision in decisions if not isinstance(decision.confirmed_by, int)
+    }
+    return [text for _, text in sorted({step: prompt.text for (_, step), prompt in prompts.items()}.items())]
 
 
 def test_the_prompts_are_those_that_were_sent(tmp_path):
     go = hierarchy.GO
     replies = [go, "nonsense", hierarchy.TURN, '{"action":"think"}', go, hierarchy.DONE, go, go]
-    decisions, sent = flown(tmp_path, 1, None, replies)
+    decisions, sent = fly_paper_agent(tmp_path, 1, None, replies)
     assert len(decisions) == len(replies)
     assert texts(tmp_path, decisions) == sent
 
 
 def test_most_of_a_prompt_is_written_once(tmp_path):
-    flown(tmp_path, 1, None, [hierarchy.GO] * 8)
+    fly_paper_agent(tmp_path, 1, None, [hierarchy.GO] * 8)
     first, *others = (tmp_path / "prompts.jsonl").read_text().splitlines()
     assert len(others) == 7
     assert all(len(line) < len(first) / 4 for line in others)
@@ -103,20 +105,22 @@ def test_most_of_a_prompt_is_written_once(tmp_path):
 
 def test_so_are_a_fleets(tmp_path):
     joint = [f"[{hierarchy.GO},{turn}]" for turn in (hierarchy.TURN, hierarchy.GO, "{}", hierarchy.DONE)]
-    decisions, sent = flown(tmp_path, 2, None, joint)
+    decisions, sent = fly_paper_agent(tmp_path, 2, None, joint)
     assert {decision.drone for decision in decisions} == {0, 1}
     assert texts(tmp_path, decisions) == sent
 
 
 def test_so_are_those_of_drones_that_decide_alone(tmp_path):
     replies = [hierarchy.GO, hierarchy.TURN, hierarchy.DONE] * 3
-    decisions, sent = flown(tmp_path, 2, [[0], [1]], replies)
+    decisions, sent = fly_paper_agent(tmp_path, 2, [[0], [1]], replies)
     assert len(decisions) >= 8
     assert Counter(texts(tmp_path, decisions)) <= Counter(sent)
 
 
 def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
-    pilot = hierarchy.Said(lambda request: hierarchy.DONE if request.drone == 1 and request.step > 2 else hierarchy.GO)
+    pilot = hierarchy.FunctionModel(
+        lambda request: hierarchy.DONE if request.drone == 1 and request.step > 2 else hierarchy.GO
+    )
     other = {"orders": [{"drone": 2, "goal": "something else"}]}
     commander = hierarchy.script({"orders": hierarchy.EVERYBODY}, other, {"confirm": [2]})
     folder = tmp_path / "flight"
@@ -131,7 +135,7 @@ def test_so_are_those_under_a_commander_and_the_commanders(tmp_path):
     assert confirmed
     assert not answered.keys() & set(confirmed)
     assert [p.text for p in prompts if p.row.role == "commander"] == [request.text for request in commander.asked]
-    assert [p.row.number for p in prompts if p.row.role == "commander"] == [each.number for each in exchanges]
+    assert [p.row.number for p in prompts if p.row.role == "commander"] == [exchange.number for exchange in exchanges]
 
 
 def test_a_flight_is_a_file_of_its_own_and_the_page_holds_none(tmp_path):
@@ -153,7 +157,7 @@ def test_the_same_runs_give_the_same_page(tmp_path):
     written = sorted(path.relative_to(tmp_path / "one") for path in (tmp_path / "one").rglob("*.js"))
     assert written
     assert all((tmp_path / "one" / path).read_bytes() == (tmp_path / "two" / path).read_bytes() for path in written)
-    assert page_of(tmp_path / "one", run).read_bytes() == second.read_bytes()  # over an older one
+    assert page_of(tmp_path / "one", run).read_bytes() == second.read_bytes()  # over an older page
 
 
 def test_pictures_cost_no_space_where_the_file_system_has_links(tmp_path):
@@ -174,12 +178,12 @@ def test_pictures_can_be_thinned_out_and_the_declared_ones_stay(tmp_path):
 
 
 def test_every_declaration_keeps_its_picture():
-    said = ("go", "go", "finished", "go", "go", "go")
+    actions = ("go", "go", "finished", "go", "go", "go")
     decisions = [
         Decision(
             step=step, drone=drone, frame_id=2 * step + drone, t_frame=step, t_decided=step, action={"action": word}
         )
-        for step, word in enumerate(said)
+        for step, word in enumerate(actions)
         for drone in (0, 1)
     ]
     assert kept(decisions, 4) == {(drone, 2 * step + drone) for step in (0, 2, 4, 5) for drone in (0, 1)}
@@ -193,29 +197,32 @@ def test_grey_frames_are_not_kept(tmp_path):
 
 def test_two_runs_of_one_name_are_two(tmp_path):
     runs = [
-        run_folder(tmp_path / f"{k}/vision", {"yard-approaching-01": "go"}, seed=k, told=f"said {k}") for k in (0, 1)
+        run_folder(tmp_path / f"{k}/vision", {"yard-approaching-01": "go"}, seed=k, reply_text=f"said {k}")
+        for k in (0, 1)
     ]
     page_of(tmp_path / "report", *runs)
-    told = [flight_in(tmp_path / f"report/data/{key}/yard-approaching-01.js")[1] for key in ("vision", "vision-2")]
-    assert [flight["texts"][flight["steps"][0]["reply"]] for flight in told] == ["said 0", "said 1"]
+    flights = [flight_in(tmp_path / f"report/data/{key}/yard-approaching-01.js")[1] for key in ("vision", "vision-2")]
+    assert [flight["texts"][flight["steps"][0]["reply"]] for flight in flights] == ["said 0", "said 1"]
 
 
-def test_ones_own_metrics_and_what_is_left_out_are_told(tmp_path):
+def test_the_page_has_custom_metrics_and_marks_omitted_episodes(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go", "yard-searching-01": "look"})
     own = Metric(name="replies", title="Replies", unit="count", level="episode", better=None, definition="how many",
-                 paper="", of=lambda flown: float(len(flown.logs.decisions)))  # fmt: skip
-    found = collect([run], metrics=(*METRICS.values(), own))
-    first, *others = found.episodes
-    page = write_page(replace(found, episodes=(replace(first, left_out="chosen"), *others)), [], tmp_path / "report")
-    held = re.search(r'id="index">(.*?)</script>', page.read_text(), re.DOTALL)
-    assert held
-    index = json.loads(held[1])
+                 paper="", of=lambda flight: float(len(flight.logs.decisions)))  # fmt: skip
+    collection = collect([run], metrics=(*METRICS.values(), own))
+    first, *others = collection.episodes
+    page = write_page(
+        replace(collection, episodes=(replace(first, left_out="chosen"), *others)), [], tmp_path / "report"
+    )
+    match = re.search(r'id="index">(.*?)</script>', page.read_text(), re.DOTALL)
+    assert match
+    index = json.loads(match[1])
     place = [metric["name"] for metric in index["metrics"]].index("replies")
     assert [episode["values"][place] for episode in index["episodes"]] == [6.0, 6.0]
     assert [episode["counted"] for episode in index["episodes"]] == [False, True]
 
 
-def test_where_nothing_can_be_written_is_said(tmp_path):
+def test_an_unwritable_folder_is_an_error(tmp_path):
     run = run_folder(tmp_path / "runs/vision", {"yard-approaching-01": "go"})
     (tmp_path / "report").write_text("in the way")
     with pytest.raises(UsageError, match="report"):

@@ -1,4 +1,4 @@
-"""The page in a real browser: its tables and words, how it looks where, and what strange or damaged runs do to it."""
+"""The page in a real browser: its tables and text, its layout, and strange or damaged runs."""
 
 import json
 import re
@@ -14,11 +14,11 @@ HOSTILE = (
 )
 
 
-def test_the_tables_are_told_in_their_own_words_and_lead_on(reader, page):
+def test_the_tables_show_their_values_and_link_to_lists(reader, page):
     reader.open(page)
-    told = reader.text()
+    text = reader.text()
     for part in ("SR", "NE", "34–100", "3.9", "dronecats report runs"):
-        assert part in told
+        assert part in text
     reader.click("100")
     reader.until(lambda: re.fullmatch("#of/.*/approaching", reader.hash))
 
@@ -27,9 +27,9 @@ def test_a_list_can_be_sorted_and_narrowed(reader, page):
     from selenium.webdriver.support.ui import Select
 
     reader.open(page, "#of/oracle")
-    names = lambda: [each.text for each in reader.all("main [data-row]")]  # noqa: E731
+    names = lambda: [element.text for element in reader.all("main [data-row]")]  # noqa: E731
     assert names() == sorted(EPISODES)
-    assert [each.text for each in reader.all("tbody td:nth-child(3)")] == ["success"] * 3
+    assert [element.text for element in reader.all("tbody td:nth-child(3)")] == ["success"] * 3
     reader.click("Episode")
     reader.click("Episode")
     assert names() == sorted(EPISODES, reverse=True)
@@ -43,23 +43,23 @@ NAMED = {"button", "link", "combobox", "slider", "textbox", "image", "checkbox",
 
 
 def test_everything_that_can_be_used_has_a_name(reader, page):
-    """Whatever takes the focus says what it is, and pictures say what they show."""
+    """Every focusable element has a name, and images have a description."""
     for place in ("", "#of/oracle", "#fleet/yard-commanding-01/2"):
         reader.open(page, place)
         tree = reader.driver.execute_cdp_cmd("Accessibility.getFullAXTree", {})["nodes"]
-        told = [node for node in tree if not node.get("ignored")]
-        used = [(node["role"]["value"], node.get("name", {}).get("value", "")) for node in told
+        nodes = [node for node in tree if not node.get("ignored")]
+        used = [(node["role"]["value"], node.get("name", {}).get("value", "")) for node in nodes
                 if node["role"]["value"] in NAMED]  # fmt: skip
         assert len(used) > 3, place
         assert [role for role, name in used if not name.strip()] == [], place
 
 
-def test_whatever_a_model_says_stays_words(reader, tmp_path):
-    """Beside the page and within it: as reply, as instruction, as the name of an episode's folder and of a model."""
+def test_model_output_is_never_markup(reader, tmp_path):
+    """In the separate files and in an embedded page: as reply, instruction, episode folder and model name."""
     model = {"provider": "vllm", "name": HOSTILE}
     folder = tmp_path / "runs/<b>run"
     run_folder(folder, {}, model=model)
-    episode_folder(folder / "yard-approaching-01", HOSTILE, told=HOSTILE)
+    episode_folder(folder / "yard-approaching-01", HOSTILE, reply_text=HOSTILE)
     for embed in (False, True):
         page = write_page(collect([folder]), [], tmp_path / f"report-{embed}", embed=embed)
         reader.open(page)
@@ -89,7 +89,7 @@ def test_embedded_it_is_one_file(reader, runs, tmp_path):
     assert reader.errors() == []
 
 
-def test_what_is_damaged_is_said_and_spoils_nothing_else(reader, runs, tmp_path):
+def test_damage_is_reported_and_other_episodes_still_open(reader, runs, tmp_path):
     shutil.copytree(runs / "qwen", tmp_path / "qwen")
     log = tmp_path / "qwen/yard-approaching-01/truth.jsonl"
     log.write_text("{}\n" + log.read_text())
@@ -105,19 +105,19 @@ def test_what_is_damaged_is_said_and_spoils_nothing_else(reader, runs, tmp_path)
     assert "data/qwen/yard-approaching-02.js" in reader.text()
 
 
-def test_who_commands_is_listed(reader, runs, tmp_path):
+def test_commander_exchanges_are_listed(reader, runs, tmp_path):
     shutil.copytree(runs / "fleet", tmp_path / "fleet")
-    asked = {"number": 0, "t_asked": 2.7, "t_answered": 3.2, "causes": [{"why": "report", "drone": 1}],
+    exchange = {"number": 0, "t_asked": 2.7, "t_answered": 3.2, "causes": [{"why": "report", "drone": 1}],
              "roster": "Drone 1", "frames": [0, 1, 2, 3], "reply": HOSTILE,
              "orders": [{"drone": 2, "goal": "look behind"}], "confirms": [1], "error": None, "latency_s": 0.5,
              "tokens_in": 10, "tokens_out": 2, "model": "chief"}  # fmt: skip
-    (tmp_path / "fleet/yard-commanding-01/commander.jsonl").write_text(json.dumps(asked) + "\n")
+    (tmp_path / "fleet/yard-commanding-01/commander.jsonl").write_text(json.dumps(exchange) + "\n")
     page = write_page(collect([tmp_path / "fleet"]), [], tmp_path / "report")
     reader.open(page, "#fleet/yard-commanding-01")
     reader.one(".exchanges summary").click()
-    told = reader.text(".exchanges")
+    text = reader.text(".exchanges")
     for words in ("2.7 s", "drone 2", "look behind", "chief", HOSTILE):
-        assert words in told
+        assert words in text
     reader.click("Go to this time")
     reader.until(lambda: reader.hash == "#fleet/yard-commanding-01/1")
     assert reader.script("return window.hacked") is None

@@ -1,4 +1,4 @@
-"""Paths laid over one another: distances of flights whose distance is known, and of flights of our own."""
+"""Path comparison: flights with known distances, and flights of our own simulator."""
 
 import json
 import math
@@ -36,10 +36,10 @@ def flight(
             "frame_id": n,
             "t_frame": decided(n),
             "t_decided": decided(n),
-            "reply": said,
+            "reply": reply,
             "action": None,
         }
-        for n, said in enumerate(replies)
+        for n, reply in enumerate(replies)
     ]
     (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     return folder
@@ -81,7 +81,7 @@ def test_one_that_comes_later_is_apart_but_not_beside(tmp_path: Path) -> None:
 
 
 def test_slower_replies_are_no_other_path_step_by_step(tmp_path: Path) -> None:
-    """Both fly a metre in the first second of each step, and then hold until the next reply: 1 s later, and 1.7 s."""
+    """Both fly a metre in the first second of each step and hold until the next reply: for 1 s, and for 1.5 s."""
 
     def stepped(length_s: float):
         return lambda t: (t // length_s + min(1.0, t % length_s), 0.0, 0.0)
@@ -123,7 +123,7 @@ def test_the_command_agrees_differs_and_draws(tmp_path: Path, capsys: pytest.Cap
     assert (result["agree"], result["same_replies"], result["steps"]) == (True, 2, 3)
 
 
-def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_incomparable_paths_are_rejected(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     a = flight(tmp_path / "a" / "one", straight)
     flight(tmp_path / "a" / "two", straight)
     empty = flight(tmp_path / "c", straight, seconds=0.0)
@@ -141,15 +141,15 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path, capsys: pytest.Captu
 def test_the_same_decisions_on_another_vehicle_of_ours_agree(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Another seed errs otherwise in every sensor: the decisions, said again, lead it along the same path."""
+    """Another seed changes every sensor's errors. Repeated decisions still lead along the same path."""
 
     def fly(pilot: str, seed: str, out: Path) -> dict[str, Any]:
-        flown = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--json"]
-        assert main([*flown, "--pilot", pilot, "--seed", seed, "--out", str(out)]) == 0
-        said: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
-        return said
+        arguments = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--json"]
+        assert main([*arguments, "--pilot", pilot, "--seed", seed, "--out", str(out)]) == 0
+        result_line: dict[str, Any] = json.loads(capsys.readouterr().out.splitlines()[-1])
+        return result_line
 
-    first = fly("oracle", "3", tmp_path / "a")  # which touches nothing: after a contact the paths part
+    first = fly("oracle", "3", tmp_path / "a")  # the oracle touches nothing; after a contact the paths would differ
     decisions = Path(first["run_dir"]) / "decisions.jsonl"
     fly(f"recorded:{decisions}", "4", tmp_path / "b")
     seconds = str(math.floor(first["sim_seconds"]) - 2)

@@ -1,4 +1,4 @@
-"""The report as files: the same as it was last looked at, the same twice, figures that say what their tables do."""
+"""The report's files: equal to the reviewed report, equal in two runs, and figures that agree with their tables."""
 
 import subprocess
 import sys
@@ -36,20 +36,20 @@ ENDED = ("success", "declared", "arrived", "did not move")
 
 
 @cache
-def told(ended=ENDED) -> dict[str, ReportTable]:
-    """Return tables that every figure can be drawn of."""
+def report_tables(ended=ENDED) -> dict[str, ReportTable]:
+    """Return tables with data for every figure."""
     run = a_run("runs/m", model=named("m"))
     steps = {"rate_hz": tuple(float(n) for n in range(1, 22))}
-    flown = [an_episode(run, f"campus-approaching-{k:02}", "success" if mode == "success" else "failure", mode=mode,
+    episodes = [an_episode(run, f"campus-approaching-{k:02}", "success" if mode == "success" else "failure", mode=mode,
                         steps=steps) for k, mode in enumerate(ended)]  # fmt: skip
     drones = {"drones_found": 1, "drones_beside": 2, "drones_elsewhere": 0, "drones_silent": 1}
-    flown.append(an_episode(run, "blocks-commanding-01", "success", values=drones))
-    flown.append(an_episode(a_run("runs/o", pilot="oracle"), "campus-approaching-00", "success", mode="success"))
-    return {table.name: table for table in tables(small(collected(flown)))}
+    episodes.append(an_episode(run, "blocks-commanding-01", "success", values=drones))
+    episodes.append(an_episode(a_run("runs/o", pilot="oracle"), "campus-approaching-00", "success", mode="success"))
+    return {table.name: table for table in tables(small(collected(episodes)))}
 
 
 def drawn(figure):
-    """Return the bars of a figure as (left, width, height of its middle), rounded."""
+    """Return the bars of a figure as (left, width, y of the centre), rounded."""
     (axis,) = figure.axes
     return [
         (round(p.get_x(), 3), round(p.get_width(), 3), round(p.get_y() + p.get_height() / 2, 3)) for p in axis.patches
@@ -57,13 +57,13 @@ def drawn(figure):
 
 
 def test_failure_bars_stand_end_to_end_and_are_the_tables_shares():
-    found = drawn(drawing.modes(told()["failures"]))
-    bar = [(left, width) for left, width, y in found if y == found[0][2] and width]
+    bars = drawn(drawing.modes(report_tables()["failures"]))
+    bar = [(left, width) for left, width, y in bars if y == bars[0][2] and width]
     assert bar == [(0, 25), (25, 25), (50, 25), (75, 25)]
 
 
 def test_the_numbers_in_failure_bars_are_the_tables():
-    table = told(("success",) * 7 + ("declared",))["failures"]
+    table = report_tables(("success",) * 7 + ("declared",))["failures"]
     (axis,) = drawing.modes(table).axes
     shares = [cell.text(column) for cell, column in zip(table.rows[0].cells, table.columns, strict=True)][2:4]
     assert shares == ["88", "13"]
@@ -72,35 +72,35 @@ def test_the_numbers_in_failure_bars_are_the_tables():
 
 
 def test_drones_stand_end_to_end_and_the_diamond_at_the_episodes_won():
-    figure = drawing.decomposition(told()["drones"])
-    assert [each[:2] for each in drawn(figure) if each[1]] == [(0, 25), (25, 50), (75, 25)]
+    figure = drawing.decomposition(report_tables()["drones"])
+    assert [bar[:2] for bar in drawn(figure) if bar[1]] == [(0, 25), (25, 50), (75, 25)]
     (axis,) = figure.axes
     assert [list(mark.get_xdata()) for mark in axis.lines if mark.get_marker() == "D"] == [[100.0]]
 
 
 def test_nested_bars_are_the_tables_rates():
-    table = told()["approaching"]
+    table = report_tables()["approaching"]
     row = line(table, "vllm/m")
     widths = [width for _, width, _ in drawn(drawing.nested(table))]
     assert widths[0::2] == [row[column].value for column, _, _ in drawing.NESTED]
 
 
 def test_boxes_are_the_tables_quantiles():
-    (box,) = drawn(drawing.rates(told()["served"]))
+    (box,) = drawn(drawing.rates(report_tables()["served"]))
     assert box[:2] == (6.0, 10.0)
 
 
 def test_blocks_stay_apart():
-    lines, heads = style.lines(told()["approaching"])
+    lines, heads = style.lines(report_tables()["approaching"])
     assert [title for title, _ in heads] == [report_data.MODELS, report_data.BUILT_IN]
     assert lines[0].y < heads[1][1] < lines[1].y
 
 
 def test_every_figure_is_drawn_in_three_formats_and_the_same_twice(tmp_path, monkeypatch):
     monkeypatch.setitem(style.SETTINGS, "savefig.dpi", 50)  # the time that a PNG takes grows with its pixels
-    who, made = small(), told()
-    first = drawing.draw(who, tuple(made.values()), tmp_path / "a")
-    again = drawing.draw(who, (made["drones"],), tmp_path / "b")
+    benchmark_data, all_tables = small(), report_tables()
+    first = drawing.draw(benchmark_data, tuple(all_tables.values()), tmp_path / "a")
+    again = drawing.draw(benchmark_data, (all_tables["drones"],), tmp_path / "b")
     assert list(first) == ["approaching", "failures", "drones", "served", drawing.GRID]
     assert [path.name for path in first.values()] == [
         "reach_declare_succeed.png", "failure_modes.png", "commanding_by_drone.png", "served_rate.png",

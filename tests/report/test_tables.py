@@ -1,4 +1,4 @@
-"""Every table against counts by hand, over a benchmark that was made up for it."""
+"""Every table against counts by hand, on a synthetic benchmark."""
 
 import json
 import math
@@ -36,29 +36,29 @@ def test_rates_are_of_the_flights_that_were_scored_and_errors_stand_beside():
 def test_several_flights_of_an_episode_are_not_counted_as_so_many_episodes():
     sr = line(made(outcomes.main, small()), GOOD)["approaching_success_percent"]
     by_episode = [[True, True], [True, False], [False, False], [True, True]]
-    known = known_share(by_episode)
-    assert (sr.low, sr.high) == pytest.approx((100 * known.low, 100 * known.high))
+    expected = known_share(by_episode)
+    assert (sr.low, sr.high) == pytest.approx((100 * expected.low, 100 * expected.high))
     low, high = wilson(5, 8)
     assert number(sr.low) < 100 * low < 100 * high < number(sr.high)
-    one = line(made(outcomes.main, small()), BAD)["approaching_success_percent"]
-    assert (one.low, one.high) == pytest.approx(tuple(100 * end for end in wilson(1, 4)))
+    bad = line(made(outcomes.main, small()), BAD)["approaching_success_percent"]
+    assert (bad.low, bad.high) == pytest.approx(tuple(100 * end for end in wilson(1, 4)))
 
 
-def test_models_and_built_in_pilots_never_share_a_block_and_what_those_are_is_said():
-    who = small()
+def test_models_and_built_in_pilots_never_share_a_block_and_notes_describe_the_pilots():
+    data = small()
     for table in (
-        made(outcomes.main, who),
-        made(outcomes.approaching, who),
-        made(measures.declarations, who),
-        made(comparison.comparison, who),
+        made(outcomes.main, data),
+        made(outcomes.approaching, data),
+        made(measures.declarations, data),
+        made(comparison.comparison, data),
     ):
         for block in table.blocks[:2]:
             names = {cell.value for row in block.rows for cell in row.cells[:2] if isinstance(cell.value, str)}
             assert block.title in (report_data.MODELS, report_data.BUILT_IN)
             assert names <= ({GOOD, BAD} if block.title == report_data.MODELS else {"oracle", "blind:fan"})
-    said = made(setup.setup, who).notes
-    assert said[0].startswith("oracle ")
-    assert said[1].startswith("blind:fan ")
+    notes = made(setup.setup, data).notes
+    assert notes[0].startswith("oracle ")
+    assert notes[1].startswith("blind:fan ")
 
 
 def test_the_best_is_marked_among_models_alone():
@@ -70,7 +70,7 @@ def test_the_best_is_marked_among_models_alone():
     assert not line(made(outcomes.approaching, small()), GOOD)["flights"].best, "more flights are not better"
 
 
-def test_what_can_be_had_without_looking_is_of_the_same_episodes_all_of_them():
+def test_the_floor_of_blind_pilots_covers_the_same_episodes():
     table = made(outcomes.main, small())
     below = line(table, report_data.FLOOR)
     sr = below["approaching_success_percent"]
@@ -85,9 +85,9 @@ def test_what_can_be_had_without_looking_is_of_the_same_episodes_all_of_them():
 def test_by_map():
     table = made(outcomes.per_map, small())
     good = line(table, GOOD)
-    told = {name: cell.text(column) for (name, cell), column in zip(good.items(), table.columns, strict=True)}
-    assert list(told.values()) == [GOOD, "3/4", "0/1", "2/4"]
-    assert list(told)[1:3] == ["campus_approaching_success_percent", "campus_tracking_success_percent"]
+    texts = {name: cell.text(column) for (name, cell), column in zip(good.items(), table.columns, strict=True)}
+    assert list(texts.values()) == [GOOD, "3/4", "0/1", "2/4"]
+    assert list(texts)[1:3] == ["campus_approaching_success_percent", "campus_tracking_success_percent"]
     assert [column.group for column in table.columns[1:]] == ["Campus", "Campus", "Residential"]
     assert line(table, "oracle")["residential_approaching_success_percent"] == TableCell(value=None)
 
@@ -98,29 +98,32 @@ def test_by_map_is_headed_by_no_percent_since_it_counts():
     assert "<small>%</small>" in as_html(made(outcomes.main, small()))
 
 
-def test_unreadable_replies_are_told_of_models():
+def test_unreadable_replies_are_listed_for_models_only():
     run = a_run("runs/a", model=named("a"))
-    some = {"decisions": 40, "unreadable": 4, "refused": 1, "cut_off": 2}
-    none = {"decisions": 60, "unreadable": 0, "refused": 0, "cut_off": 0}
-    flown = [an_episode(run, "campus-approaching-01", values=some), an_episode(run, "campus-tracking-01", values=none)]
-    built_in = [an_episode(a_run("runs/o", pilot="oracle"), "campus-tracking-01", values=none)]
-    table = made(measures.replies, small(collected(flown, built_in)))
+    few_replies = {"decisions": 40, "unreadable": 4, "refused": 1, "cut_off": 2}
+    good_replies = {"decisions": 60, "unreadable": 0, "refused": 0, "cut_off": 0}
+    episodes = [
+        an_episode(run, "campus-approaching-01", values=few_replies),
+        an_episode(run, "campus-tracking-01", values=good_replies),
+    ]
+    built_in = [an_episode(a_run("runs/o", pilot="oracle"), "campus-tracking-01", values=good_replies)]
+    table = made(measures.replies, small(collected(episodes, built_in)))
     assert [row.entrant for row in table.rows] == ["vllm/a"]
-    told = line(table, "vllm/a")
-    assert [told[f"{name}_percent"].value for name in ("unreadable", "refused", "cut_off")] == [4.0, 1.0, 2.0]
-    assert (told["decisions"].value, told["unreadable_flights"].value) == (100, 1)
+    shares = line(table, "vllm/a")
+    assert [shares[f"{name}_percent"].value for name in ("unreadable", "refused", "cut_off")] == [4.0, 1.0, 2.0]
+    assert (shares["decisions"].value, shares["unreadable_flights"].value) == (100, 1)
     assert measures.replies(small(collected(built_in))) is None
 
 
-def test_how_it_was_flown_says_what_switches_the_reasoning():
+def test_the_setup_table_shows_the_reasoning_switch():
     own = named("a", provider="openai", quick={"reasoning_effort": "minimal"}, thinking={"reasoning_effort": "low"})
     providers = named("b", provider="openrouter")
     runs = [a_run("runs/a", model=own), a_run("runs/b", model=providers), a_run("runs/c", model=named("c", quick={}))]
     table = made(setup.setup, small(collected(*(flights(run, {"campus-tracking": "s"}) for run in runs))))
-    told = {row.entrant: line(table, row.entrant)["reasoning"].value for row in table.rows}
-    assert told["openai/a"] == "reasoning_effort minimal | reasoning_effort low"
-    assert told["openrouter/b"] == "reasoning.enabled false | reasoning.enabled true"
-    assert str(told["vllm/c"]).startswith("nothing | ")
+    reasoning = {row.entrant: line(table, row.entrant)["reasoning"].value for row in table.rows}
+    assert reasoning["openai/a"] == "reasoning_effort minimal | reasoning_effort low"
+    assert reasoning["openrouter/b"] == "reasoning.enabled false | reasoning.enabled true"
+    assert str(reasoning["vllm/c"]).startswith("nothing | ")
 
 
 def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
@@ -134,8 +137,8 @@ def test_as_served_stands_only_where_it_differs_from_the_asked_name(tmp_path):
         ))  # fmt: skip
         runs.append(run)
     table = made(setup.setup, small(collected(*(flights(run, {"campus-tracking": "s"}) for run in runs))))
-    told = {row.entrant: line(table, row.entrant)["served"].value for row in table.rows}
-    assert told == {"vllm/same": None, "vllm/other": "other-2026", "vllm/silent": None}
+    served_names = {row.entrant: line(table, row.entrant)["served"].value for row in table.rows}
+    assert served_names == {"vllm/same": None, "vllm/other": "other-2026", "vllm/silent": None}
 
 
 def test_a_deviation_says_of_how_many_flights_it_is():
@@ -151,16 +154,16 @@ def test_costs_tell_cached_and_reasoning_tokens_and_who_answered():
               endpoints=("Novita", "DeepInfra")),
         Usage(questions=10, tokens_in=1000, tokens_out=100, reasoning=20, endpoints=("DeepInfra",)),
     ]  # fmt: skip
-    flown = [an_episode(run, f"campus-approaching-{k:02}", usage=each) for k, each in enumerate(used, 1)]
-    told = line(made(setup.costs, small(collected(flown))), "vllm/a")
-    assert (told["tokens_cached"].value, told["tokens_cached"].of) == (512, 1)
-    assert (told["tokens_reasoning"].value, told["tokens_reasoning"].of) == (40, 2)
-    assert told["endpoints"].value == "DeepInfra, Novita"
+    episodes = [an_episode(run, f"campus-approaching-{k:02}", usage=usage) for k, usage in enumerate(used, 1)]
+    row = line(made(setup.costs, small(collected(episodes))), "vllm/a")
+    assert (row["tokens_cached"].value, row["tokens_cached"].of) == (512, 1)
+    assert (row["tokens_reasoning"].value, row["tokens_reasoning"].of) == (40, 2)
+    assert row["endpoints"].value == "DeepInfra, Novita"
 
 
-def test_approaching_leaves_out_of_a_mean_who_has_no_value():
+def test_approaching_means_omit_missing_values():
     run = a_run("runs/a", model=named("a"))
-    flown = [
+    episodes = [
         an_episode(run, "campus-approaching-01", "success", values={"ne_m": 4.0, "approach_ratio": 0.8,
                                                                     "declared_to_start": 0.2}, censored=True),
         an_episode(run, "campus-approaching-02", values={"ne_m": 20.0, "approach_ratio": 0.4,
@@ -168,13 +171,13 @@ def test_approaching_leaves_out_of_a_mean_who_has_no_value():
         an_episode(run, "campus-approaching-03", "error"),
         an_episode(run, "campus-tracking-01", values={"ne_m": 99.0}),
     ]  # fmt: skip
-    table = made(outcomes.approaching, small(collected(flown)))
-    told = line(table, "vllm/a")
-    assert (told["flights"].value, told["ne_m"].value, told["ne_m"].of) == (2, 12.0, 2)
-    assert (told["declared_to_start_ratio"].value, told["declared_to_start_ratio"].of) == (0.2, 1)
-    assert told["approach_ratio"].value == pytest.approx(0.6)
-    assert told["approaching_oracle_success_percent"].value == 100.0
-    assert told["approaching_declared_percent"].value == 50.0
+    table = made(outcomes.approaching, small(collected(episodes)))
+    row = line(table, "vllm/a")
+    assert (row["flights"].value, row["ne_m"].value, row["ne_m"].of) == (2, 12.0, 2)
+    assert (row["declared_to_start_ratio"].value, row["declared_to_start_ratio"].of) == (0.2, 1)
+    assert row["approach_ratio"].value == pytest.approx(0.6)
+    assert row["approaching_oracle_success_percent"].value == 100.0
+    assert row["approaching_declared_percent"].value == 50.0
     assert re.search(r"\b1\b", table.notes[0])
 
 
@@ -184,24 +187,27 @@ def test_declarations_pool_all_cells():
              "declaration_precision": 0.5}  # fmt: skip
     never = {"success_at_first": False, "success_within_three": False, "declarations": 0, "false_declarations": 0,
              "declaration_precision": None}  # fmt: skip
-    flown = [an_episode(run, "campus-approaching-01", "success", values=first),
+    episodes = [an_episode(run, "campus-approaching-01", "success", values=first),
              an_episode(run, "blocks-commanding-01", values=never)]  # fmt: skip
-    told = line(made(measures.declarations, small(collected(flown))), "vllm/a")
-    assert told["all_success_at_first_percent"].value == 50.0
-    assert (told["declarations_per_flight"].value, told["false_per_flight"].value) == (1.0, 0.5)
-    assert (told["precision_percent"].value, told["precision_percent"].of) == (50.0, 1)
+    row = line(made(measures.declarations, small(collected(episodes))), "vllm/a")
+    assert row["all_success_at_first_percent"].value == 50.0
+    assert (row["declarations_per_flight"].value, row["false_per_flight"].value) == (1.0, 0.5)
+    assert (row["precision_percent"].value, row["precision_percent"].of) == (50.0, 1)
 
 
 def test_failure_modes_part_all_scored_one_drone_flights():
     run = a_run("runs/a", model=named("a"))
     ended = ["success", "declared", "declared", "did not move", "timed out"]
-    flown = [an_episode(run, f"campus-searching-{k:02}", "success" if mode == "success" else "failure", mode=mode)
+    episodes = [an_episode(run, f"campus-searching-{k:02}", "success" if mode == "success" else "failure", mode=mode)
              for k, mode in enumerate(ended)]  # fmt: skip
-    flown += [an_episode(run, "campus-searching-09", "error"), an_episode(run, "blocks-commanding-01", mode="arrived")]
-    table = made(outcomes.failures, small(collected(flown)))
-    told = line(table, "vllm/a")
-    shares = {name: cell.value for name, cell in told.items() if name.endswith("percent")}
-    assert told["flights"].value == 5
+    episodes += [
+        an_episode(run, "campus-searching-09", "error"),
+        an_episode(run, "blocks-commanding-01", mode="arrived"),
+    ]
+    table = made(outcomes.failures, small(collected(episodes)))
+    row = line(table, "vllm/a")
+    shares = {name: cell.value for name, cell in row.items() if name.endswith("percent")}
+    assert row["flights"].value == 5
     assert sum(number(share) for share in shares.values()) == pytest.approx(100.0)
     assert {name for name, share in shares.items() if share} == {
         "success_percent", "declared_percent", "did_not_move_percent", "timed_out_percent",
@@ -220,11 +226,11 @@ def test_commanding_beside_one_drone():
 
 
 def test_drones_are_counted_over_flights_and_part_them():
-    told = line(made(outcomes.drones, small()), GOOD)
-    assert told["drones"].value == 8
-    counts = [told[f"drones_{name}_percent"].count for name in ("found", "beside", "elsewhere", "silent")]
+    row = line(made(outcomes.drones, small()), GOOD)
+    assert row["drones"].value == 8
+    counts = [row[f"drones_{name}_percent"].count for name in ("found", "beside", "elsewhere", "silent")]
     assert counts == [1, 3, 1, 3]
-    assert told["commanding_success_percent"].value == 50.0
+    assert row["commanding_success_percent"].value == 50.0
 
 
 def test_variance_is_over_the_episodes_that_every_flight_scored():
@@ -246,13 +252,13 @@ def test_pairs_are_of_the_episodes_that_both_flew():
     table = made(comparison.comparison, small())
     models = table.blocks[0].rows
     assert len(models) == 1
-    told = {column.name: cell.value for column, cell in zip(table.columns, models[0].cells, strict=True)}
+    values = {column.name: cell.value for column, cell in zip(table.columns, models[0].cells, strict=True)}
     # campus 01 s s, 02 s f, residential 01 f f, 02 s s, tracking 01 f, against f f f s f
-    assert told["episodes"] == 5
-    assert (told["only_first"], told["only_second"]) == (2, 0)
-    assert told["difference_points"] == pytest.approx(100 * (1 + 0.5) / 5)
-    assert (told["p"], told["p_holm"]) == (0.5, 0.5)
-    assert told["smallest_points"] is None, "five episodes show no difference"
+    assert values["episodes"] == 5
+    assert (values["only_first"], values["only_second"]) == (2, 0)
+    assert values["difference_points"] == pytest.approx(100 * (1 + 0.5) / 5)
+    assert (values["p"], values["p_holm"]) == (0.5, 0.5)
+    assert values["smallest_points"] is None, "five episodes show no difference"
     pilots = table.blocks[1].rows[0].cells
     assert [pilots[k].value for k in (0, 1, 3)] == ["oracle", "blind:fan", 2]
 
@@ -266,7 +272,7 @@ def test_holm_corrects_for_all_pairs_of_a_block():
     assert [row.cells[8].value for row in table.rows] == pytest.approx([6 / 1024, 4 / 32, 4 / 32])
 
 
-def test_costs_are_by_the_declared_prices_and_not_told_where_one_is_missing():
+def test_costs_use_the_declared_prices_and_are_omitted_without_a_price():
     table = made(setup.costs, small())
     good = line(table, GOOD)
     assert [row.entrant for row in table.rows] == [GOOD], "nobody else tells tokens"
@@ -275,26 +281,26 @@ def test_costs_are_by_the_declared_prices_and_not_told_where_one_is_missing():
     assert good["usd_per_success"].value == pytest.approx(10 * 0.002 / 6)
     assert (good["tokens_in"].value, good["tokens_in"].of) == (1000.0, 10)
     free = a_run("runs/free", model=named("free"))
-    flown = flights(free, {"campus-approaching": "s"}, usage=costs_of(1))
-    assert line(made(setup.costs, small(collected(flown))), "vllm/free")["usd"].value is None
+    episodes = flights(free, {"campus-approaching": "s"}, usage=costs_of(1))
+    assert line(made(setup.costs, small(collected(episodes))), "vllm/free")["usd"].value is None
 
 
 def costs_of(questions):
     return Usage(questions=questions, tokens_in=10, tokens_out=1)
 
 
-def test_rates_are_quantiles_over_steps_and_the_host_is_told_apart():
+def test_rates_are_quantiles_over_steps_and_host_stalls_are_separate():
     run = a_run("runs/a", model=named("a"))
-    flown = [
+    episodes = [
         an_episode(run, "campus-approaching-01", steps={"rate_hz": (None, 1.0, 2.0), "latency_s": (0.1, 0.2, 0.3)},
                    host_stalls=2, usage=costs_of(8)),
         an_episode(run, "campus-approaching-02", steps={"rate_hz": (3.0, 4.0, 5.0)}, host_stalls=0, usage=costs_of(12)),
         an_episode(run, "campus-approaching-03", "error", steps={"rate_hz": (99.0,)}, host_stalls=7),
     ]  # fmt: skip
-    told = line(made(measures.served, small(collected(flown))), "vllm/a")
-    assert [told[f"rate_{q}_hz"].value for q in (5, 25, 50, 75, 95)] == pytest.approx([1.2, 2.0, 3.0, 4.0, 4.8])
-    assert told["steps"].value == 5
-    assert (told["stalled_steps_percent"].value, told["stalled_flights"].value) == (10.0, 1)
+    row = line(made(measures.served, small(collected(episodes))), "vllm/a")
+    assert [row[f"rate_{q}_hz"].value for q in (5, 25, 50, 75, 95)] == pytest.approx([1.2, 2.0, 3.0, 4.0, 4.8])
+    assert row["steps"].value == 5
+    assert (row["stalled_steps_percent"].value, row["stalled_flights"].value) == (10.0, 1)
 
 
 def test_grounding_is_over_the_steps_that_tell():
@@ -302,13 +308,13 @@ def test_grounding_is_over_the_steps_that_tell():
     steps = {"on_target": (True, None, False, True), "pointing_error_deg": (1.0, None, 9.0, 2.0),
              "depth_error_m": (-2.0, None, None, 6.0), "depth_error_abs_m": (2.0, None, None, 6.0),
              "rescaled": (None, None, True, False), "wide_rotation": (None, True, None, None)}  # fmt: skip
-    told = line(
+    row = line(
         made(measures.grounding, small(collected([an_episode(run, "campus-approaching-01", steps=steps)]))), "vllm/a"
     )
-    assert (told["on_target_percent"].count, told["on_target_percent"].of) == (2, 3)
-    assert (told["gos"].value, told["pointing_50_deg"].value) == (3, 2.0)
-    assert (told["depth_50_m"].value, told["depth_absolute_50_m"].value) == (2.0, 4.0)
-    assert (told["rescaled_percent"].value, told["wide_percent"].value) == (50.0, 100.0)
+    assert (row["on_target_percent"].count, row["on_target_percent"].of) == (2, 3)
+    assert (row["gos"].value, row["pointing_50_deg"].value) == (3, 2.0)
+    assert (row["depth_50_m"].value, row["depth_absolute_50_m"].value) == (2.0, 4.0)
+    assert (row["rescaled_percent"].value, row["wide_percent"].value) == (50.0, 100.0)
 
 
 def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
@@ -318,17 +324,17 @@ def test_a_think_is_compared_with_ordinary_steps_of_the_same_rate():
     run = a_run("runs/a", model=named("a"))
     first = (step(True, 0.1, 0.5, True, True), step(False, 0.1, 0.2, True, False), step(False, 9.0, 9.0))
     second = (step(False, 0.1, 0.4, True, True, True, False), step(True, lost=True, regained=True))
-    flown = [an_episode(run, f"campus-approaching-0{k}", outlooks=steps) for k, steps in enumerate((first, second))]
-    flown.append(an_episode(run, "campus-approaching-09", "error", outlooks=first))
-    told = line(made(measures.thinking, small(collected(flown))), "vllm/a")
-    assert (told["thinks"].value, told["matched"].value) == (2, 1)
-    assert told["gain_m_per_step"].value == pytest.approx(0.5 - 0.3)
-    assert (told["stalls_after_think_percent"].count, told["stalls_after_think_percent"].of) == (1, 1)
-    assert (told["stalls_after_other_percent"].count, told["stalls_after_other_percent"].of) == (1, 2)
-    assert (told["losses_after_think_percent"].value, told["losses_after_other_percent"].value) == (100.0, 0.0)
+    episodes = [an_episode(run, f"campus-approaching-0{k}", outlooks=steps) for k, steps in enumerate((first, second))]
+    episodes.append(an_episode(run, "campus-approaching-09", "error", outlooks=first))
+    row = line(made(measures.thinking, small(collected(episodes))), "vllm/a")
+    assert (row["thinks"].value, row["matched"].value) == (2, 1)
+    assert row["gain_m_per_step"].value == pytest.approx(0.5 - 0.3)
+    assert (row["stalls_after_think_percent"].count, row["stalls_after_think_percent"].of) == (1, 1)
+    assert (row["stalls_after_other_percent"].count, row["stalls_after_other_percent"].of) == (1, 2)
+    assert (row["losses_after_think_percent"].value, row["losses_after_other_percent"].value) == (100.0, 0.0)
 
 
-def test_nobody_has_a_line_of_nothing():
+def test_entrants_without_scored_flights_have_no_rows():
     nothing = small(collected(flights(a_run(), {"campus-approaching": "ee"})))
     assert measures.declarations(nothing) is None
     for table in (outcomes.failures, outcomes.drones, outcomes.commanding, setup.costs, measures.served,
@@ -337,12 +343,12 @@ def test_nobody_has_a_line_of_nothing():
     assert line(made(outcomes.main, nothing), "vision")["not_scored"].value == 2
 
 
-def test_lines_that_were_not_flown_alike_are_said_to_differ():
+def test_rows_with_different_settings_have_a_warning():
     other = a_run("runs/b", pilot="oracle", code_sha256="b" * 64, flight={"latency": "fixed:0.1"})
-    who = small(
+    data = small(
         collected(flights(a_run("runs/a"), {"campus-approaching": "s"}), flights(other, {"campus-approaching": "s"}))
     )
-    (warning,) = who.warnings()
+    (warning,) = data.warnings()
     assert re.search("code.*aaaaaaaa.*bbbbbbbb", warning)
     assert small(benchmark()).warnings() == ()
     pooled = [flights(a_run(f"runs/{k}", seed=k, clock=f"clock {k}"), {"campus-approaching": "s"}) for k in range(2)]
@@ -350,7 +356,7 @@ def test_lines_that_were_not_flown_alike_are_said_to_differ():
 
 
 class OnlyMetrics(dict[str, Any]):
-    """Values of metrics that may be asked for by the names of metrics alone."""
+    """Values of metrics. Only names of metrics are valid keys."""
 
     def get(self, key, default=None):
         assert key in METRICS, key
@@ -363,13 +369,13 @@ def test_tables_look_up_metrics_by_their_names():
     assert {mode.name for mode in report_data.MODES} == set(MODES)
 
 
-def test_what_the_host_held_up_can_be_left_out_and_is_then_nobodys():
+def test_stalled_flights_can_be_omitted_and_are_not_counted_as_unscored():
     run = a_run("runs/a", model=named("a"))
-    flown = [
+    episodes = [
         an_episode(run, "campus-approaching-01", "success", host_stalls=3),
         an_episode(run, "campus-approaching-02", "success", host_stalls=0),
         an_episode(run, "campus-approaching-03", "failure"),
     ]
-    told = line(made(outcomes.main, small(without_stalled(collected(flown)))), "vllm/a")
-    assert (told["approaching_success_percent"].count, told["approaching_success_percent"].of) == (1, 2)
-    assert told["not_scored"].value == 1
+    row = line(made(outcomes.main, small(without_stalled(collected(episodes)))), "vllm/a")
+    assert (row["approaching_success_percent"].count, row["approaching_success_percent"].of) == (1, 2)
+    assert row["not_scored"].value == 1

@@ -1,4 +1,4 @@
-"""What is written reads back as the table that it was: CSV to the last digit, Markdown and LaTeX in shape."""
+"""Written tables read back as the same table: CSV to the last digit, Markdown and LaTeX with the same columns."""
 
 import csv
 import io
@@ -31,7 +31,7 @@ from tests.report.small import made, small
 from tests.support.scores import a_run, collected, flights, named
 
 MADE = tables(small())
-WIDE = r"\setlength{\textwidth}{480pt}\setlength{\oddsidemargin}{-10pt}"  # so that nothing is made smaller
+WIDE = r"\setlength{\textwidth}{480pt}\setlength{\oddsidemargin}{-10pt}"  # wide enough that no table is scaled down
 PAPERS = {size: rf"\documentclass[{size}paper]{{article}}{WIDE}" for size in ("a4", "letter")}
 NAMES = [table.name for table in MADE]
 texts = st.text(st.characters(exclude_categories=["Cs", "Cc"]), max_size=12)
@@ -39,7 +39,7 @@ LARGEST = 1.7e308
 
 
 def cells(largest: float) -> st.SearchStrategy[TableCell]:
-    """Return cells of every kind, their numbers within these bounds."""
+    """Return cells of every kind, with numbers within these bounds."""
     return st.builds(
         TableCell,
         value=st.none() | texts | st.floats(-largest, largest) | st.integers(-9, 99),
@@ -70,12 +70,12 @@ def test_csv_holds_all_of_every_cell(table):
     blocks = [block.title for block in table.blocks for _ in block.rows]
     assert [line[0] for line in lines] == blocks
     for line, row in zip(lines, table.rows, strict=True):
-        told = dict(zip(head, line, strict=True))
+        values = dict(zip(head, line, strict=True))
         for column, cell in zip(table.columns, row.cells, strict=True):
-            assert told[column.name] == ("" if cell.value is None else str(cell.value))
+            assert values[column.name] == ("" if cell.value is None else str(cell.value))
             for field in BESIDE:
                 value = getattr(cell, field)
-                assert told.get(f"{column.name}_{field}", "") == ("" if value is None else str(value))
+                assert values.get(f"{column.name}_{field}", "") == ("" if value is None else str(value))
 
 
 def test_the_reports_csv_reads_back_as_numbers():
@@ -102,8 +102,8 @@ def test_columns_that_do_not_fit_continue_below_beside_the_names_of_their_rows()
     lines = as_terminal(table, 60).splitlines()
     assert max(map(len, lines)) <= 60
     assert sum(line.startswith("oracle") for line in lines) == sum(line.startswith("blind:ring") for line in lines) > 1
-    told = " ".join(lines).split()
-    assert all(told.count(str(number)) == 1 for number in (*range(100, 112), *range(200, 212)))
+    output_words = " ".join(lines).split()
+    assert all(output_words.count(str(number)) == 1 for number in (*range(100, 112), *range(200, 212)))
     assert any(re.fullmatch(r" +─+ Approaching ─+", line) for line in lines)
     assert len(as_terminal(table).splitlines()) == 5
 
@@ -150,7 +150,7 @@ def test_markdown_keeps_its_columns(table):
 
 
 def braces(text: str) -> int:
-    """Return how deep a text ends, read as LaTeX reads it; never below none."""
+    """Return the brace depth at the end of a text, read as LaTeX reads it. It is never negative."""
     depth = 0
     for sign in re.findall(r"\\.|[{}]", text):
         depth += {"{": 1, "}": -1}.get(sign, 0)
@@ -159,13 +159,13 @@ def braces(text: str) -> int:
 
 
 def stray(text: str) -> list[str]:
-    """Return the signs that LaTeX would take for more than themselves: outside of $…$ all, within it but _ and ^."""
-    found, formula = [], False
+    """Return the characters with a LaTeX meaning. Inside $…$, _ and ^ are allowed."""
+    characters, formula = [], False
     for sign in re.findall(r"\\(?:[a-zA-Z]+|.)|[&%#_^~$]", text):
         formula ^= sign == "$"
         if sign in "&%#~" or (sign in "_^" and not formula):
-            found.append(sign)
-    return [*found, "$"] if formula else found
+            characters.append(sign)
+    return [*characters, "$"] if formula else characters
 
 
 @settings(max_examples=40)
@@ -211,9 +211,9 @@ def test_a_line_has_a_cell_for_each_column():
 
 def nine():
     """Return the data of nine models that flew one episode of each suite: 72 pairs."""
-    flown = {"campus-approaching": "s", "blocks-commanding": "f"}
+    outcomes = {"campus-approaching": "s", "blocks-commanding": "f"}
     runs = [a_run(f"runs/m{k}", model=named(f"model-{k}")) for k in range(9)]
-    return small(collected(*(flights(run, flown) for run in runs)))
+    return small(collected(*(flights(run, outcomes) for run in runs)))
 
 
 def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
@@ -221,20 +221,20 @@ def test_a_long_table_goes_on_under_its_number_and_loses_no_line():
     assert len(table.rows) == 72
     first, *more = latex.as_latex(table).split(r"\begin{table}")[1:]
     assert len(more) == 1
-    told: list[tuple[str, ...]] = []
+    written_rows: list[tuple[str, ...]] = []
     for part in (first, *more):
         body = part.split(r"\toprule")[1].split(r"\bottomrule")[0].split(r"\midrule", 1)[1]
         lines = [line for line in body.splitlines() if line.endswith(r" \\")]
         assert len(lines) <= latex.FLOAT_LINES_MAX
         assert report_data.MODELS in lines[0]
-        told += [tuple(line.removesuffix(r" \\").split(" & ")[:3]) for line in lines[1:]]
+        written_rows += [tuple(line.removesuffix(r" \\").split(" & ")[:3]) for line in lines[1:]]
         assert (r"\label{tab:comparison}" in part) == (part is first)
         assert (r"\addtocounter{table}{-1}" in part) == (part is not first)
-    assert told == [tuple(str(cell.value) for cell in row.cells[:3]) for row in table.rows]
+    assert written_rows == [tuple(str(cell.value) for cell in row.cells[:3]) for row in table.rows]
 
 
 def typeset(preamble, body, folder):
-    """Return what pdflatex says of a document; it must come to its end."""
+    """Return the output of pdflatex for a document. It must succeed."""
     document = rf"{preamble}\usepackage{{booktabs,graphicx}}\begin{{document}}{body}\end{{document}}"
     (folder / "all.tex").write_text(document, encoding="utf-8")
     done = subprocess.run(["pdflatex", "-halt-on-error", "all.tex"], cwd=folder, capture_output=True, text=True,
@@ -245,13 +245,13 @@ def typeset(preamble, body, folder):
 
 @needs("latex")
 def test_the_tables_compile(tmp_path):
-    said = typeset(r"\documentclass{article}", "\n".join(latex.as_latex(table) for table in MADE), tmp_path)
-    assert "Overfull" not in said, said[-2000:]
+    output = typeset(r"\documentclass{article}", "\n".join(latex.as_latex(table) for table in MADE), tmp_path)
+    assert "Overfull" not in output, output[-2000:]
 
 
 @needs("latex")
 @pytest.mark.parametrize("preamble", PAPERS.values(), ids=PAPERS)
 def test_the_table_of_nine_models_fits_on_its_pages(preamble, tmp_path):
-    said = typeset(preamble, latex.as_latex(made(comparison, nine())), tmp_path)
-    assert "Overfull" not in said, said[-2000:]
-    assert "Float too large" not in said, said[-2000:]
+    output = typeset(preamble, latex.as_latex(made(comparison, nine())), tmp_path)
+    assert "Overfull" not in output, output[-2000:]
+    assert "Float too large" not in output, output[-2000:]

@@ -1,4 +1,4 @@
-"""What a design promises: balance, orthogonality, one point in each part, and the same points again."""
+"""Properties of the designs: balance, orthogonality, one point in each part, and reproducible points."""
 
 import itertools
 import math
@@ -16,7 +16,7 @@ from foundation.errors import UsageError
 LETTERS = "ABCDEFGHIJ"
 levels = st.lists(st.integers(0, 9), min_size=1, max_size=4, unique=True).map(tuple)
 axes_of_levels = st.lists(levels, min_size=1, max_size=4).map(
-    lambda each: [Axis(name=f"f{place}", levels=own) for place, own in enumerate(each)]
+    lambda drawn: [Axis(name=f"f{place}", levels=own) for place, own in enumerate(drawn)]
 )
 
 
@@ -49,7 +49,7 @@ def test_one_at_a_time_leaves_the_others_at_their_first(axes):
 
 
 @given(axes_of_levels)
-def test_of_one_factor_at_a_time_what_is_crossed_is_at_every_point(axes):
+def test_one_factor_at_a_time_has_crossed_factors_at_every_point(axes):
     agents = Axis(name="agent", levels=("paper", "steady", "own"))
     alone = [tuple(point.items()) for point in one_at_a_time(axes).points]
     made = one_at_a_time([axes[0], agents, *axes[1:]], ("agent", "pilot"))
@@ -63,9 +63,9 @@ def test_of_one_factor_at_a_time_what_is_crossed_is_at_every_point(axes):
 
 @st.composite
 def fractions(draw):
-    """Factors, and generators that make the last of them from products of two or more of the others."""
+    """Draw a number of factors, and generators that make the last ones from products of two or more of the others."""
     basic = draw(st.integers(2, 5))
-    products = [each for size in range(2, basic + 1) for each in itertools.combinations(LETTERS[:basic], size)]
+    products = [letters for size in range(2, basic + 1) for letters in itertools.combinations(LETTERS[:basic], size)]
     chosen = draw(st.lists(st.sampled_from(products), min_size=1, max_size=4, unique=True))
     signs = draw(st.lists(st.sampled_from(["", "-"]), min_size=len(chosen), max_size=len(chosen)))
     made = zip(LETTERS[basic:], signs, chosen, strict=False)
@@ -73,16 +73,16 @@ def fractions(draw):
 
 
 @given(fractions())
-@example((6, ["E = ABCD", "F = ABC"]))  # of whose two words the product is the shortest
+@example((6, ["E = ABCD", "F = ABC"]))  # the product of its two words is the shortest
 def test_a_fraction_is_balanced_and_orthogonal_up_to_its_resolution(drawn):
-    """Every column, and every two of them, have all their signs equally often; so has any set of R − 1."""
+    """Every set of at most R − 1 columns has all combinations of signs equally often."""
     count, generators = drawn
     design = fractional(two_levels(count), generators)
     signs = matrix(design)
     assert signs.shape == (2 ** (count - len(generators)), count)
     assert not signs.sum(axis=0).any()
     assert np.array_equal(signs.T @ signs, np.eye(count) * len(signs))
-    # the shortest set of columns whose product is constant is the resolution, whatever the generators say
+    # the resolution is the size of the smallest set of columns with a constant product
     shortest = next(
         size
         for size in range(1, count + 1)
@@ -113,7 +113,7 @@ def test_generators_may_name_the_factors():
     assert by_name.points[0] == {"latency": "off", "wind": "off", "frame_delay": "off", "gusts": "off"}
 
 
-def test_a_fraction_that_is_none_is_refused():
+def test_invalid_fractions_are_rejected():
     for count, generators, parts in (
         (4, [], "generators"),
         (4, ["D"], "D = ABC.*'D'"),
@@ -145,7 +145,7 @@ def test_each_part_of_a_range_has_one_point_of_a_latin_hypercube(points, seed, c
     for axis, column in zip(axes, matrix(design).T, strict=True):
         share = (np.sort(column) - axis.low) / (axis.high - axis.low) * points
         slack = 1e-3  # levels are rounded to six digits
-        assert all(place - slack <= each <= place + 1 + slack for place, each in enumerate(share))
+        assert all(place - slack <= value <= place + 1 + slack for place, value in enumerate(share))
         assert column.min() >= axis.low
         assert column.max() <= axis.high
 
@@ -159,14 +159,14 @@ def test_the_levels_of_a_factor_come_equally_often_in_a_latin_hypercube(points, 
     ]
     drawn = latin(axes, points, seed).points
     assert len(drawn) == points
-    for name, known in (("levels", own), ("n", (3, 4, 5, 6))):
+    for name, allowed in (("levels", own), ("n", (3, 4, 5, 6))):
         times = Counter(point[name] for point in drawn)
-        assert set(times) <= set(known)
-        assert max(times.values()) - min(times[level] for level in known) <= 2
-        assert all(abs(times[level] - points / len(known)) < 2 for level in known)
+        assert set(times) <= set(allowed)
+        assert max(times.values()) - min(times[level] for level in allowed) <= 2
+        assert all(abs(times[level] - points / len(allowed)) < 2 for level in allowed)
 
 
-def test_what_comes_out_the_same_is_flown_once():
+def test_equal_points_are_flown_once():
     drawn = latin([Axis(name="a", levels=("x", "y"))], 10, 1).points
     assert sorted(point["a"] for point in drawn) == ["x", "y"]
 

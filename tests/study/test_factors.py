@@ -1,4 +1,4 @@
-"""Every factor is set on a flight and on nothing else of it, within its range; and the registry says no to the rest."""
+"""Every factor sets only its own fields of a flight, within its range. The registry rejects everything else."""
 
 import re
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ NEEDS = {
     "reply_stall_length": {"reply_stall_share": 0.1},
     "wind_towards": {"wind": 4.0},
 }
-# where in a flight's JSON each factor is to be seen; the wire both ways
+# the place of each factor in a flight's JSON; a link factor has one per direction
 PLACES = {
     "pilot": ["pilot"], "model": ["pilot", "model"], "agent": ["agent"], "command": ["command"],
     "latency": ["latency"], "latency_policy": ["latency"], "rate": ["latency"], "jitter_cv": ["latency"],
@@ -56,7 +56,7 @@ def between(factor, share):
 
 def flat(value, path=""):
     if isinstance(value, dict):
-        return {k: v for key, one in value.items() for k, v in flat(one, f"{path}.{key}" if path else key).items()}
+        return {k: v for key, child in value.items() for k, v in flat(child, f"{path}.{key}" if path else key).items()}
     return {path: value}
 
 
@@ -78,11 +78,11 @@ def test_a_factor_is_set_on_its_place_and_nowhere_else():
 
 @st.composite
 def levels_twice(draw):
-    """Return two choices of levels of the same factors, some that go together."""
+    """Draw two choices of levels of the same factors. The factors are compatible."""
     wanted = draw(st.lists(st.sampled_from(list(FACTORS)), min_size=1, max_size=5, unique=True))
     names: list[str] = []
-    for name in (each for one in wanted for each in (*NEEDS.get(one, {}), one)):
-        if name not in names and FACTORS[name].sets not in {FACTORS[each].sets for each in names}:
+    for name in (needed for factor in wanted for needed in (*NEEDS.get(factor, {}), factor)):
+        if name not in names and FACTORS[name].sets not in {FACTORS[chosen].sets for chosen in names}:
             names.append(name)
     if "rate" not in names and {"latency", "latency_policy"} & {*names}:
         names = [name for name in names if not name.startswith("jitter")]
@@ -96,7 +96,7 @@ def level_of(draw, factor):
 
 
 def same_twice(name):
-    """Return an example of each factor, with whatever it wants beside it."""
+    """Return the two ends of a factor, each with the factors that it needs."""
     factor = FACTORS[name]
     ends = (factor.quantity.low, factor.quantity.high) if factor.quantity else OTHER_WORDS[name][:2]
     return tuple({**NEEDS.get(name, {}), name: factor.level(end)} for end in ends)
@@ -107,25 +107,25 @@ def same_twice(name):
 @example(({"wind": 0.0, "wind_towards": 90.0}, {"wind": 7.0, "wind_towards": 45.0}), FLIGHT)
 @example(({"frame_delay": 1.0, "frame_rate": 0.1}, {"frame_delay": 14.0, "frame_rate": 10.0}), FLIGHT)
 @example(({"rate_cap": 0.5, "reply_stall_share": 0.5}, {"rate_cap": 2.0, "reply_stall_share": 0.0}), FLIGHT)
-def test_levels_leave_nothing_of_those_before(twice, flight):
+def test_new_levels_leave_nothing_of_the_earlier_ones(twice, flight):
     check_nothing_is_left(twice, flight)
 
 
-def test_so_does_each_factor_alone():
+def test_new_levels_of_one_factor_leave_nothing_of_the_earlier_ones():
     for name in FACTORS:
         check_nothing_is_left(same_twice(name), FLIGHT)
 
 
 def check_nothing_is_left(twice, flight):
-    one, other = twice
+    first, second = twice
     try:
-        at_one, at_other = at_levels(flight, one), at_levels(flight, other)
+        at_first, at_second = at_levels(flight, first), at_levels(flight, second)
     except UsageError as contradiction:
         if not re.search("period|dusk", str(contradiction)):  # a delay and a period, the sun at dusk
             raise
         reject()
-    assert at_levels(at_one, one) == at_one
-    assert at_levels(at_one, other) == at_other
+    assert at_levels(at_first, first) == at_first
+    assert at_levels(at_first, second) == at_second
 
 
 def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond():
@@ -140,21 +140,21 @@ def test_the_ends_of_a_range_can_be_flown_and_nothing_beyond():
                 factor.level(beyond)
 
 
-def test_the_registry_states_ranges_no_wider_than_the_flight_has():
-    """What a flight refuses, the registry has refused before: no point of a design fails for its number alone."""
+def test_the_ranges_of_the_registry_are_within_those_of_the_flight():
+    """The registry refuses all numbers that a flight refuses. No point of a design fails for its number alone."""
     for factor in NUMBERS:
         for share in (0.0, 0.3, 0.7, 1.0):
             at_levels(FLIGHT, {**NEEDS.get(factor.name, {}), factor.name: between(factor, share)})
 
 
-def test_what_a_reply_takes_is_written_as_a_policy():
+def test_reply_times_are_written_as_a_policy():
     for levels, policy in (
         ({"latency": 0.25}, "fixed:0.25"),
         ({"latency": 4.0}, "fixed:4"),
         ({"rate": 2.0}, "rate:2"),
         ({"jitter_cv": 0.5}, "jitter:2,0.5"),
         ({"rate": 0.5, "jitter_cv": 0.0}, "jitter:0.5,0"),
-        ({"jitter_rho": 0.9, "jitter_cv": 1.0, "rate": 3.0}, "jitter:3,1,0.9"),  # in the registry's order, not in ours
+        ({"jitter_rho": 0.9, "jitter_cv": 1.0, "rate": 3.0}, "jitter:3,1,0.9"),  # written in the registry's order
         ({"latency_policy": "lognormal:0.5,0.6"}, "lognormal:0.5,0.6"),
         ({"reply_stall_length": 20.0, "reply_stall_share": 0.1, "latency": 1.0}, "fixed:1+stall:0.1,20"),
         ({"reply_stall_share": 0.1, "jitter_cv": 1.0, "rate_cap": 2.0}, "jitter:2,1+cap:2+stall:0.1,1"),
@@ -172,16 +172,16 @@ def test_a_wind_keeps_its_speed_wherever_it_blows(speed, towards):
     assert east == (0.0, 5.0, 0.0)
 
 
-def test_a_pilot_that_looks_is_shown_pictures():
+def test_pilots_that_look_get_pictures():
     blind = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
     for name, seen in (("oracle", False), ("vision", True)):
-        for before in (blind, at_levels(blind, {"pilot": "vision"})):  # whoever stands first in a study
+        for before in (blind, at_levels(blind, {"pilot": "vision"})):  # after any other pilot
             flight = at_levels(before, {"pilot": name})
             assert flight.simulated is not None
             assert flight.simulated.rendered is seen
 
 
-def test_what_does_not_go_together_is_told_by_its_factor():
+def test_contradictory_levels_are_rejected_with_their_factor():
     cases: list[tuple[Mapping[str, Level], str]] = [
         ({"jitter_rho": 0.5}, "jitter_rho .*0.5.* jitter_cv"),
         ({"reply_stall_length": 0.5}, "reply_stall_length .*0.5.* reply_stall_share"),
@@ -196,31 +196,31 @@ def test_what_does_not_go_together_is_told_by_its_factor():
             at_levels(FLIGHT, levels)
 
 
-def test_a_stalled_host_says_nothing_in_lockstep():
+def test_a_stalled_host_is_rejected_in_lockstep():
     lockstep = FlightSpec(pilot="oracle", simulated=Simulated(speed=None, rendered=False))
     with pytest.raises(UsageError, match=r"stall_share .*--speed"):
         at_levels(lockstep, {"stall_share": 0.1})
 
 
 @pytest.mark.parametrize("pair", [("latency", "rate"), ("rate", "latency_policy"), ("pilot", "model")])
-def test_two_factors_that_say_one_thing_are_refused(pair):
+def test_two_factors_with_the_same_meaning_are_rejected(pair):
     with pytest.raises(UsageError, match=f"{pair[0]} .*{pair[1]}"):
         check_together(list(pair))
     check_together(["rate", "jitter_cv", "jitter_rho", "wind", "wind_towards"])
 
 
-def test_a_name_that_is_none_is_told_with_the_nearest():
+def test_unknown_names_are_rejected_with_the_nearest():
     with pytest.raises(UsageError, match=r"'latancy'.*\blatency\b"):
         factor_of("latancy")
     assert factor_of("frame-delay") is FACTORS["frame_delay"]
 
 
 @given(st.floats(0.0, 300.0))
-def test_a_number_is_said_so_that_it_comes_back(number):
+def test_the_text_of_a_number_gives_the_number_back(number):
     assert float(level_text(number)) == pytest.approx(number, rel=1e-11)
 
 
-def test_words_are_those_that_there_are():
+def test_unknown_words_are_rejected():
     with pytest.raises(UsageError, match=r"command .*flat, hierarchical, solo.*'loud'"):
         FACTORS["command"].level("loud")
     with pytest.raises(UsageError, match=r"agent .*3"):

@@ -1,4 +1,4 @@
-"""A study is gone on with as what it was begun as: no flight of it is taken for done that is another one now."""
+"""A study resumes only as it began: a flight with other options does not count as done."""
 
 import re
 from dataclasses import replace
@@ -16,7 +16,7 @@ from tests.study.test_plan import BLIND, LATENCY, ORACLE, TWO, fly, planned
 
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory):
-    """A study of which everything was flown."""
+    """The folder of a study with all flights flown."""
     out = tmp_path_factory.mktemp("begun") / "s"
     assert len(fly(out, planned(flights=1))) == 6
     return out
@@ -25,7 +25,7 @@ def begun(tmp_path_factory):
 GUSTY = replace(ORACLE, disturbances=Disturbances(vehicle=VehicleFaults(gusts_w20=5.0)))
 
 
-def test_other_flights_are_told_by_what_differs_of_another_pilot_too(begun):
+def test_other_flights_are_rejected_with_their_differences_for_another_pilot_too(begun):
     for changes, parts in (
         ({"seed": 6}, "seed, 5 .* 6 .*--out"),
         ({"seconds": 20.0}, "seconds, 300.0 .* 20.0 "),
@@ -33,30 +33,30 @@ def test_other_flights_are_told_by_what_differs_of_another_pilot_too(begun):
         ({"disturbances": GUSTY.disturbances}, "disturbances.vehicle.gusts_w20, 0.0 .* 5.0 "),
     ):
         for pilot in ("oracle", "blind"):
-            flown = replace(ORACLE if pilot == "oracle" else BLIND, **changes)
+            spec = replace(ORACLE if pilot == "oracle" else BLIND, **changes)
             with pytest.raises(UsageError) as no:
-                folder.merge_earlier_runs(begun, planned(pilots=[(pilot, flown)], flights=1))
+                folder.merge_earlier_runs(begun, planned(pilots=[(pilot, spec)], flights=1))
             assert re.search(parts, str(no.value)), (pilot, changes)
             assert str(no.value).startswith(f"{begun / 'oracle-latency-0-f1'} "), (pilot, changes)
 
 
-def test_it_goes_on_as_it_was_and_with_other_pilots_and_more_flights(begun):
+def test_a_study_resumes_unchanged_or_with_other_pilots_or_more_flights(begun):
     for made in (planned(flights=1), planned(flights=2), planned(pilots=[("ring", BLIND)], flights=1)):
         folder.merge_earlier_runs(begun, made)
     vision = replace(BLIND, pilot="vision", simulated=Simulated(speed=None, rendered=True))
     assert len(folder.merge_earlier_runs(begun, planned(pilots=[("vision", vision)], flights=1)).runs) == 6
 
 
-def test_a_run_of_the_same_name_at_other_levels_is_another_one(begun, tmp_path):
+def test_a_run_of_the_same_name_at_other_levels_is_refused(begun, tmp_path):
     study = folder.read(begun)
-    one, *others = study.runs
-    folder.write(tmp_path, replace(study, runs=(replace(one, levels={"latency": 2.0}), *others)))
+    first, *others = study.runs
+    folder.write(tmp_path, replace(study, runs=(replace(first, levels={"latency": 2.0}), *others)))
     (tmp_path / "bench.json").write_bytes((begun / "bench.json").read_bytes())
     with pytest.raises(UsageError, match=r"oracle-latency-0-f1 .* levels .*oracle-latency-0-f1 .*--out"):
         folder.merge_earlier_runs(tmp_path, planned(flights=1))
 
 
-def test_nothing_is_flown_or_written_of_a_study_that_is_refused(begun):
+def test_a_refused_study_flies_and_writes_nothing(begun):
     before = {path: path.read_bytes() for path in begun.rglob("*.json")}
     made = planned((LATENCY,), [("blind", replace(BLIND, seed=6))], flights=1)
     with pytest.raises(UsageError, match=r"seed, 5 .* 6 "):

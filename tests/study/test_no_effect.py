@@ -1,4 +1,4 @@
-"""A factor that says nothing of any flight is refused before one is flown, and no other is."""
+"""A factor without an effect on any flight is refused before the first flight. No other factor is refused."""
 
 import pytest
 
@@ -22,7 +22,7 @@ def check(varied, held=None, made=design.full):
     )  # fmt: skip
 
 
-def test_what_says_nothing_is_told_with_its_reason():
+def test_factors_without_an_effect_are_rejected_with_a_reason():
     for varied, held, parts in (
         ({"wind_towards": [0.0, 90.0]}, {"wind": 0.0}, "wind_towards .* wind .*0 "),
         ({"latency": [0.0, 1.0]}, {"wind": 0.0, "wind_towards": 9.0}, "wind_towards at 9 .* wind .*0 "),
@@ -38,25 +38,25 @@ def test_what_says_nothing_is_told_with_its_reason():
             check(varied, held)
 
 
-def test_where_only_one_factor_moves_at_a_time_what_it_refines_is_at_its_first_level():
+def test_one_factor_at_a_time_keeps_the_refined_factor_at_its_first_level():
     turning = {"wind": [0.0, 6.0], "wind_towards": [0.0, 90.0]}
     with pytest.raises(UsageError, match=r"wind_towards .*levels.* wind .*0 "):
         check(turning, made=design.one_at_a_time)
     check({**turning, "wind": [6.0, 0.0]}, made=design.one_at_a_time)
-    check(turning)  # of all combinations some have a wind that is turned
+    check(turning)  # some combinations have a wind with a direction
 
 
-def test_a_cap_that_holds_nothing_back_is_what_the_others_are_compared_with():
+def test_a_rate_cap_without_effect_is_accepted_beside_others():
     check({"rate_cap": [0.1, 1.0, 4.0]}, {"rate": 1.0})
 
 
-def test_what_says_something_is_flown():
-    """Alone, or beside what it refines: at any of its levels, pictures and wires of a pilot that looks at none too."""
+def test_factors_with_an_effect_are_accepted():
+    """Alone or with the factor that it refines, at any level. Camera and link factors too, for a blind pilot."""
     for name in [name for name, factor in FACTORS.items() if factor.quantity]:
         needs = {**NEEDS.get(name, {}), **({"stall_share": 0.1} if name == "stall_length" else {})}
         needs |= {"rate": 2.0} if name.startswith("jitter") else {"latency": 0.0} if name == "rate_cap" else {}
         check({name: [between(FACTORS[name], share) for share in (0.125, 0.25, 0.5)]}, needs)
 
 
-def test_nothing_is_no_study():
+def test_an_empty_design_is_accepted():
     check_effects(REAL_TIME, (), {})

@@ -1,4 +1,4 @@
-"""The page of the studies says what the registry says, and its example is a study."""
+"""docs/studies.md agrees with the registry, and its example is a study."""
 
 import re
 from pathlib import Path
@@ -17,22 +17,22 @@ PAGE = Path(__file__).parents[2] / "docs" / "studies.md"
 def test_the_tables_are_made_from_the_declarations(name):
     page = (PAGE.parent / name).read_text(encoding="utf-8")
     assert filled(page, tables(name)) == page, "run `make studies`"
-    assert name != "studies.md" or all(f"| `{each}` |" in page for each in FACTORS)
+    assert name != "studies.md" or all(f"| `{factor}` |" in page for factor in FACTORS)
 
 
 def test_the_example_is_a_study(tmp_path):
     code = re.search(r"```toml\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     assert code
     (tmp_path / "my-study.toml").write_text(code[1], encoding="utf-8")
-    asked = study_spec.of_file(parse(["study", "run", str(tmp_path / "my-study.toml")]))
-    assert len(asked.plan.study.factors) >= 3
-    assert asked.plan.entries
+    spec = study_spec.of_file(parse(["study", "run", str(tmp_path / "my-study.toml")]))
+    assert len(spec.plan.study.factors) >= 3
+    assert spec.plan.entries
 
 
 @pytest.mark.parametrize("file", sorted((PAGE.parent / "studies").glob("*.toml")), ids=lambda path: path.stem)
-def test_what_was_studied_can_be_asked_for_again(file):
-    asked = study_spec.of_file(parse(["study", "run", str(file)]))
-    assert asked.plan.study.name == file.stem
+def test_the_published_studies_can_be_loaded(file):
+    spec = study_spec.of_file(parse(["study", "run", str(file)]))
+    assert spec.plan.study.name == file.stem
     assert (file.parent / file.stem / "report.md").exists()
 
 

@@ -1,4 +1,4 @@
-"""A plan is paired: the same seed at every level, and the levels of a pair one after another; and it is flown so."""
+"""A plan is paired: the same seed at every level, and the levels of a pair one after another, also in flight."""
 
 import json
 
@@ -29,7 +29,7 @@ def planned(axes=(LATENCY,), pilots=(("oracle", ORACLE),), flights=2, episodes=T
 
 
 def fly(out, made, script=lambda sortie, time: MOVED, jobs=1):
-    """Fly what is left; return what was flown, RUN/EPISODE in the order in which it began."""
+    """Fly the remaining flights; return them as RUN/EPISODE in the order of their start."""
     bench = Bench(
         out, suite_of(TWO, ()), made.entries, retry=False,
         first=lambda: folder.write(out, folder.merge_earlier_runs(out, made)),
@@ -43,9 +43,9 @@ def fly(out, made, script=lambda sortie, time: MOVED, jobs=1):
 
 
 def pair_of(made, name):
-    """Return the (pilot, number of the flight) of a run."""
-    entry = next(each for each in made.entries if each.name == name)
-    run = next(each for each in made.study.runs if each.name == name)
+    """Return the pilot and the flight number of a run."""
+    entry = next(candidate for candidate in made.entries if candidate.name == name)
+    run = next(candidate for candidate in made.study.runs if candidate.name == name)
     return entry.flight.pilot, run.flight_number
 
 
@@ -59,21 +59,21 @@ def test_the_seeds_are_paired(flights, latencies, winds, seed):
     for entry, run in zip(made.entries, made.study.runs, strict=True):
         assert entry.name == run.name
         seeds.setdefault((entry.flight.pilot, run.flight_number), set()).add(entry.flight.seed)
-    assert all(len(each) == 1 for each in seeds.values())
+    assert all(len(paired) == 1 for paired in seeds.values())
     assert [seeds["oracle", number] for number in range(1, flights + 1)] == [{seed + k} for k in range(flights)]
 
 
-def test_wherever_it_stops_it_is_paired_but_for_the_pair_in_the_air(tmp_path):
+def test_flights_are_paired_at_any_stop_except_for_the_pair_in_the_air(tmp_path):
     made = planned(pilots=[("oracle", ORACLE), ("ring", BLIND)])
-    flown = [(*pair_of(made, name.split("/")[0]), name.split("/")[1]) for name in fly(tmp_path / "s", made)]
-    assert len(flown) == 3 * 2 * 2 * 2
-    groups = [flown[place : place + 3] for place in range(0, len(flown), 3)]
+    flights = [(*pair_of(made, name.split("/")[0]), name.split("/")[1]) for name in fly(tmp_path / "s", made)]
+    assert len(flights) == 3 * 2 * 2 * 2
+    groups = [flights[place : place + 3] for place in range(0, len(flights), 3)]
     assert all(len(set(group)) == 1 for group in groups)  # three levels of one pair, then the next
     assert len({group[0] for group in groups}) == len(groups)
-    assert [group[0][1] for group in groups] == [1] * 4 + [2] * 4  # and all first flights before a second
+    assert [group[0][1] for group in groups] == [1] * 4 + [2] * 4  # all first flights before a second
 
 
-def test_what_is_left_is_flown_in_the_same_order(tmp_path):
+def test_remaining_flights_are_flown_in_the_same_order(tmp_path):
     made = planned(flights=1)
 
     class KilledError(Exception):
@@ -89,11 +89,11 @@ def test_what_is_left_is_flown_in_the_same_order(tmp_path):
 
     with pytest.raises(KilledError):
         fly(tmp_path / "s", made, script)
-    assert begun[:2] + fly(tmp_path / "s", made) == [f"{e.name}/{each}" for each in TWO for e in made.entries]
+    assert begun[:2] + fly(tmp_path / "s", made) == [f"{e.name}/{episode}" for episode in TWO for e in made.entries]
     assert fly(tmp_path / "s", made) == []
 
 
-def test_what_does_not_move_is_not_flown_again(tmp_path):
+def test_stuck_flights_are_not_flown_again(tmp_path):
     made = planned(flights=1)
     assert len(fly(tmp_path / "s", made, lambda sortie, time: STUCK)) == 6
     assert fly(tmp_path / "s", made) == []
@@ -104,9 +104,12 @@ def test_a_refused_resume_leaves_the_folder_as_it_was(tmp_path):
     fly(out, planned(flights=1))
     before = contents(out)
     other = FlightSpec(pilot="oracle", simulated=ORACLE.simulated, seed=9)
-    for asked in (planned(pilots=[("oracle", other)], flights=3), planned(pilots=[("ring", BLIND), ("oracle", other)])):
+    for changed_plan in (
+        planned(pilots=[("oracle", other)], flights=3),
+        planned(pilots=[("ring", BLIND), ("oracle", other)]),
+    ):
         with pytest.raises(UsageError, match=r"oracle-latency-0-f1 .*seed"):
-            fly(out, asked)
+            fly(out, changed_plan)
         assert contents(out) == before
     assert len(fly(out, planned(pilots=[("oracle", ORACLE), ("ring", BLIND)], flights=1))) == 6
 
@@ -115,7 +118,7 @@ def contents(folder):
     return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_resume_that_is_killed_while_it_opens_is_gone_on_with(tmp_path, monkeypatch):
+def test_a_resume_killed_while_it_opens_can_be_resumed(tmp_path, monkeypatch):
     class KilledError(BaseException):
         pass
 
@@ -135,7 +138,7 @@ def test_a_resume_that_is_killed_while_it_opens_is_gone_on_with(tmp_path, monkey
     assert len(fly(tmp_path / "fresh", planned(flights=2))) == 12
 
 
-def test_a_folder_tells_who_the_levels_and_the_number():
+def test_a_run_name_has_the_pilot_the_levels_and_the_number():
     made = planned((LATENCY, WIND), flights=1)
     assert [run.name for run in made.study.runs][:3] == [
         "oracle-latency-0-wind-0-f1", "oracle-latency-0-wind-6-f1", "oracle-latency-0.5-wind-0-f1",
@@ -146,9 +149,9 @@ def test_a_folder_tells_who_the_levels_and_the_number():
     assert [run.name for run in waver.study.runs] == ["oracle-jitter-rho-minus-0.5-f1", "oracle-jitter-rho-0.5-f1"]
 
 
-def test_levels_that_no_folder_can_tell_are_numbered():
+def test_levels_without_a_distinct_name_are_numbered():
     awkward = Design(description="by hand", points=({"latency_policy": "fixed:1"}, {"latency_policy": "fixed-1"}))
-    with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # which is none; the names were settled before
+    with pytest.raises(UsageError, match=r"latency_policy .*fixed-1"):  # not a policy; run names come first
         plan("mine", [("oracle", ORACLE)], suite_of(TWO, ()), awkward, held={}, flights=1)
     alike = Design(
         description="by hand", points=({"latency_policy": "lognormal:1,1"}, {"latency_policy": "lognormal:1,1.0"})
@@ -174,7 +177,7 @@ def test_the_same_recorded_latencies_are_one_level(tmp_path):
     assert held.entries[0].flight.latency.trace == (0.5,)
 
 
-def test_what_is_held_is_in_every_flight_and_in_no_level():
+def test_held_levels_are_in_every_flight_and_in_no_run_level():
     made = planned(held={"wind": 3.0}, flights=1)
     assert {entry.flight.disturbances.vehicle.wind_ned for entry in made.entries} == {(3.0, 0.0, 0.0)}
     assert made.study.held == {"wind": 3.0}
@@ -206,22 +209,24 @@ def test_a_study_grows_by_flights_and_pilots(tmp_path):
     more = folder.merge_earlier_runs(tmp_path, planned(pilots=[("ring", BLIND)], flights=2))
     assert more.flights == 2
     assert {run.name for run in more.runs} == {
-        f"{who}-latency-{level}-f{number}"
-        for who, last in (("oracle", 1), ("ring", 2)) for level in ("0", "0.5", "2") for number in range(1, last + 1)
+        f"{pilot}-latency-{level}-f{number}"
+        for pilot, last in (("oracle", 1), ("ring", 2)) for level in ("0", "0.5", "2") for number in range(1, last + 1)
     }  # fmt: skip
     folder.write(tmp_path, more)
     assert folder.merge_earlier_runs(tmp_path, planned(flights=1)).flights == 2
 
 
-def test_a_pilot_with_a_long_name_renames_nobody(tmp_path):
+def test_a_pilot_with_a_long_name_renames_no_other_run(tmp_path):
     names = ("frame_delay", "link_delay", "link_jitter", "frame_drop", "frame_stale")
     axes = [Axis(name=name, levels=(0.125, 0.875)) for name in names]
-    one = planned(axes, flights=1)
-    two = planned(axes, pilots=[("oracle", ORACLE), ("a-model-with-a-long-name-instruct-2507-fp8", BLIND)], flights=1)
-    assert [each.name for each in two.entries[:32]] == [each.name for each in one.entries]
-    assert two.entries[32].name == "a-model-with-a-long-name-instruct-2507-fp8-point-01-f1"
-    folder.write(tmp_path, one.study)
-    assert len(folder.merge_earlier_runs(tmp_path, two).runs) == 64
+    first = planned(axes, flights=1)
+    second = planned(
+        axes, pilots=[("oracle", ORACLE), ("a-model-with-a-long-name-instruct-2507-fp8", BLIND)], flights=1
+    )
+    assert [entry.name for entry in second.entries[:32]] == [entry.name for entry in first.entries]
+    assert second.entries[32].name == "a-model-with-a-long-name-instruct-2507-fp8-point-01-f1"
+    folder.write(tmp_path, first.study)
+    assert len(folder.merge_earlier_runs(tmp_path, second).runs) == 64
 
 
 def test_the_folder_of_another_study_is_refused(tmp_path):
@@ -238,7 +243,7 @@ def test_the_folder_of_another_study_is_refused(tmp_path):
         folder.merge_earlier_runs(tmp_path / "b", planned())
 
 
-def test_levels_that_are_none_are_told_in_a_sentence(tmp_path):
+def test_invalid_levels_are_reported_in_one_sentence(tmp_path):
     for changes, parts in (
         ({"factors": [{"name": "wind", "unit": "m/s", "levels": []}]}, "wind .*level"),
         ({"factors": [{"name": "wind", "unit": "m/s", "levels": ["low", "high"]}]}, "wind .*0 to 30 .*'low'"),
@@ -248,24 +253,24 @@ def test_levels_that_are_none_are_told_in_a_sentence(tmp_path):
         ({"runs": [{"name": "a", "levels": {"wind": 3}, "flight_number": 1}]}, "a: wind 3.0 "),
     ):
         folder.write(tmp_path, planned([WIND]).study)
-        told = json.loads((tmp_path / "study.json").read_text())
-        (tmp_path / "study.json").write_text(json.dumps({**told, **changes}))
+        document = json.loads((tmp_path / "study.json").read_text())
+        (tmp_path / "study.json").write_text(json.dumps({**document, **changes}))
         with pytest.raises(UsageError, match=rf"study\.json: {parts}") as no:
             folder.read(tmp_path)
         assert "\n" not in str(no.value), changes
         assert main(["study", "report", str(tmp_path)]) == 2, changes
 
 
-def test_what_is_no_study_is_told_in_a_sentence(tmp_path):
+def test_invalid_study_files_are_reported_in_one_sentence(tmp_path):
     for text in ("", "[]", "{", '{"schema": 1}', '{"schema": 2, "name": "x"}'):
         (tmp_path / "study.json").write_text(text)
-        with pytest.raises(UsageError, match=r"study\.json") as told:
+        with pytest.raises(UsageError, match=r"study\.json") as raised:
             folder.read(tmp_path)
-        assert "\n" not in str(told.value), text
+        assert "\n" not in str(raised.value), text
 
 
-def test_a_benchmark_does_not_take_what_is_no_study(tmp_path):
-    """A study.json may stand there when bench.json does not yet: a kill between the two is gone on after."""
+def test_a_folder_of_something_else_is_refused(tmp_path):
+    """A study.json may exist without a bench.json: a study killed between the two writes resumes."""
     made = planned(flights=1)
     folder.write(tmp_path / "s", made.study)
     assert len(fly(tmp_path / "s", made)) == 6

@@ -1,4 +1,4 @@
-"""A pytest plugin: real browsers without a window, one of each kind a session."""
+"""A pytest plugin: headless real browsers, one of each kind a session."""
 
 import shutil
 from collections.abc import Iterator
@@ -19,22 +19,22 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-# what draws without a graphics card
+# draws without a graphics card
 SOFTWARE = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--window-size=1300,800")
-# every name leads nowhere, and what is left goes to a proxy that nobody runs
+# every name leads nowhere; other requests go to a proxy that does not run
 NO_NETWORK = ("--host-resolver-rules=MAP * ~NOTFOUND", "--proxy-server=127.0.0.1:9")
 
 
 @contextmanager
 def chromium(profile: Path, *flags: str) -> Iterator[Any]:
     """Yield a driver of a headless Chromium with a profile of its own; without one the test is skipped."""
-    found = needs.chromium()
-    if found is None:
+    binary = needs.chromium()
+    if binary is None:
         pytest.skip(needs.reason("browser"))
     from selenium import webdriver
 
     options = webdriver.ChromeOptions()
-    options.binary_location = found
+    options.binary_location = binary
     for flag in (*FLAGS, *flags, f"--user-data-dir={profile}"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
@@ -54,10 +54,10 @@ def drawing_chromium(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def browser(drawing_chromium: Any) -> Iterator[Any]:
-    """Return that browser, and leave its page afterwards: one that stays open goes on drawing, and takes a core."""
+    """Yield that browser and leave its page afterwards: an open page goes on drawing and takes a core."""
     yield drawing_chromium
     drawing_chromium.get("about:blank")
-    drawing_chromium.get_log("browser")  # what the page said when its server ended is none of the next module's
+    drawing_chromium.get_log("browser")  # the page's messages at its server's end are not the next module's
 
 
 @pytest.fixture(scope="session")

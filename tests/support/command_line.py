@@ -1,4 +1,4 @@
-"""The program as a user starts it, and the object that it prints last."""
+"""The program as a user starts it, and the last object of its output."""
 
 import json
 import sys
@@ -8,6 +8,6 @@ DRONECATS = (sys.executable, "-m", "dronecats.cli.main")
 
 
 def last_object(output: str) -> dict[str, Any]:
-    """Return the JSON object on the last line of what a command printed, as `--json` prints its result."""
-    found: dict[str, Any] = json.loads(output.splitlines()[-1])
-    return found
+    """Return the JSON object on the last line of a command's output, as `--json` prints its result."""
+    document: dict[str, Any] = json.loads(output.splitlines()[-1])
+    return document

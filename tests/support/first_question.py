@@ -1,4 +1,4 @@
-"""The small question that a model is asked before take-off, answered apart from those of the flight."""
+"""The small question to a model before take-off, answered separately from those of the flight."""
 
 from collections.abc import Callable
 
@@ -25,5 +25,5 @@ def after_first_question(pilot: Pilot) -> Pilot:
 def opened_without_pauses(
     spec: ModelSpec, patience: RetryPolicy | None = None, limiters: Limiters | None = None
 ) -> HttpModel:
-    """Open a model as `open_model` does, but retry without a pause, whatever patience is asked for."""
+    """Open a model as `open_model` does, but retry without a pause, for any requested patience."""
     return open_model(spec, RetryPolicy(pause_s=0.0), limiters)

@@ -1,4 +1,4 @@
-"""Flights in this process, by the command that a user types."""
+"""Flights in this process, by the same command as a user's."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +18,7 @@ def fly_simulated(capsys, out: Path, *arguments: str) -> tuple[dict[str, Any], P
 
 
 def fly_beginning(out: Path, seconds: float, *arguments: str) -> Path:
-    """Fly the first seconds of the flight that the command with these arguments flies; return its folder."""
+    """Fly the first seconds of the flight of the command with these arguments; return its folder."""
     spec = replace(spec_of(parse(["fly", "--sitl", "--speed", "max", *arguments])), seconds=seconds, full=True)
     result = fly(spec, out, lambda line: None)
     assert result["status"] == 0, result["error"]

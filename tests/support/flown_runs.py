@@ -1,4 +1,4 @@
-"""A pytest plugin: runs that the tests of a session share, and flights without the picture that sums them up."""
+"""A pytest plugin: runs that the tests of a session share, and flights without their summary picture."""
 
 import fcntl
 import hashlib
@@ -33,7 +33,7 @@ MOVING_S = 6.0  # s
 
 @pytest.fixture(scope="session")
 def fly_once(tmp_path_factory: pytest.TempPathFactory) -> FlyOnce:
-    """Return a function that flies specs into one run folder, once for all tests and workers that ask for the same."""
+    """Return a function that flies specs into one run folder, once for all tests and workers that request the same."""
     base = tmp_path_factory.getbasetemp()
     shared = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "flown"
     shared.mkdir(exist_ok=True)
@@ -48,9 +48,9 @@ def fly_once(tmp_path_factory: pytest.TempPathFactory) -> FlyOnce:
             fcntl.flock(turn, fcntl.LOCK_EX)  # released when the file is closed
             if not results.exists():
                 shutil.rmtree(folder, ignore_errors=True)
-                flown = [fly(spec, folder, lambda line: None) for spec in specs]
-                assert all(result["status"] == 0 for result in flown), flown
-                results.write_text(json.dumps(flown))
+                flights = [fly(spec, folder, lambda line: None) for spec in specs]
+                assert all(result["status"] == 0 for result in flights), flights
+                results.write_text(json.dumps(flights))
         return FlownOnce(folder, json.loads(results.read_text()))
 
     return fly_once

@@ -1,4 +1,4 @@
-"""The logs of a run folder, read without the reader that is tested with them."""
+"""The logs of a run folder, read independently of the tested reader."""
 
 import json
 from pathlib import Path
@@ -6,6 +6,6 @@ from typing import Any
 
 
 def rows(path: Path, kind: str | None = None) -> list[dict[str, Any]]:
-    """Return the objects of a file of JSON lines; of one kind, where one is named."""
-    found = [json.loads(line) for line in Path(path).read_text(encoding="utf-8").splitlines()]
-    return [row for row in found if kind is None or row["kind"] == kind]
+    """Return the objects of a file of JSON lines, optionally of one kind."""
+    objects = [json.loads(line) for line in Path(path).read_text(encoding="utf-8").splitlines()]
+    return [row for row in objects if kind is None or row["kind"] == kind]

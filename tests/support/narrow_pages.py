@@ -1,4 +1,4 @@
-"""What a page with wide tables is on a phone, in a real browser."""
+"""Checks of a page with wide tables on a phone, in a real browser."""
 
 from typing import Any
 
@@ -30,15 +30,15 @@ def sized(driver: Any, size: dict[str, Any]) -> None:
 
 
 def wider_than_shown(driver: Any) -> list[int]:
-    """Unfold everything, and return the numbers of the tables of which a part is to be scrolled to."""
-    found: list[int] = driver.execute_script(HIDDEN)
-    return found
+    """Unfold everything, and return the numbers of the tables that need scrolling."""
+    widths: list[int] = driver.execute_script(HIDDEN)
+    return widths
 
 
 def row_heads_out_of_sight(driver: Any, number: int) -> list[str]:
-    """Return the heads of a table's rows that are not to be seen once the table is scrolled to its end."""
-    found: list[str] = driver.execute_script(COVERED, number)
-    return found
+    """Return the heads of a table's rows that are out of sight once the table is scrolled to its end."""
+    rows: list[str] = driver.execute_script(COVERED, number)
+    return rows
 
 
 def right_edge_is_darker(driver: Any, number: int, *, at_end: bool) -> bool:
@@ -50,7 +50,7 @@ def right_edge_is_darker(driver: Any, number: int, *, at_end: bool) -> bool:
 
 
 def assert_rows_can_be_read_while_scrolling(driver: Any) -> None:
-    """Of a table that is wider than the window, the first column stays in sight, and a shadow shows that it goes on."""
+    """Assert that a table wider than the window keeps its first column in sight, and that a shadow shows the rest."""
     wide = wider_than_shown(driver)
     assert wide
     for number in wide:

@@ -1,4 +1,4 @@
-"""Logs as a PX4 in our physics writes them on board, made of a flight's own tlog."""
+"""Onboard logs as a PX4 in our physics writes them, made from a flight's own tlog."""
 
 from collections.abc import Sequence
 from pathlib import Path

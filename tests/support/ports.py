@@ -1,17 +1,17 @@
-"""Ports that nobody holds just now, for programs that must be told one."""
+"""Free ports, for programs that need a port number."""
 
 import socket
 
 
 def free_port(kind: socket.SocketKind = socket.SOCK_DGRAM) -> int:
-    """Return a port of the loopback interface that the system has just given and got back: UDP, unless told."""
+    """Return a free port of the loopback interface: UDP by default. The system has just assigned and released it."""
     with socket.socket(socket.AF_INET, kind) as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def free_instance() -> int:
-    """Return an instance of PX4 whose ports nobody holds just now."""
+    """Return an instance of PX4 with free ports."""
     from dronecats.flight.sitl.px4 import free_servers  # imports the flight core
     from hil.simulator import PORT
 

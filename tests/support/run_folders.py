@@ -1,4 +1,4 @@
-"""Run folders as a flight leaves them, made up: a drone flies north, stride by stride, to what stands there."""
+"""Synthetic run folders as a flight leaves them: a drone flies north, stride by stride, to its target."""
 
 import json
 import math
@@ -32,12 +32,12 @@ def run_folder(
     steps: int = 6,
     period_s: float = PERIOD_S,
     pictures: bool = True,
-    told: str | None = None,
+    reply_text: str | None = None,
     **configuration: Any,
 ) -> Path:
     """Write a run of `episodes` (name → instruction), each of as many steps, declared at the last; return its folder.
 
-    `told` stands in the place of every reply, whatever the action was.
+    `reply_text` replaces every reply, whatever the action is.
     """
     folder.mkdir(parents=True)
     flight = {"pilot": None if model else pilot, "model": model, "seed": seed, "command": "flat",
@@ -46,7 +46,13 @@ def run_folder(
     (folder / layout.RUN).write_text(json.dumps(about))
     for name, instruction in episodes.items():
         episode_folder(
-            folder / name, instruction, drones=drones, steps=steps, period_s=period_s, pictures=pictures, told=told
+            folder / name,
+            instruction,
+            drones=drones,
+            steps=steps,
+            period_s=period_s,
+            pictures=pictures,
+            reply_text=reply_text,
         )
     return folder
 
@@ -59,7 +65,7 @@ def episode_folder(
     steps: int = 6,
     period_s: float = PERIOD_S,
     pictures: bool = True,
-    told: str | None = None,
+    reply_text: str | None = None,
 ) -> None:
     """Write the folder of one episode, its name MAP-CELL-NUMBER."""
     folder.mkdir(parents=True)
@@ -79,7 +85,7 @@ def episode_folder(
         prompts.write("pilot", 0, step, 0.1 + step * period_s, ids, labels(drones), text)
         t = round(0.1 + step * period_s, 2)
         actions = [action(step, drone, steps) for drone in range(drones)]
-        reply = told if told is not None else json.dumps(actions if drones > 1 else actions[0])
+        reply = reply_text if reply_text is not None else json.dumps(actions if drones > 1 else actions[0])
         for drone, what in enumerate(actions):
             histories[drone].append(action_from(what))
             frame_id = step * drones + drone
@@ -103,7 +109,7 @@ def episode_folder(
 
 
 def action(step: int, drone: int, steps: int) -> dict[str, Any]:
-    """Return what a drone does: goes and turns, and declares at the end; the others of a fleet think then."""
+    """Return a drone's action: goes and turns, then a declaration; the others of a fleet think then."""
     if step == steps - 1:
         return {"action": "think" if drone else "finished"}
     if step == 1:
@@ -112,14 +118,14 @@ def action(step: int, drone: int, steps: int) -> dict[str, Any]:
 
 
 def measured(t: float, drone: int) -> dict[str, Any]:
-    """Return where a drone is at a time, and how far from the target."""
+    """Return a drone's position at a time, and its distance from the target."""
     place = (min(17.0, 1.3 * t), 2.0 * drone, -2.0)
     return {"t": t, "drone": drone, "position_ned": place, "yaw_deg": 5.0, "target_ned": TARGET,
             "distance_m": round(math.dist(place, TARGET), 4), "visible": True}  # fmt: skip
 
 
 def picture(path: Path, number: int) -> None:
-    """Write a JPEG that no other number has."""
+    """Write a JPEG that differs for every number."""
     rows = np.random.default_rng(number).integers(60, 200, (9, 16, 3), np.uint8)
     cv2.imwrite(str(path), cv2.resize(rows, (320, 180), interpolation=cv2.INTER_CUBIC))
 

@@ -1,4 +1,4 @@
-"""Runs and scored episodes as values, made up for tests."""
+"""Runs and scored episodes as values, made for tests."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -33,10 +33,10 @@ def a_run(
     flight: Mapping[str, Any] | None = None,
     **configuration: Any,
 ) -> RecordedRun:
-    """Return a run that flew nothing yet; a model of the name `model` in the place of the pilot."""
-    asked = {"pilot": None if model else pilot, "model": model, "seed": seed, "command": "flat",
+    """Return a run without flights; a model of the name `model` replaces the pilot."""
+    flight_fields = {"pilot": None if model else pilot, "model": model, "seed": seed, "command": "flat",
              "latency": "fixed:0.5", "parser": "strict", "replay": None, "accounts": {}, **(flight or {})}  # fmt: skip
-    return RecordedRun(folder=Path(name), configuration={**TOLD, "flight": asked, **configuration}, episodes=())
+    return RecordedRun(folder=Path(name), configuration={**TOLD, "flight": flight_fields, **configuration}, episodes=())
 
 
 def named(name: str, **fields: Any) -> dict[str, Any]:
@@ -45,12 +45,12 @@ def named(name: str, **fields: Any) -> dict[str, Any]:
 
 
 def an_episode(run: RecordedRun, name: str, outcome: str = "failure", **fields: Any) -> ScoredEpisode:
-    """Return a flight of the episode MAP-CELL-NUMBER. What a scored episode has not is of its verdict."""
+    """Return a flight of the episode MAP-CELL-NUMBER. Fields outside a scored episode belong to its verdict."""
     place, _, rest = name.partition("-")
     verdict = {key: fields.pop(key) for key in list(fields.keys() - ScoredEpisode.__dataclass_fields__)}
     success = outcome == "success"
-    told: dict[str, MetricValue] = {"success": success, "declared": success, "oracle_success": success}
-    told |= fields.pop("values", {})
+    values: dict[str, MetricValue] = {"success": success, "declared": success, "oracle_success": success}
+    values |= fields.pop("values", {})
     return ScoredEpisode(
         run=run,
         folder=run.folder / name,
@@ -58,14 +58,14 @@ def an_episode(run: RecordedRun, name: str, outcome: str = "failure", **fields: 
         map=place,
         cell=rest.rpartition("-")[0],
         verdict=replace(NO_VERDICT, **{"outcome": outcome, "success": success, "error": None, **verdict}),
-        values=told if outcome in ("success", "failure") else {},
+        values=values if outcome in ("success", "failure") else {},
         error=None if outcome in ("success", "failure") else "it broke",
         **{"record_sha256": "0" * 64, **fields},
     )
 
 
 def flights(run: RecordedRun, outcomes: Mapping[str, str], **fields: Any) -> list[ScoredEpisode]:
-    """Return an episode for each of `outcomes`, its name to a string of s (success), f (failure) and e (error)."""
+    """Return an episode for each of `outcomes`, a string of s (success), f (failure) and e (error)."""
     word = {"s": "success", "f": "failure", "e": "error"}
     return [
         an_episode(run, f"{group}-{number:02}", word[letter], **fields)
@@ -75,7 +75,7 @@ def flights(run: RecordedRun, outcomes: Mapping[str, str], **fields: Any) -> lis
 
 
 def collected(*episodes: Sequence[ScoredEpisode]) -> Collection:
-    """Return the collection of these flights, their runs in the order in which they are met."""
+    """Return the collection of these flights, their runs in order of first appearance."""
     every = [each for some in episodes for each in some]
     runs = list({each.run.folder: each.run for each in every}.values())
     return Collection(runs=tuple(runs), episodes=tuple(every))

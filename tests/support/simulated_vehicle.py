@@ -1,4 +1,4 @@
-"""A simulated vehicle in a process of its own, as links and clients of the tests meet it."""
+"""A simulated vehicle in a process of its own, for links and clients of the tests."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ EPISODE = "residential-approaching-01"
 def start_vehicle(
     supervisor: Supervisor, speed: float = 1.0, state_dir: Path | None = None, airframe: str = AIRFRAME
 ) -> dict[str, Any]:
-    """Start a vehicle where `EPISODE` puts it, `speed` times as fast as the wall clock; return its ports by name.
+    """Start a vehicle at the start of `EPISODE`, `speed` times as fast as the wall clock; return its ports by name.
 
     `state_dir` keeps its parameters, plans, logs and clients' files; None: nothing is kept.
     """
@@ -26,7 +26,7 @@ def start_vehicle(
 
 @contextmanager
 def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]:
-    """Give the port of such a vehicle and the URL of its camera, both of which know nothing of who flies."""
+    """Yield the port of such a vehicle and the URL of its camera. Both work with any pilot."""
     supervisor = Supervisor(folder)
     try:
         ports = start_vehicle(supervisor, speed)
@@ -41,7 +41,7 @@ def simulated_rig(folder: Path, speed: float = 1.0) -> Iterator[tuple[int, str]]
 def simulated_vehicle(
     folder: Path, speed: float = 1.0, state_dir: Path | None = None, airframe: str = AIRFRAME
 ) -> Iterator[dict[str, Any]]:
-    """Give the ports of such a vehicle; when the block is left it is gone. Its log goes to `folder`."""
+    """Yield the ports of such a vehicle; it ends with the block. Its log goes to `folder`."""
     supervisor = Supervisor(folder)
     try:
         yield start_vehicle(supervisor, speed, state_dir, airframe)

@@ -1,4 +1,4 @@
-"""A pseudo-terminal to run a program in, and the lines that its screen shows in the end."""
+"""A pseudo-terminal for a program, and the final lines of its screen."""
 
 import fcntl
 import os
@@ -10,7 +10,7 @@ from pathlib import Path
 
 
 def in_terminal(command: Sequence[str], columns: int = 80, cwd: Path | None = None) -> tuple[int, str]:
-    """Run a command in a terminal so wide; return its exit status and the characters that the terminal received."""
+    """Run a command in a terminal of this width; return its exit status and the terminal's received characters."""
     reading, writing = os.openpty()
     fcntl.ioctl(writing, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
     with subprocess.Popen(command, stdin=writing, stdout=writing, stderr=writing, cwd=cwd) as process:

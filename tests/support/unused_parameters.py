@@ -8,7 +8,7 @@ from pathlib import Path
 from autopilot.parameters import DEFAULTS
 
 ROOT = Path(__file__).parents[2]
-COMPOSED = {"FD_FAIL_P_TTRI", "FD_FAIL_R_TTRI"}  # read under a name that is put together
+COMPOSED = {"FD_FAIL_P_TTRI", "FD_FAIL_R_TTRI"}  # read under a composed name
 INSTEAD = {
     "GF_SOURCE": "the geofence uses the estimated position, as in PX4's default",
     "GF_PREDICT": "a breach begins when the vehicle is outside, as in PX4's default",
@@ -17,7 +17,7 @@ INSTEAD = {
 
 
 def unused_parameters() -> list[str]:
-    """Return their names: those that stand in no code below the autopilot and the simulator but in their table."""
+    """Return the names that appear in no code of the autopilot and the simulator except their table."""
     sources = [p for folder in ("autopilot", "vehicles", "dronecats/flight") for p in (ROOT / folder).rglob("*.py")]
     read = {
         word
@@ -32,7 +32,7 @@ def unused_parameters() -> list[str]:
 
 def section() -> str:
     """Return the part of docs/compatibility.md about them."""
-    rows = "\n".join(f"| `{name}` | {said} |" for name, said in INSTEAD.items())
+    rows = "\n".join(f"| `{name}` | {advice} |" for name, advice in INSTEAD.items())
     unused = unused_parameters()
     others = textwrap.fill(", ".join(f"`{name}`" for name in sorted(unused) if name not in INSTEAD), 120)
     return f"""Clients can set and read these parameters, but they have no effect:

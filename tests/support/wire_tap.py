@@ -1,4 +1,4 @@
-"""What passes between an agent and a vehicle, heard on the wire between them."""
+"""The traffic between an agent and a vehicle, recorded on the wire between them."""
 
 import contextlib
 import socket
@@ -9,7 +9,7 @@ from foundation.mavlink import MODES, Packer, Parser, dialect
 
 
 class Tap(threading.Thread):
-    """A wire between an agent and a vehicle that notes, in order, what passes."""
+    """A wire between an agent and a vehicle that records the traffic in order."""
 
     def __init__(self, vehicle_port):
         super().__init__(daemon=True)
@@ -71,7 +71,7 @@ class Tap(threading.Thread):
             return [m for s, m in self.passed if s == side and m.get_type() == kind]
 
     def until(self, wanted, seconds=60.0, flight=None):
-        """Wait for something on the wire, while the flight that is to bring it about is alive."""
+        """Wait for something on the wire while its flight is alive."""
         ends = time.monotonic() + seconds
         while not wanted():
             assert time.monotonic() < ends, "it never came"
@@ -85,5 +85,5 @@ def setpoints(tap):
 
 
 def orders(tap):
-    """Return the commands that the agent sent, but for requests of telemetry."""
+    """Return the commands that the agent sent, without requests for telemetry."""
     return {m.command for m in tap.of("agent", "COMMAND_LONG")} - {511, 512}

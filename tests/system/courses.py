@@ -1,4 +1,4 @@
-"""What a flight did to its pilot's words, by the truth log alone: courses against pixels, turns against angles."""
+"""A flight's motion against its replies, by the truth log alone: courses against pixels, turns against angles."""
 
 import itertools
 import json
@@ -24,8 +24,8 @@ class Gone:
     step: int
     length_m: float  # over ground
     off_deg: float  # course over ground less the direction of the pixel
-    across_m: float  # so far beside the pixel's ray it ended
-    held_up: bool = False  # the host stood still meanwhile, so that setpoints came late: no fault of who sent them
+    across_m: float  # its end was so far beside the pixel's ray
+    held_up: bool = False  # the host stood still meanwhile, so setpoints came late: not the sender's fault
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Turned:
     """A rotate, from picture to picture."""
 
     step: int
-    off_deg: float  # the angle between the pictures less the one asked for
+    off_deg: float  # the angle between the pictures minus the requested angle
     drift_m: float
     held_up: bool = False
 
 
 def replies(seed, count):
-    """Return replies of a pilot that does everything at random, in any order, far from level only by what it sees."""
+    """Return random replies in random order. The points of gos are near the middle row of the picture."""
     draw = random.Random(seed)
     made = []
     for _ in range(count):
@@ -56,7 +56,7 @@ def replies(seed, count):
 
 
 def record(path, seed, count=400):
-    """Write replies as the decisions of a flight, which `--pilot recorded:FILE` says again; return the file."""
+    """Record replies as a flight's decisions, which `--pilot recorded:FILE` replays; return the file."""
     rows = (json.dumps({"step": step, "reply": reply}) for step, reply in enumerate(replies(seed, count)))
     path.write_text("\n".join(rows) + "\n")
     return path
@@ -85,7 +85,7 @@ def measured(folder):
 
 
 def holds(folder, share=0.95, across_m=0.15):
-    """Assert that every decision that no host held up did what it said: gos within 3° of their pixels, turns of 2°.
+    """Assert that every decision without a host stall was flown: gos within 3° of their pixels, turns of 2°.
 
     3° of the shortest stride are 6 cm. Our autopilot's place wanders by 3.5 cm (one σ) in the four seconds between two
     pictures, with its satellites' velocity noise and reflections, and nothing on board sees that. So one go in twenty
@@ -104,7 +104,7 @@ def holds(folder, share=0.95, across_m=0.15):
 
 
 def start_errors(folder):
-    """Return how far from its record the first drone's first frame was: (m horizontally, m vertically, °)."""
+    """Return the first drone's distance from its record at the first frame: (m horizontally, m vertically, °)."""
     start = json.loads((folder / "episode.json").read_text())["starts"][0]
     first = next(row for row in rows(folder / "truth.jsonl", "pose") if row["drone"] == 0)
     north, east, down = (a - b for a, b in zip(first["position_ned"], start["position_ned"], strict=True))

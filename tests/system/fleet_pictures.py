@@ -1,4 +1,4 @@
-"""Whether the pictures that a fleet's pilot saw show the drones where the truth has them: by a pinhole of its own."""
+"""Checks that a fleet's pictures show the drones at their true places, with an independent pinhole model."""
 
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,14 @@ from foundation.frames import geodetic_to_ned
 from tests import pictures
 
 CAMERA = CameraModel()
-SIZE = (640, 360)  # px, of the pictures that are kept
+SIZE = (640, 360)  # px, of the stored pictures
 POINTS = np.array([*X500.touching, *X500.hubs, CAMERA.offset_frd])  # that enclose a drone
-DIFFERS = 40  # of 255: more than JPEG makes of an edge
-NEAR_M = 3.0  # between drones so near to each other nothing stands
+DIFFERS = 40  # of 255: more than JPEG adds at an edge
+NEAR_M = 3.0  # nothing stands between drones so near to each other
 
 
 def true_poses(folder: Path, world):
-    """Return drone → time in µs → (place NED, attitude, matrix body → NED), as the truth bus had it, from the tlog."""
+    """Return drone → time in µs → (place NED, attitude, matrix body → NED), from the truth bus in the tlog."""
     log = mavutil.mavlink_connection(str(folder / "flight.tlog"), dialect="development")
     poses: dict[int, Any] = {}
     while message := log.recv_match(type="HIL_STATE_QUATERNION"):
@@ -46,7 +46,7 @@ def enclosing(place, turned):
 
 
 def shadow_of(points, world):
-    """Return where the sun throws points (n, 3) onto the ground below their middle."""
+    """Return the shadow of points (n, 3) in the sun, on the ground below their middle."""
     toward = np.array(world.scene.sun.toward_ned)
     ground = world.ground_down(*points.mean(axis=0)[:2])
     return points - toward * ((points[:, 2] - ground) / toward[2])[:, None]
@@ -63,7 +63,7 @@ def box_around(points, eye, axes):
 
 
 def check(folder: Path, truth) -> tuple[int, int]:
-    """Hold every picture of a flight against the same place drawn without drones; return (drones seen, empty pictures).
+    """Compare every picture of a flight with one without drones; return (drones seen, empty pictures).
 
     Raises AssertionError when a near drone is not in the box that the truth gives it, or anything differs
     outside these boxes and those of the drones' shadows.
@@ -84,10 +84,10 @@ def check(folder: Path, truth) -> tuple[int, int]:
             at = min(poses[other], key=lambda time: abs(time - time_us))
             points = enclosing(poses[other][at][0], poses[other][at][2])
             for of_drone, shape in ((True, points), (False, shadow_of(points, world))):
-                found = box_around(shape, eye, axes)
-                if found is None:
+                framed = box_around(shape, eye, axes)
+                if framed is None:
                     continue
-                (left, top, right, bottom), depth = found
+                (left, top, right, bottom), depth = framed
                 rows = slice(max(int(top) - 3, 0), max(int(bottom) + 4, 0))
                 columns = slice(max(int(left) - 3, 0), max(int(right) + 4, 0))
                 allowed[rows, columns] = True

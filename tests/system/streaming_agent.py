@@ -1,4 +1,4 @@
-"""An agent in mid-step, to be killed: takes off, then streams 1.2 m/s ahead through the link for ever.
+"""An agent to be killed in mid-step: takes off, then streams 1.2 m/s ahead through the link for ever.
 
     python streaming_agent.py URL
 

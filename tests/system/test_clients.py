@@ -1,4 +1,4 @@
-"""Other people's clients fly the simulator: MAVSDK 4, and pymavlink alone."""
+"""Foreign clients fly the simulator: MAVSDK 4, and pymavlink alone."""
 
 import subprocess
 import sys
@@ -56,7 +56,7 @@ def test_a_mavsdk_script_sees_all_telemetry_and_flies_offboard_and_a_mission_to_
 
 
 class Client:
-    """What a pymavlink user writes."""
+    """A typical pymavlink client."""
 
     def __init__(self, url):
         self.link = mavutil.mavlink_connection(f"udpout:{url}", source_system=255)

@@ -1,4 +1,4 @@
-"""What two features come to together, flown: a commander and a schema, a fleet and fences, a server and its death."""
+"""Combinations of two features, flown: a commander and a schema, a fleet and fences, a server and its death."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def serve(monkeypatch):
         wire.close()
 
 
-def flown(out, wire, *, schema=None, said=lambda line: None, **changes):
+def fly_model(out, wire, *, schema=None, notify=lambda line: None, **changes):
     """Fly the model that a wire serves; return (result, folder)."""
     model = ModelSpec(provider="vllm", name="m", base_url=wire.url, schema=schema)
     spec = FlightSpec(
@@ -58,12 +58,12 @@ def flown(out, wire, *, schema=None, said=lambda line: None, **changes):
             **changes,
         }
     )
-    result = fly(spec, out, said)
+    result = fly(spec, out, notify)
     return result, out / result["episode"]
 
 
 def held(body):
-    """Answer as a server that holds its model to the schema that came with the question, whatever it was asked."""
+    """Answer like a server that enforces the question's schema, whatever the question is."""
     prompt, images = read_request(body)
     schema = json.loads(body)["response_format"]["json_schema"]["schema"]
     reply = divide(prompt, images) if "orders" in schema.get("properties", {}) else '[{"action": "finished"}]'
@@ -74,7 +74,7 @@ def held(body):
 @pytest.mark.parametrize("drones", [1, 2])
 def test_a_commander_whose_model_is_held_to_a_schema_commands(tmp_path, serve, drones):
     wire = serve(held, *AGAIN.values())
-    result, folder = flown(
+    result, folder = fly_model(
         tmp_path / "run", wire, schema="array", command="hierarchical", drones=drones, seconds=6.0, full=True
     )  # fmt: skip
     assert (result["reason"], result["error"]) == ("cap", None)
@@ -103,7 +103,7 @@ def test_a_fleet_whose_model_fences_its_replies_flies_where_they_are_read_lenien
         text = f"Here is what they do:\n```json\n{json.dumps(actions, indent=2)}\n```\nFly safely!"
         return completion("m", body, prompt, images, text)
 
-    result, folder = flown(tmp_path / "run", serve(fenced), parser="lenient", seconds=5.0)
+    result, folder = fly_model(tmp_path / "run", serve(fenced), parser="lenient", seconds=5.0)
     assert (result["reason"], result["error"]) == ("cap", None)
     decisions = rows(folder / "decisions.jsonl")
     assert [row["action"] for row in decisions[:4]] == actions
@@ -132,35 +132,35 @@ def test_a_model_that_dies_in_flight_costs_that_flight_and_the_same_command_flie
     assert (tmp_path / "run" / "run.json").exists()
     assert rows(folder / "truth.jsonl", "end")[0]["reason"] == "error"
     kept = logs(folder)
-    dead.script = [whole]  # somebody has started it again
+    dead.script = [whole]  # the server was started again
     assert main(command) == 0
     assert last_object(capsys.readouterr().out)["outcome"] == "success"
     assert logs(tmp_path / "run" / "unfinished" / f"{EASY}-1") == kept
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] == EASY
-    assert main(command) == 2  # what is scored is not flown over
+    assert main(command) == 2  # a scored flight is not repeated
     assert EASY in capsys.readouterr().err
 
 
 def test_unreadable_replies_end_a_flight_as_nobodys_score_where_that_is_asked_for(tmp_path, serve):
     def cut_off(body):
         prompt, images = read_request(body)
-        said = completion("m", body, prompt, images, '{"acti')
-        said["choices"][0]["finish_reason"] = "length"
-        return said
+        reply = completion("m", body, prompt, images, '{"acti')
+        reply["choices"][0]["finish_reason"] = "length"
+        return reply
 
-    result, folder = flown(tmp_path / "run", serve(cut_off), episode=EASY, seconds=60.0, stop_unreadable=2)
+    result, folder = fly_model(tmp_path / "run", serve(cut_off), episode=EASY, seconds=60.0, stop_unreadable=2)
     assert (result["outcome"], result["reason"], result["status"], result["steps"]) == ("error", "error", 3, 2)
     assert "cut off" in result["error"]
     assert len(rows(folder / "decisions.jsonl")) == 2
 
 
-def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):
+def test_the_time_of_a_slow_endpoint_is_charged_to_the_vehicle(tmp_path, serve):
     def slow(body):
         time.sleep(0.7)
         return vision(body)
 
-    busy = say(answer(503, b"busy"))  # tells of its close: else the next question may meet it on a wire that is going
-    result, folder = flown(
+    busy = say(answer(503, b"busy"))  # announces its close: else the next question may use a closing connection
+    result, folder = fly_model(
         tmp_path / "run", serve(slow, busy), episode=EASY, latency=LatencyPolicy.parse("measured"), seconds=9.0
     )
     assert (result["reason"], result["error"]) == ("cap", None)
@@ -173,7 +173,7 @@ def test_what_a_slow_endpoint_takes_is_charged_to_the_vehicle(tmp_path, serve):
 
 @pytest.mark.slow
 def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
-    """Processes of their own, which ask the same: no reply is lost, none is booked twice, and both fly alike."""
+    """Processes of their own with the same questions: no reply is lost, none is booked twice, and both fly alike."""
     wire = serve(vision)
     model = ModelSpec(provider="local", name="m", base_url=wire.url, input_usd=1.0, output_usd=1.0)
     shared = Accounts(ledger=str(tmp_path / "ledger.sqlite"), cache=str(tmp_path / "cache.sqlite"), cost_limit_usd=9.0)
@@ -182,16 +182,16 @@ def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
     command = [*DRONECATS, "fly", "--spec", str(tmp_path / "spec.json"), "--json", "--out"]
     outs = [tmp_path / "one", tmp_path / "other"]
     together = [subprocess.Popen([*command, str(out)], stdout=subprocess.PIPE, text=True) for out in outs]
-    told = [last_object(process.communicate(timeout=600)[0]) for process in together]
-    assert [(each["outcome"], each["error"]) for each in told] == [("failure", None)] * 2
+    results = [last_object(process.communicate(timeout=600)[0]) for process in together]
+    assert [(result["outcome"], result["error"]) for result in results] == [("failure", None)] * 2
     assert logs(outs[0] / EASY) == logs(outs[1] / EASY)
     ledger = Ledger(tmp_path / "ledger.sqlite")
     spent = ledger.spent()
     ledger.close()
-    asked = [body for body in wire.bodies if not is_first_question(body.decode())]  # which no cache keeps
-    replies = len(set(asked))
+    bodies = [body for body in wire.bodies if not is_first_question(body.decode())]  # no cache keeps it
+    replies = len(set(bodies))
     assert spent.questions == wire.served == len(wire.bodies)
-    assert told[0]["steps"] <= replies <= len(asked) <= 2 * replies
+    assert results[0]["steps"] <= replies <= len(bodies) <= 2 * replies
     db = sqlite3.connect(tmp_path / "cache.sqlite")
     assert db.execute("SELECT COUNT(*) FROM replies").fetchone() == (replies,)
     db.close()
@@ -200,22 +200,22 @@ def test_two_flights_at_once_share_a_ledger_and_a_cache(tmp_path, serve):
 def test_a_run_of_several_episodes_names_none_and_each_is_flown_again(tmp_path, serve, capsys):
     wire, other = serve(vision), "residential-approaching-02"
     for episode in (EASY, other):
-        result, _ = flown(tmp_path / "run", wire, episode=episode, seconds=4.0)
+        result, _ = fly_model(tmp_path / "run", wire, episode=episode, seconds=4.0)
         assert result["error"] is None
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["episode"] is None
     replay = ["fly", "--sitl", "--json", "--model"]
     assert main([*replay, f"replay:{tmp_path / 'run'}"]) == 2
     assert str(tmp_path / "run") in capsys.readouterr().err
-    asked = wire.served
+    question_count = wire.served
     assert main([*replay, f"replay:{tmp_path / 'run' / other}", "--out", str(tmp_path / "again")]) == 0
     assert last_object(capsys.readouterr().out)["episode"] == other
     assert logs(tmp_path / "again" / other) == logs(tmp_path / "run" / other)
-    assert wire.served == asked
+    assert wire.served == question_count
 
 
 def test_a_flight_that_its_budget_ended_is_flown_again_to_where_it_ended(tmp_path, serve, capsys):
     limited = Accounts(token_limit=1500)
-    result, folder = flown(tmp_path / "run", serve(vision), episode=EASY, accounts=limited)
+    result, folder = fly_model(tmp_path / "run", serve(vision), episode=EASY, accounts=limited)
     assert result["reason"] == "budget"
     words = ["fly", "--sitl", "--json", "--model", f"replay:{folder}", "--out", str(tmp_path / "again")]
     assert main(words) == 3

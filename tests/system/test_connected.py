@@ -1,4 +1,4 @@
-"""`fly --connect` on a vehicle that somebody else started: who arms, who has the last word, what a dry run does."""
+"""`fly --connect` on a vehicle that was started elsewhere: arming, control, and a dry run."""
 
 import contextlib
 import json
@@ -26,7 +26,7 @@ SPEED = 2.0
 
 @pytest.fixture
 def field(tmp_path):
-    """One of its own for every flight: where one pilot has landed, leaning on the SUV, the next cannot take off."""
+    """A field for each flight: after a landing that leans on the SUV, the next flight cannot take off."""
     with simulated_rig(tmp_path, SPEED) as rig:
         yield rig
 
@@ -53,9 +53,9 @@ def test_an_armed_flight_from_a_typed_word_to_the_landing(field, tap, tmp_path):
     flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
     out, err = flight.communicate("ARM\n", timeout=240)
     assert flight.returncode == 0, err
-    told = last_object(out)
-    assert told["success"] is None  # nobody measured
-    assert told["steps"] > 1
+    result = last_object(out)
+    assert result["success"] is None  # nothing measured the truth
+    assert result["steps"] > 1
     run = json.loads((tmp_path / "run" / "run.json").read_text())
     assert run["firmware"].startswith("PX4 ")
     flight = run["flight"]
@@ -101,7 +101,7 @@ def test_a_person_flies_hands_over_and_takes_back(field, tap, tmp_path):
         and any(n.get_type() in ("HEARTBEAT", "CURRENT_MODE") and n.custom_mode == offboard
                 for s, n in passed[:i] if s == "vehicle")
     )  # fmt: skip
-    # one may have been on the wire already when the vehicle told
+    # one may have been on the wire already when the vehicle reported
     after = [m for s, m in passed[shown:] if s == "agent" and m.get_type() == "SET_POSITION_TARGET_LOCAL_NED"]
     assert len(after) <= 1
     assert orders(tap) == {176}  # offboard, and no order ever after
@@ -117,7 +117,7 @@ def simulator():
 
 
 def test_a_vehicle_that_stands_still_for_three_seconds_is_reported_and_marked(field, tap, tmp_path):
-    # no longer: once it is near the SUV, it may land on it
+    # no longer: near the SUV it may land on it
     flight = fly(tap, field[1], tmp_path, "--arm", "--seconds", "25")
     flight.stdin.write("ARM\n")
     flight.stdin.flush()
@@ -157,12 +157,12 @@ class DeafModel(BaseHTTPRequestHandler):
     def do_POST(self):
         if not is_first_question(self.rfile.read(int(self.headers["Content-Length"])).decode()):
             time.sleep(60.0)
-        said = b'{"choices": [{"message": {"content": "{}"}}]}'
+        body = b'{"choices": [{"message": {"content": "{}"}}]}'
         self.send_response(200)
-        self.send_header("Content-Length", str(len(said)))
+        self.send_header("Content-Length", str(len(body)))
         self.end_headers()
         with contextlib.suppress(OSError):  # it waited for long enough
-            self.wfile.write(said)
+            self.wfile.write(body)
 
     def log_message(self, *args):
         pass

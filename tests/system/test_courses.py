@@ -1,4 +1,4 @@
-"""Where a go goes and what a rotate shows, judged by the truth and not by a pilot that aims again at every step."""
+"""The course of a go and the view of a rotate, against the truth, without a pilot that corrects at every step."""
 
 import json
 
@@ -11,7 +11,7 @@ from tests.system.courses import holds, record, start_errors
 
 @pytest.fixture(scope="module")
 def high_up(tmp_path_factory):
-    """An episode 25 m over the ground, where there is nothing to fly into."""
+    """An episode 25 m above the ground, without obstacles."""
     from episodes.records import catalogue
 
     path = tmp_path_factory.mktemp("episode") / "high-up.json"
@@ -47,7 +47,7 @@ def test_a_go_flies_to_its_pixel_and_a_rotate_shows_its_angle_whatever_came_befo
 
 @pytest.mark.slow
 def test_so_it_is_where_the_vehicle_tells_late_where_it_was(high_up, tmp_path):
-    """When the picture is taken, the newest that is known of place and heading is half a second old."""
+    """At the time of the picture, the newest known position and heading are half a second old."""
     words = ("--speed", "max", "--latency", "fixed:1", "--link", "from.delay=0.5", "--seed", "5")
     holds(fly(tmp_path, high_up, 5, *words))
 
@@ -66,5 +66,5 @@ def test_an_episode_begins_where_its_record_says(tmp_path, episode, seed):
     across_m, vertically_m, yaw_deg = start_errors(fly_beginning(tmp_path / "run", 1.0, *words))
     assert vertically_m <= 0.1
     assert yaw_deg <= 1.0
-    # the place over ground is known by satellites alone, whose error wanders by 6 cm an axis until the episode begins
+    # only satellites give the position; their error wanders by 6 cm an axis until the episode begins
     assert across_m <= 0.2

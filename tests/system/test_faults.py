@@ -1,4 +1,4 @@
-"""What a model can do to a flight, and what must never come of it."""
+"""Possible faults of a model, and results that must never follow from them."""
 
 from pathlib import Path
 
@@ -22,9 +22,9 @@ def fly(tmp_path, capsys):
             endpoint = server.base_url.replace("://", "://me:pw777@")
             command = ["fly", "--sitl", "--speed", "max", "--latency", "fixed:0.5", "--model", "openai/m"]
             status = main([*command, "--base-url", endpoint, "--out", str(tmp_path / "run"), "--json", *arguments])
-        said = capsys.readouterr()
+        captured = capsys.readouterr()
         written = [p.read_bytes() for p in (tmp_path / "run").rglob("*") if p.is_file()]
-        return status, last_object(said.out), said.out.encode() + said.err.encode() + b"".join(written)
+        return status, last_object(captured.out), captured.out.encode() + captured.err.encode() + b"".join(written)
 
     return run
 
@@ -59,7 +59,7 @@ def test_unreadable_replies_are_the_models_failures_and_fly_on(fly, monkeypatch)
         return replies.pop(0)
 
     status, result, _ = fly(pilot)
-    assert status == 3  # it broke off in the end, after the four
+    assert status == 3  # it broke off at the end, after the four
     assert result["steps"] == 4
     decisions = rows(Path(result["run_dir"]) / "decisions.jsonl")
     assert [row["action"] for row in decisions] == [None] * 4

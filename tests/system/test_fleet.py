@@ -26,7 +26,7 @@ def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode
         steps.setdefault(decision["step"], []).append(decision)
     for together in steps.values():
         assert [d["drone"] for d in together] == [0, 1, 2, 3]
-        assert len({d["reply"] for d in together}) == 1  # one context: the same text, of which each has its part
+        assert len({d["reply"] for d in together}) == 1  # one context: the same text, with a part for each drone
         assert len({d["frame_id"] for d in together}) == 4
     frames = {f["frame_id"]: f for f in truth if f["kind"] == "frame"}
     assert all(frames[d["frame_id"]]["drone"] == d["drone"] for d in decisions)
@@ -36,12 +36,12 @@ def test_a_fleet_finds_the_named_candidate_in_lockstep(tmp_path, capsys, episode
     poses = [p for p in truth if p["kind"] == "pose"]
     assert {p["drone"] for p in poses} == {0, 1, 2, 3}
     waiting = set(range(4)) - {claims[0]["drone"]}
-    for drone in waiting:  # those that only hover stay where they began
+    for drone in waiting:  # hovering drones stay at their start
         places = [p["position_ned"] for p in poses if p["drone"] == drone]
         assert max(abs(a - b) for place in places for a, b in zip(place, places[0], strict=True)) < 0.8
     seen, empty = check(tmp_path / "run" / episode, truth)
-    assert seen >= 2  # by those that stand behind
-    assert empty >= 2  # of those that stand before
+    assert seen >= 2  # by the drones behind
+    assert empty >= 2  # of the drones in front
 
 
 @pytest.mark.parametrize("seconds", [0.0, 0.5])
@@ -62,5 +62,5 @@ def test_a_fleet_flies_in_real_time_although_its_four_frames_take_a_while(tmp_pa
     result, decisions, truth = fly(capsys, tmp_path / "run", "--speed", "1", "--episode", "blocks-commanding-01")
     assert result["success"]
     seen, _ = check(tmp_path / "run" / "blocks-commanding-01", truth)
-    assert seen >= 1  # the first picture's; how far ahead the others are in the second is a matter of the machine
+    assert seen >= 1  # the first picture's; the others' progress in the second depends on the machine
     assert {d["drone"] for d in decisions} == {0, 1, 2, 3}

@@ -21,7 +21,7 @@ from tests.hil.link import listening
 
 @pytest.fixture(scope="module")
 def autopilot(tmp_path_factory: pytest.TempPathFactory):
-    """Give the port of a simulated vehicle that has written two logs, and the folder in which they lie on board."""
+    """Yield the port of a simulated vehicle with two logs, and their folder on board."""
     folder = tmp_path_factory.mktemp("vehicle")
     supervisor = Supervisor(folder)
     config = SimulatorConfig(episode="residential-approaching-01", speed=4.0, state_dir=str(folder))
@@ -79,7 +79,7 @@ def test_a_named_one_is_fetched_and_an_unknown_one_refused(autopilot, tmp_path: 
     assert re.search(r"\b77\b.*\b0, 1\b", refused.stderr)
 
 
-def test_nobody_there_and_no_link_are_told_apart() -> None:
+def test_an_absent_vehicle_and_a_missing_link_have_different_errors() -> None:
     with pytest.raises(UsageError, match="mailto:somebody"), log_store("mailto:somebody"):
         pass
     silent = listening.udp()

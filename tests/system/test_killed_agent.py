@@ -1,4 +1,4 @@
-"""`kill -9` of the agent in mid-step: what becomes of the vehicle, before and after `preflight --fix`.
+"""`kill -9` of the agent in mid-step: the vehicle's reaction, before and after `preflight --fix`.
 
 The vehicle is the simulator in real time, the agent a process of its own, and what is watched is the truth.
 """
@@ -28,7 +28,7 @@ def simulator(tmp_path):
 
 
 def killed_in_flight(url, truth):
-    """Let the agent fly until it is steady, kill it; return what the truth was told for six seconds from then on."""
+    """Let the agent fly until it is steady, kill it; return the truth of the next six seconds."""
     agent = subprocess.Popen([sys.executable, AGENT, url], stdout=subprocess.PIPE)
     try:
         assert agent.stdout is not None
@@ -37,7 +37,7 @@ def killed_in_flight(url, truth):
         truth.until(lambda now: now.time_s > began_s + 2.5 and now.speed > 1.1, 10.0)
         killed = truth.newest()
     finally:
-        agent.kill()  # SIGKILL: it has no last word
+        agent.kill()  # SIGKILL: the agent cannot react
         agent.wait()
     truth.until(lambda now: now.time_s > killed.time_s + 6.0, 7.0)
     truth.close()
@@ -49,15 +49,15 @@ def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
     url, truth = simulator
     link = Link(connect(url))
     link.connect()
-    found = check(link, seconds=1.0, folder=tmp_path)
-    mend(link, found, found.changes)
+    result = check(link, seconds=1.0, folder=tmp_path)
+    mend(link, result, result.changes)
     link.close()
     killed, after = killed_in_flight(url, truth)
     profile = [f"{s.time_s - killed.time_s:.2f} s {s.speed:.2f} m/s" for s in after[::10]]
     late = [sample for sample in after if sample.time_s > killed.time_s + WITHIN_S]
     assert max(sample.speed for sample in late) < STOPPED, profile
     gone = math.hypot(after[-1].north - killed.north, after[-1].east - killed.east)
-    assert 0.5 < gone < 2.0  # it flew on for half a second and braked: nothing else has stopped it
+    assert 0.5 < gone < 2.0  # it flew on for half a second and braked: nothing else stopped it
     assert abs(after[-1].height - killed.height) < 0.4
 
 
@@ -65,4 +65,4 @@ def test_after_fix_the_vehicle_stands_within_two_seconds(simulator, tmp_path):
 def test_unchanged_parameters_let_the_vehicle_sink(simulator):
     url, truth = simulator
     killed, after = killed_in_flight(url, truth)
-    assert killed.height - after[-1].height > 1.0  # what docs/preflight.md warns of
+    assert killed.height - after[-1].height > 1.0  # docs/preflight.md warns of this

@@ -1,4 +1,4 @@
-"""A limit on the address space is one sentence before anything is loaded, and no crash."""
+"""A limit on the address space ends the program with one sentence before anything is loaded."""
 
 import json
 import resource
@@ -28,7 +28,7 @@ def limited(*words):
 
 
 @pytest.mark.parametrize("words", [["fly", "--sitl"], ["sitl"], ["bench"]], ids=" ".join)
-def test_what_flies_says_what_it_needs_and_what_there_is(words, tmp_path, monkeypatch):
+def test_flying_commands_report_needed_and_available_memory(words, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     done = limited(*words)
     assert done.returncode == 2, done.stderr
@@ -39,18 +39,18 @@ def test_what_flies_says_what_it_needs_and_what_there_is(words, tmp_path, monkey
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_needs_little_works():
+def test_commands_that_need_little_memory_work():
     assert limited("models", "list").returncode == 0
 
 
 def test_the_doctor_says_so_too():
     done = limited("doctor", "--json")
     assert done.returncode == 1
-    found = json.loads(done.stdout.splitlines()[0])
-    assert "1.0 GB" in found["findings"][-1]["detail"]
+    report = json.loads(done.stdout.splitlines()[0])
+    assert "1.0 GB" in report["findings"][-1]["detail"]
 
 
-def test_what_is_not_limited_is_not_refused(monkeypatch):
+def test_commands_without_a_limit_are_not_refused(monkeypatch):
     monkeypatch.setattr(resource, "getrlimit", lambda which: (resource.RLIM_INFINITY,) * 2)
     machine.check("a flight", 1e6)
     monkeypatch.setattr(resource, "getrlimit", lambda which: (10**9, resource.RLIM_INFINITY))

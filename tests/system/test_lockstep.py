@@ -9,20 +9,20 @@ from dronecats.cli.main import main
 from tests.support.flight import fly_beginning, fly_simulated
 from tests.support.json_lines import rows
 
-FLIGHT_PICTURE = True  # one of the flights is asked for it
+FLIGHT_PICTURE = True  # one of the flights gets it
 
 
 @pytest.fixture(scope="module")
 def fly(tmp_path_factory):
     """Fly with the given arguments and return (result object, episode folder); each set of arguments flies once."""
-    flown = {}
+    flights = {}
 
     def run(capsys, *arguments, again=0):
         key = (*arguments, again)
-        if key not in flown:
+        if key not in flights:
             out = tmp_path_factory.mktemp("run")
-            flown[key] = fly_simulated(capsys, out, "--speed", "max", *arguments)
-        return flown[key]
+            flights[key] = fly_simulated(capsys, out, "--speed", "max", *arguments)
+        return flights[key]
 
     return run
 
@@ -91,16 +91,16 @@ def test_the_tlog_is_read_by_pymavlink_and_tells_the_flight(fly, capsys):
 
     _, folder = fly(capsys, "--pilot", "vision", *FIXED)
     tlog = folder / "flight.tlog"
-    log, heard, modes = mavutil.mavlink_connection(str(tlog)), [], []
+    log, messages, modes = mavutil.mavlink_connection(str(tlog)), [], []
     while (message := log.recv_msg()) is not None:
-        heard.append(message)
+        messages.append(message)
         if (message.get_type(), message.get_srcComponent()) == ("HEARTBEAT", 1):
             modes.append(log.flightmode)
-    assert sum(8 + len(message.get_msgbuf()) for message in heard) == tlog.stat().st_size  # nothing is passed over
-    counts = collections.Counter(message.get_type() for message in heard)
+    assert sum(8 + len(message.get_msgbuf()) for message in messages) == tlog.stat().st_size  # nothing is skipped
+    counts = collections.Counter(message.get_type() for message in messages)
     assert counts.keys() >= {"HIL_STATE_QUATERNION", "ATTITUDE", "GLOBAL_POSITION_INT", "SYS_STATUS"}
     assert "BAD_DATA" not in counts
-    times = [message._timestamp for message in heard]
+    times = [message._timestamp for message in messages]
     assert times == sorted(times)
     spent_s = times[-1] - times[0]
     assert counts["HIL_STATE_QUATERNION"] == pytest.approx(50.0 * spent_s, rel=0.02)

@@ -1,4 +1,4 @@
-"""A user without a home, as in many containers: maps and kernels that ship, and no traceback."""
+"""A user without a home, as in many containers: shipped maps and kernels work, without a traceback."""
 
 import os
 import pwd
@@ -32,7 +32,7 @@ def homeless(monkeypatch):
 
 
 @pytest.mark.parametrize("words", [["maps", "list"], ["episodes", "list"], ["models", "list"]], ids=" ".join)
-def test_what_ships_is_listed(words):
+def test_shipped_items_are_listed(words):
     environment = {name: value for name, value in os.environ.items() if name not in FOLDERS}
     command = [sys.executable, "-c", HOMELESS, *words]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)

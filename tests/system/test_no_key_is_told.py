@@ -24,7 +24,7 @@ SECRETS = (IN_THE_PATH, IN_THE_QUERY, IN_THE_USER, "hush/hush", IN_THE_ENVIRONME
 
 
 class Echo(BaseHTTPRequestHandler):
-    """Says everything it was told, in every spelling: in replies, in refusals, in where it redirects to."""
+    """Echoes everything it received, in every spelling: in replies, in refusals, in redirect targets."""
 
     protocol_version = "HTTP/1.1"
     replies = 0
@@ -32,16 +32,16 @@ class Echo(BaseHTTPRequestHandler):
     def do_POST(self):
         self.rfile.read(int(self.headers["Content-Length"]))
         assert isinstance(self.server, Told)
-        self.server.asked.append(self.path)
-        told = " ".join((self.path, quote(self.path, safe=""), *map(str, self.headers.values()), *SECRETS))
-        told += f" http://{self.headers['Host']}{self.path}"
-        step = len(self.server.asked)
+        self.server.paths.append(self.path)
+        outputs = " ".join((self.path, quote(self.path, safe=""), *map(str, self.headers.values()), *SECRETS))
+        outputs += f" http://{self.headers['Host']}{self.path}"
+        step = len(self.server.paths)
         if step <= 2:  # the first question before take-off, and a step
-            self._reply(told + ' {"action":"rotate","angle_deg":5}')
+            self._reply(outputs + ' {"action":"rotate","angle_deg":5}')
         elif step == 3:
             self._reply(json.dumps({"action": SECRETS[list(ENDS).index(self.server.end)]}))
         else:
-            ENDS[self.server.end](self, told)
+            ENDS[self.server.end](self, outputs)
 
     def _reply(self, text):
         self._answer(200, {"choices": [{"message": {"content": text}}]})
@@ -63,18 +63,18 @@ class Echo(BaseHTTPRequestHandler):
 
 
 ENDS = {
-    "refusal": lambda handler, told: handler._answer(500, told.encode()),
-    "redirect": lambda handler, told: handler._answer(302, told.encode(), Location=handler.path + "/elsewhere"),
+    "refusal": lambda handler, outputs: handler._answer(500, outputs.encode()),
+    "redirect": lambda handler, outputs: handler._answer(302, outputs.encode(), Location=handler.path + "/elsewhere"),
 }
 
 
 class Told(ThreadingHTTPServer):
-    """An endpoint that remembers which paths it was asked for."""
+    """An endpoint that stores the paths of its requests."""
 
     def __init__(self, end: str) -> None:
         super().__init__(("127.0.0.1", 0), Echo)
-        self.end = end  # one of ENDS: how it answers from the fourth call on
-        self.asked: list[str] = []
+        self.end = end  # one of ENDS: its way of answering from the fourth call on
+        self.paths: list[str] = []
 
 
 @pytest.mark.parametrize("end", ENDS)
@@ -88,37 +88,37 @@ def test_a_key_in_the_address_is_told_nowhere(tmp_path, monkeypatch, capfdbinary
     status = main(["fly", "--sitl", "--speed", "max", "--latency", "fixed:0",
                    "--model", "openai/x", "--base-url", url, "--cache", str(tmp_path / "replies.sqlite"),
                    "--out", str(tmp_path / "run"), "--json"])  # fmt: skip
-    flown = capfdbinary.readouterr()
+    captured = capfdbinary.readouterr()
     server.shutdown()
     server.server_close()
-    assert status == 3, flown.err
-    assert set(server.asked) == {f"{path}/chat/completions?{query}"}
+    assert status == 3, captured.err
+    assert set(server.paths) == {f"{path}/chat/completions?{query}"}
     files = {str(path): path.read_bytes() for path in tmp_path.rglob("*") if path.is_file()}
-    told = {**files, "stdout": flown.out, "stderr": flown.err}
+    outputs = {**files, "stdout": captured.out, "stderr": captured.err}
     assert {"ledger.sqlite", "replies.sqlite"} <= {name.rpartition("/")[2] for name in files}
     decisions = next(data for name, data in files.items() if name.endswith("decisions.jsonl")).splitlines()
     assert json.loads(decisions[0])["action"] == {"action": "rotate", "angle_deg": 5}
     assert "***" in json.loads(decisions[0])["reply"]
-    assert (b"***" if end != "redirect" else b"redirect") in flown.err
+    assert (b"***" if end != "redirect" else b"redirect") in captured.err
     for secret in SECRETS:
         basic = base64.b64encode(f"me:{secret}".encode()).decode().rstrip("=")
         for spelt in {secret, quote(secret, safe=""), quote(quote(secret, safe=""), safe=""), basic}:
-            found = [name for name, data in told.items() if spelt.encode() in data]
-            assert not found, (secret, spelt, found)
+            leaks = [name for name, data in outputs.items() if spelt.encode() in data]
+            assert not leaks, (secret, spelt, leaks)
 
 
 class Looking(BaseHTTPRequestHandler):
-    """Looks, when it is asked, at what anybody can see of the processes that fly."""
+    """At a question, collects the publicly visible data of the processes that fly."""
 
     def do_POST(self):
-        asked = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        prompt = self.rfile.read(int(self.headers["Content-Length"])).decode()
         assert isinstance(self.server, Seen)
-        if is_first_question(asked):
-            said = json.dumps({"choices": [{"message": {"content": "{}"}}]}).encode()
+        if is_first_question(prompt):
+            body = json.dumps({"choices": [{"message": {"content": "{}"}}]}).encode()
             self.send_response(200)
-            self.send_header("Content-Length", str(len(said)))
+            self.send_header("Content-Length", str(len(body)))
             self.end_headers()
-            self.wfile.write(said)
+            self.wfile.write(body)
             return
         for child in psutil.Process(self.server.flying).children(recursive=True):
             with contextlib.suppress(psutil.NoSuchProcess):  # it ended while it was looked at
@@ -138,7 +138,7 @@ class Looking(BaseHTTPRequestHandler):
 
 
 class Seen(ThreadingHTTPServer):
-    """What was seen: of each child its environment by its command."""
+    """Data of the processes: each child's environment by its command."""
 
     flying = 0  # pid
     seen: dict[str, str]

@@ -1,4 +1,4 @@
-"""A working folder, or a home, that takes no files: one sentence and status 2, or the same work without a cache."""
+"""A working folder or a home without write access: one sentence and status 2, or the same work without a cache."""
 
 import os
 import re
@@ -18,7 +18,7 @@ NOWHERE = os.path.join(os.devnull, "nowhere")  # not even root can make a folder
 
 
 def run(*words, cwd, **variables):
-    """Return what a command line of this checkout did, started in another folder."""
+    """Return the result of a command line of this checkout, started in another folder."""
     environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
     return subprocess.run(
         [sys.executable, *words],
@@ -35,9 +35,9 @@ def test_a_folder_that_takes_no_run_is_one_sentence(tmp_path, monkeypatch, capsy
     (tmp_path / "runs").write_text("a file, where the folder would be")
     monkeypatch.chdir(tmp_path)
     assert main(words.split()) == 2
-    said = capsys.readouterr().err
-    assert re.search(r"\bruns\b.*File exists", said)
-    assert said.count("\n") == 1
+    error = capsys.readouterr().err
+    assert re.search(r"\bruns\b.*File exists", error)
+    assert error.count("\n") == 1
 
 
 @needs("user")
@@ -69,5 +69,5 @@ def test_the_doctor_says_where_compiled_work_is_kept(monkeypatch):
     monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", NOWHERE)
     lost = doctor._compiler()
-    assert lost.state == doctor.NOTE  # a flight is possible all the same
+    assert lost.state == doctor.NOTE  # a flight is still possible
     assert f"{NOWHERE}/dronecats" in lost.detail

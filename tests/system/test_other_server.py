@@ -1,4 +1,4 @@
-"""A server that we did not write: LiteLLM's proxy, when DRONECATS_LITELLM names its command. docs/models-reference.md.
+"""A third-party server: LiteLLM's proxy, if DRONECATS_LITELLM names its command. docs/models-reference.md.
 
 It stands between our client and a pilot of ours, so that what it makes of our requests and of the replies is flown.
 """
@@ -35,7 +35,7 @@ pytestmark = [
 
 @dataclass(frozen=True)
 class Proxy:
-    """LiteLLM before an endpoint, which it calls `behind`."""
+    """LiteLLM in front of an endpoint, which it calls `behind`."""
 
     url: str  # without a path
     key: str
@@ -51,13 +51,13 @@ class Proxy:
 
 @contextmanager
 def proxy(folder: Path, behind: str) -> Iterator[Proxy]:
-    """LiteLLM's proxy before the endpoint at `behind`, as a context."""
+    """Yield LiteLLM's proxy in front of the endpoint at `behind`."""
     assert COMMAND
     entry = {"model": "hosted_vllm/behind", "api_base": behind, "api_key": "none"}
     config = folder / "config.yaml"  # JSON is YAML
     config.write_text(json.dumps({"model_list": [{"model_name": "behind", "litellm_params": entry}]}))
     port, key = free_port(socket.SOCK_STREAM), f"sk-{secrets.token_hex(24)}"
-    # its own environment; with the list of prices that came with it, so that nothing is asked of the network
+    # its own environment, with the price list that came with it, so it sends no request to the network
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     environment |= {"LITELLM_MASTER_KEY": key, "LITELLM_LOCAL_MODEL_COST_MAP": "True"}
     words = [COMMAND, "--config", str(config), "--host", "127.0.0.1", "--port", str(port)]
@@ -88,17 +88,17 @@ def test_an_episode_is_flown_through_it_as_without_it(tmp_path):
         for model, url in (("litellm/behind", through.url + "/v1"), ("local/behind", pilot.base_url)):
             out = tmp_path / model.split("/")[0]
             words = ("--speed", "max", "--model", model, "--base-url", url, "--out", str(out), "--json")
-            flown = through.dronecats("fly", "--sitl", *words)
-            assert flown.returncode == 0, flown.stderr + flown.stdout
-            flights[model] = last_object(flown.stdout), out
+            process = through.dronecats("fly", "--sitl", *words)
+            assert process.returncode == 0, process.stderr + process.stdout
+            flights[model] = last_object(process.stdout), out
         refused = through.dronecats(
             "models", "check", "litellm/behind", "--base-url", through.url + "/v1", key="sk-quite-another-key"
         )
     logs = [out / result["episode"] for result, out in flights.values()]
     assert all(result["success"] for result, _ in flights.values())
     assert len({(log / "truth.jsonl").read_bytes() for log in logs}) == 1  # the very same flight
-    said = [[json.loads(line)["reply"] for line in (log / "decisions.jsonl").open()] for log in logs]
-    assert said[0] == said[1]
+    replies = [[json.loads(line)["reply"] for line in (log / "decisions.jsonl").open()] for log in logs]
+    assert replies[0] == replies[1]
     assert refused.returncode == 3
     assert through.key not in refused.stderr
     assert not any(
@@ -108,11 +108,11 @@ def test_an_episode_is_flown_through_it_as_without_it(tmp_path):
 
 @pytest.mark.parametrize(("provider", "schema"), [("litellm", "array"), ("anthropic", "object")])
 def test_our_formats_are_ones_that_it_understands(tmp_path, provider, schema):
-    """Gemini's is not among them: its adapter knows `inline_data` and not `inlineData`, and leaves the picture out."""
+    """Gemini's is not among them: its adapter knows `inline_data`, not `inlineData`, and leaves the picture out."""
     with Recording(Pointer("as declared", enforces=True)) as server, proxy(tmp_path, server.url + "/v1") as through:
         words = ("check", f"{provider}/behind", "--base-url", through.url + "/v1", "--schema", schema, "--json")
         checked = through.dronecats("models", *words)
     assert checked.returncode == 0, checked.stderr + checked.stdout
-    said = last_object(checked.stdout)
-    assert (said["pointing"], said["schema_enforced"]) == ("as declared", True), said
-    assert (said["tokens_in"], said["tokens_out"]) == (400, 80)
+    report = last_object(checked.stdout)
+    assert (report["pointing"], report["schema_enforced"]) == ("as declared", True), report
+    assert (report["tokens_in"], report["tokens_out"]) == (400, 80)

@@ -74,7 +74,7 @@ def test_a_dead_port_is_the_links_fault_and_a_wrong_url_the_users(tmp_path):
 
 
 class SetpointsLost(Transport):
-    """A wire on which everything passes but offboard setpoints."""
+    """A wire that passes everything except offboard setpoints."""
 
     def __init__(self, url):
         self._transport = connect(url)

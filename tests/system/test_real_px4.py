@@ -1,4 +1,4 @@
-"""A real PX4, when DRONECATS_PX4 names the command that starts one: with -d, and {instance} where its number goes."""
+"""A real PX4, if DRONECATS_PX4 names the command that starts one: with -d, and {instance} for its number."""
 
 import contextlib
 import json
@@ -37,21 +37,21 @@ def dronecats(*words):
 
 
 def estimate_errors(tlog, since_us):
-    """Return LOCAL_POSITION_NED less the truth, (n, 3) m, from the episode's beginning on.
+    """Return LOCAL_POSITION_NED minus the truth, (n, 3) m, from the episode's beginning on.
 
     Not from boot: until it has its first fixes PX4's filter wanders by metres, and it does not arm so.
     """
     truth: list[tuple[float, float, float, float]] = []
-    told: list[tuple[float, float, float, float]] = []
+    positions: list[tuple[float, float, float, float]] = []
     log = mavutil.mavlink_connection(str(tlog), dialect="development")
     while (message := log.recv_match(type=["HIL_STATE_QUATERNION", "LOCAL_POSITION_NED"])) is not None:
         if message.get_type() == "LOCAL_POSITION_NED":
-            told.append((message.time_boot_ms / 1e3, message.x, message.y, message.z))
+            positions.append((message.time_boot_ms / 1e3, message.x, message.y, message.z))
         else:
             truth.append((message.time_usec / 1e6, message.lat / 1e7, message.lon / 1e7, message.alt / 1e3))
     origin = truth[0][1:]
     places = np.array([geodetic_to_ned(*origin, *place) for _, *place in truth])
-    times, estimate = [t for t, *_ in truth], np.array([row for row in told if row[0] >= since_us / 1e6])
+    times, estimate = [t for t, *_ in truth], np.array([row for row in positions if row[0] >= since_us / 1e6])
     return estimate[:, 1:] - np.stack([np.interp(estimate[:, 0], times, places[:, i]) for i in range(3)], axis=1)
 
 
@@ -62,9 +62,9 @@ def test_a_real_px4_flies_a_go_to_its_pixel_and_makes_its_turns(tmp_path):
     (tmp_path / "high-up.json").write_text(json.dumps(episode))
     words = ["--episode", str(tmp_path / "high-up.json"), "--pilot", f"recorded:{pilot}", "--latency", "fixed:1"]
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", "--speed", "max", "--full", "--out", str(out), *words)
-    flown = subprocess.run(fly, capture_output=True, text=True, timeout=800)
-    assert flown.returncode == 0, flown.stderr + flown.stdout
-    # its place wanders by 4 to 5 cm between two pictures with the sensors with which ours wanders by 3 cm
+    process = subprocess.run(fly, capture_output=True, text=True, timeout=800)
+    assert process.returncode == 0, process.stderr + process.stdout
+    # between two pictures its estimate wanders by 4 to 5 cm, with sensors that let ours wander by 3 cm
     holds(out / "high-up", share=0.9, across_m=0.2)
 
 
@@ -72,11 +72,11 @@ def test_a_real_px4_flies_a_go_to_its_pixel_and_makes_its_turns(tmp_path):
 def test_a_real_px4_flies_an_episode_and_knows_where_it_is(tmp_path, speed):
     out = tmp_path / "run"
     words = ["--pilot", "oracle", "--speed", speed, "--out", str(out), "--json"]
-    flown = subprocess.run(
+    process = subprocess.run(
         dronecats("fly", "--sitl", "--autopilot", "px4", *words), capture_output=True, text=True, timeout=600
     )
-    assert flown.returncode == 0, flown.stderr + flown.stdout
-    result = last_object(flown.stdout)
+    assert process.returncode == 0, process.stderr + process.stdout
+    result = last_object(process.stdout)
     assert result["success"]
     folder = out / result["episode"]
     begin = json.loads((folder / "truth.jsonl").open().readline())
@@ -91,13 +91,13 @@ def test_film_replay_and_the_estimate_read_the_log_that_px4_kept(tmp_path):
     out = tmp_path / "run"
     words = ["--pilot", "oracle", "--speed", "max", "--keep-ulog", "--out", str(out), "--json"]
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words)
-    flown = subprocess.run(fly, capture_output=True, text=True, timeout=600)
-    assert flown.returncode == 0, flown.stderr + flown.stdout
-    folder = out / last_object(flown.stdout)["episode"]
+    process = subprocess.run(fly, capture_output=True, text=True, timeout=600)
+    assert process.returncode == 0, process.stderr + process.stdout
+    folder = out / last_object(process.stdout)["episode"]
     streamed = RecordedFlight.read(folder).true_tracks[0]
-    (folder / layout.TLOG).unlink()  # so that the log on board is the best that there is
+    (folder / layout.TLOG).unlink()  # so the log on board is the best one
 
-    kept = RecordedFlight.read(folder)  # what film and replay draw
+    kept = RecordedFlight.read(folder)  # the positions that film and replay draw
     times = np.arange(0.5, kept.end_s - 0.5, 0.25)
     assert len(times) > 20
     assert np.abs(kept.tracks[0].positions(times) - streamed.positions(times)).max() < 0.05
@@ -112,7 +112,7 @@ def test_film_replay_and_the_estimate_read_the_log_that_px4_kept(tmp_path):
     assert trace.head.source == layout.onboard_log_name()
     assert len(trace.poses) > 20
     off = [np.array(pose.position_ned) - kept.tracks[0].at(pose.t).position_ned for pose in trace.poses]
-    assert np.abs(off - np.mean(off, axis=0)).max() < 1.5  # in PX4's frame, whose origin is where it had its first fix
+    assert np.abs(off - np.mean(off, axis=0)).max() < 1.5  # in PX4's frame, whose origin is its place at its first fix
 
 
 def page(folder):
@@ -123,17 +123,17 @@ def page(folder):
         late.start()
         assert replay.stdout is not None
         address = next(word for line in replay.stdout for word in line.split() if word.startswith("http://"))
-        found = urllib.request.urlopen(address).read()
+        content = urllib.request.urlopen(address).read()
         replay.send_signal(signal.SIGINT)
         late.cancel()
     assert replay.returncode == 0
-    return found
+    return content
 
 
 def test_the_same_decisions_fly_the_same_square(tmp_path):
     square = Path(__file__).parents[2] / "benchmarks" / "square.jsonl"
     words = ["--pilot", f"recorded:{square}", "--speed", "max", "--latency", "fixed:0.5", "--json"]
-    words += ["--episode", "v1-residential-searching-01"]  # where nothing stands in the square's way
+    words += ["--episode", "v1-residential-searching-01"]  # nothing stands in the square's way here
     ours, px4 = tmp_path / "ours", tmp_path / "px4"
     subprocess.run([*DRONECATS, "fly", "--sitl", *words, "--out", str(ours)], check=True, timeout=300)
     fly = dronecats("fly", "--sitl", "--autopilot", "px4", *words, "--out", str(px4))

@@ -1,4 +1,4 @@
-"""Real processes, real sockets, and what happens when one of them is killed."""
+"""Real processes, real sockets, and the effect of a killed process."""
 
 import json
 import os
@@ -67,7 +67,7 @@ def test_a_flight_in_real_time_succeeds(fly):
     assert code == 0, errors
     result = last_object(out)
     assert result["success"]
-    assert result["real_time_factor"] < 3.2  # paced; how well a busy machine keeps up is the benchmark's to say
+    assert result["real_time_factor"] < 3.2  # paced; the benchmark measures the pace on a busy machine
 
 
 @pytest.mark.slow("flies in real time")
@@ -129,17 +129,17 @@ def test_a_killed_agent_leaves_no_process(fly):
 
 @pytest.mark.slow
 def test_ctrl_c_does_not_wait_for_a_silent_model(fly):
-    asked, never = threading.Event(), threading.Event()
+    was_asked, never = threading.Event(), threading.Event()
 
     def silent(prompt, images):
-        asked.set()
+        was_asked.set()
         never.wait()
         return "{}"
 
     with PilotServer(after_first_question(silent), "m") as server:
         flight = fly("--speed", "3", "--model", "local/m", "--base-url", server.base_url)
         flight.until("flying to the start pose")
-        assert asked.wait(300)
+        assert was_asked.wait(300)
         flight.process.send_signal(signal.SIGINT)
         code, out, _ = flight.ends(300)
         never.set()

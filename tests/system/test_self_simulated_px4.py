@@ -1,4 +1,4 @@
-"""`fly --connect` on a real PX4 that simulates itself (SIH), and that is killed in flight.
+"""`fly --connect` on a real PX4 that simulates itself (SIH) and is killed in flight.
 
 DRONECATS_PX4 names the command that starts a PX4, as in test_real_px4.py.
 """
@@ -92,6 +92,6 @@ def test_a_px4_that_is_killed_ends_the_flight_with_one_sentence(vehicle):
     status, lines, result = vehicle.fly(lambda vehicle: vehicle.send(signal.SIGKILL), 120.0)
     assert status == 3, lines
     assert result["outcome"] == "error"
-    (said,) = [line for line in lines if line.startswith("dronecats fly: ")]
-    assert f"{AGENT_PORT + vehicle.instance} has been silent" in said
+    (message,) = [line for line in lines if line.startswith("dronecats fly: ")]
+    assert f"{AGENT_PORT + vehicle.instance} has been silent" in message
     assert lines[-1].startswith(("{", "dronecats fly: "))

@@ -1,4 +1,4 @@
-"""`dronecats study rate` on a vehicle that somebody else started, beside what the model's server itself noted."""
+"""`dronecats study rate` on a vehicle that was started elsewhere, compared with the notes of the model's server."""
 
 import csv
 import json
@@ -27,7 +27,7 @@ FINISHED = '{"action": "finished"}'  # is held for 2.5 s
 
 
 class KnownModel(ThreadingHTTPServer):
-    """Answers each question after a time that it knows, and notes how long each really took it."""
+    """Answers each question after a known time, and records each real duration."""
 
     daemon_threads = True
 
@@ -48,8 +48,8 @@ class _Handler(BaseHTTPRequestHandler):
         self.answer(200, {"data": []})
 
     def do_POST(self):
-        asked = self.rfile.read(int(self.headers["Content-Length"])).decode()
-        if is_first_question(asked):
+        prompt = self.rfile.read(int(self.headers["Content-Length"])).decode()
+        if is_first_question(prompt):
             return self.answer(200, {"choices": [{"message": {"content": FINISHED}}]})
         began_s, number = time.monotonic(), len(self.server.took_s)
         if number == self.server.dies_after:
@@ -77,7 +77,7 @@ class _Handler(BaseHTTPRequestHandler):
 
 @pytest.fixture(scope="module")
 def rig(tmp_path_factory):
-    """A vehicle that stands and is never moved, so that all may look through its camera."""
+    """A vehicle that stands and never moves, so all tests may use its camera."""
     with simulated_rig(tmp_path_factory.mktemp("rig")) as rig:
         yield rig
 
@@ -116,28 +116,28 @@ def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown
     model.shutdown()
     assert measuring.returncode == 0, err
     assert only_listened(tap)
-    told, asked = last_object(out), questions(tmp_path)
-    assert told["questions"] == told["wanted"] == len(asked) == 8
-    assert told["age_since"] == "capture"  # our camera stamps its pictures
+    report, question_rows = last_object(out), questions(tmp_path)
+    assert report["questions"] == report["wanted"] == len(question_rows) == 8
+    assert report["age_since"] == "capture"  # our camera stamps its pictures
 
-    # each reply took at least what its server says that it took it, and what it refused is apart
+    # each reply took at least the time that its server reports; refused attempts are separate
     assert len(model.took_s) == 8
-    assert all(took_s <= row["model_s"] for took_s, row in zip(model.took_s, asked, strict=True))
-    assert asked[BUSY]["failed_s"] >= 0.25
-    for row in asked:
+    assert all(took_s <= row["model_s"] for took_s, row in zip(model.took_s, question_rows, strict=True))
+    assert question_rows[BUSY]["failed_s"] >= 0.25
+    for row in question_rows:
         links = sum(row[name] for name in ("wait_s", "encode_s", "failed_s", "model_s", "parse_s", "tick_s"))
         assert links == pytest.approx(row["step_s"], abs=1e-5)
         assert all(row[name] > 0.0 for name in ("wait_s", "encode_s", "parse_s", "tick_s"))
         charged = row["encode_s"] + row["model_s"] + row["parse_s"]
         assert row["latency_s"] == pytest.approx(charged, abs=1e-5)
 
-    # the agent's own log agrees: vehicle time goes by as the host's does, in ticks
+    # the agent's own log agrees: vehicle time passes like the host's, in ticks
     decisions = list(rows(tmp_path / "run" / "connected" / "decisions.jsonl"))
-    assert [d["frame_id"] for d in decisions] == [row["frame_id"] for row in asked]
-    assert told["links"]["model_s"]["max"] == max(row["model_s"] for row in asked)
+    assert [d["frame_id"] for d in decisions] == [row["frame_id"] for row in question_rows]
+    assert report["links"]["model_s"]["max"] == max(row["model_s"] for row in question_rows)
 
-    # what is flown in lockstep costs what was measured, to the µs, from a drawn place and round again
-    flown = fly(
+    # a lockstep flight costs the measured latencies, to the µs, from a drawn place and round again
+    result = fly(
         FlightSpec(
             episode="residential-approaching-01", pilot="oracle", seconds=40.0,
             simulated=Simulated(speed=None, rendered=False),
@@ -146,9 +146,9 @@ def test_the_whole_chain_is_measured_and_nothing_is_moved_and_the_trace_is_flown
         tmp_path / "flown",
         lambda line: None,
     )  # fmt: skip
-    charged = [row["latency_s"] for row in asked]
+    charged = [row["latency_s"] for row in question_rows]
     cost = [d["latency_s"] for d in rows(tmp_path / "flown" / "residential-approaching-01" / "decisions.jsonl")]
-    assert flown["steps"] == len(cost) > 3
+    assert result["steps"] == len(cost) > 3
     first = charged.index(cost[0])
     assert cost == [charged[(first + step) % 8] for step in range(len(cost))]
 
@@ -160,8 +160,8 @@ def test_a_model_that_fails_leaves_what_was_measured(rig, tap, tmp_path):
     model.shutdown()
     assert measuring.returncode == 3
     assert "no more" in err.splitlines()[-1]
-    told = last_object(out)
-    assert (told["questions"], told["wanted"], told["status"]) == (6, 30, 3)
+    report = last_object(out)
+    assert (report["questions"], report["wanted"], report["status"]) == (6, 30, 3)
     assert len(questions(tmp_path)) == 6
     assert len((tmp_path / "run" / "trace.csv").read_text().splitlines()) == 1 + 6
     assert only_listened(tap)
@@ -176,9 +176,9 @@ def test_ctrl_c_ends_it_in_order_and_what_was_measured_is_written(rig, tap, tmp_
     model.shutdown()
     assert measuring.returncode == 130, err
     assert "interrupted after" in err
-    asked = questions(tmp_path)
-    assert last_object(out)["questions"] == len(asked) >= 2
-    assert all(earlier["step"] < later["step"] for earlier, later in pairwise(asked))
+    question_rows = questions(tmp_path)
+    assert last_object(out)["questions"] == len(question_rows) >= 2
+    assert all(earlier["step"] < later["step"] for earlier, later in pairwise(question_rows))
     assert only_listened(tap)
 
 

@@ -1,4 +1,4 @@
-"""One version, `dronecats.__version__`: whatever else tells one says the same."""
+"""One version, `dronecats.__version__`, everywhere."""
 
 import json
 import re
@@ -29,8 +29,8 @@ def test_the_command_line_says_it(capsys):
 
 
 def test_the_doctor_says_it_and_where_the_package_lies():
-    found = next(finding for finding in doctor.examine() if finding.name == "dronecats")
-    assert found.detail == f"{__version__} in {ROOT}"
+    version_finding = next(finding for finding in doctor.examine() if finding.name == "dronecats")
+    assert version_finding.detail == f"{__version__} in {ROOT}"
 
 
 def test_a_run_keeps_it(tmp_path):

@@ -1,4 +1,4 @@
-"""The wheel and the sdist carry what git knows of the six packages, and the wheel alone flies.
+"""The wheel and the sdist contain git's files of the six packages. The wheel alone flies.
 
 The build uses the pinned tools of requirements/dev.lock: with `--no-isolation`, pip asks no index for others.
 Built from a copy of the checkout: setuptools believes the list of files that an earlier build has left beside it.
@@ -38,7 +38,7 @@ OURS = (
 
 
 def finished(*words, cwd, **variables):
-    """Return what a program said that had to end well, in an environment that knows nothing of this checkout."""
+    """Run a program that must succeed, in an environment without this checkout; return its output."""
     environment = {key: value for key, value in os.environ.items() if key not in OURS} | variables
     done = subprocess.run(words, cwd=cwd, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{words}\n{done.stdout[-4000:]}\n{done.stderr[-4000:]}"
@@ -46,7 +46,7 @@ def finished(*words, cwd, **variables):
 
 
 def build(kind, source, out):
-    """Return what `python -m build` makes of a source tree, `kind` being wheel or sdist."""
+    """Return the result of `python -m build` on a source tree, `kind` being wheel or sdist."""
     finished(sys.executable, "-m", "build", "--no-isolation", f"--{kind}", "--outdir", out, source, cwd=out)
     (built,) = out.glob("*.whl" if kind == "wheel" else "*.tar.gz")
     return built
@@ -65,7 +65,7 @@ def contents(wheel):
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """Return a copy of what git knows, or would know after `git add`."""
+    """Return a copy of the files that git knows, or would know after `git add`."""
     copy = tmp_path_factory.mktemp("checkout")
     listed = subprocess.check_output(("git", "ls-files", "-z", "-co", "--exclude-standard"), cwd=ROOT, text=True)
     for name in filter(None, listed.split("\0")):
@@ -129,12 +129,16 @@ def test_every_package_says_that_it_is_typed(wheel):
 
 def test_the_wheel_describes_itself(wheel):
     with zipfile.ZipFile(wheel) as archive:
-        said = Parser().parsestr(archive.read(f"dronecats-{__version__}.dist-info/METADATA").decode())
+        metadata = Parser().parsestr(archive.read(f"dronecats-{__version__}.dist-info/METADATA").decode())
         top = archive.read(f"dronecats-{__version__}.dist-info/top_level.txt").decode().split()
-    assert (said["Name"], said["Version"], said["License-Expression"]) == ("dronecats", __version__, "Apache-2.0")
-    assert said["Description-Content-Type"] == "text/markdown"
+    assert (metadata["Name"], metadata["Version"], metadata["License-Expression"]) == (
+        "dronecats",
+        __version__,
+        "Apache-2.0",
+    )
+    assert metadata["Description-Content-Type"] == "text/markdown"
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    assert set(said.get_all("Provides-Extra") or ()) == set(extras)
+    assert set(metadata.get_all("Provides-Extra") or ()) == set(extras)
     assert set(top) == ROOMS
 
 
@@ -155,7 +159,7 @@ def test_the_sdist_builds_the_same_wheel(sdist, wheel, tmp_path):
     assert contents(build("wheel", source, out)) == contents(wheel)
 
 
-def test_what_runs_is_what_was_installed(installed, elsewhere):
+def test_the_installed_packages_are_the_ones_that_run(installed, elsewhere):
     code = f"import {', '.join(sorted(ROOMS))}, sys; print(*(sys.modules[r].__file__ for r in {sorted(ROOMS)}))"
     for file in finished(installed / "python", "-c", code, cwd=elsewhere).split():
         assert Path(file).is_relative_to(installed.parent)
@@ -177,9 +181,9 @@ def test_the_wheel_knows_models_by_name(dronecats):
 
 
 def test_the_doctor_finds_nothing_missing(dronecats, installed):
-    said = json.loads(dronecats("doctor", "--json"))
-    assert said["can_simulate"]
-    where = next(finding["detail"] for finding in said["findings"] if finding["name"] == "dronecats")
+    report = json.loads(dronecats("doctor", "--json"))
+    assert report["can_simulate"]
+    where = next(finding["detail"] for finding in report["findings"] if finding["name"] == "dronecats")
     assert Path(where.removeprefix(f"{__version__} in ")).is_relative_to(installed.parent)
 
 

@@ -57,24 +57,24 @@ def asking(wire, **changes):
     return replace(LOCKSTEP, pilot=None, model=model, **changes)
 
 
-def flown(spec, out):
+def fly_spec(spec, out):
     result = fly(spec, out, lambda line: None)
     return result, out / result["episode"]
 
 
 def replayed(capsys, folder, out, *words):
     assert main(["fly", "--sitl", "--model", f"replay:{folder}", "--out", str(out), "--json", *words]) == 0
-    said = capsys.readouterr().out
-    assert folder.name in said.splitlines()[0]
-    return last_object(said), out / folder.name
+    output = capsys.readouterr().out
+    assert folder.name in output.splitlines()[0]
+    return last_object(output), out / folder.name
 
 
 def test_nothing_is_lost_on_a_wire_that_breaks_twice_in_every_step(serve, tmp_path, monkeypatch):
     monkeypatch.setattr(accounts, "open_model", opened_without_pauses)
     monkeypatch.setattr(turns, "APART_S", 0.0)  # between questions to a server that was busy
-    result, whole = flown(asking(serve()), tmp_path / "whole")
+    result, whole = fly_spec(asking(serve()), tmp_path / "whole")
     broken = serve(*AGAIN.values())
-    hurt, folder = flown(asking(broken), tmp_path / "broken")
+    hurt, folder = fly_spec(asking(broken), tmp_path / "broken")
     assert result["outcome"] == hurt["outcome"] == "success"
     assert logs(folder) == logs(whole)
     assert broken.served == 3 * (1 + result["steps"]) >= 15  # the first question before take-off is one more
@@ -88,27 +88,27 @@ def test_a_cached_flight_is_flown_again_without_a_question_and_so_is_its_recordi
         seconds=12.0,
         accounts=Accounts(cache=str(tmp_path / "replies.sqlite")),
     )
-    result, first = flown(spec, tmp_path / "first")
+    result, first = fly_spec(spec, tmp_path / "first")
     assert result["reason"] == "cap"
-    asked = wire.served
-    assert asked - result["steps"] in (0, 1)  # a reply that was under way at the cap is in no log
+    question_count = wire.served
+    assert question_count - result["steps"] in (0, 1)  # a reply under way at the cap is in no log
     assert len({row["latency_s"] for row in rows(first / "decisions.jsonl")}) > 1
     wire.close()
-    _, again = flown(spec, tmp_path / "again")
-    assert wire.served == asked
+    _, again = fly_spec(spec, tmp_path / "again")
+    assert wire.served == question_count
     assert logs(again) == logs(first)
     assert not list((tmp_path / "again").glob("*.sqlite-wal"))
     _, third = replayed(capsys, first, tmp_path / "third")
     assert logs(third) == logs(first)
 
 
-def test_what_a_router_tells_is_in_the_record_and_flown_again(serve, tmp_path, capsys):
+def test_router_details_are_recorded_and_replayed(serve, tmp_path, capsys):
     def routed(body):
-        said = vision(body)
-        said["usage"]["prompt_tokens_details"] = {"cached_tokens": 5}
-        return {**said, "provider": "DeepInfra"}
+        reply = vision(body)
+        reply["usage"]["prompt_tokens_details"] = {"cached_tokens": 5}
+        return {**reply, "provider": "DeepInfra"}
 
-    _, first = flown(asking(serve(reply=routed), seconds=4.0), tmp_path / "first")
+    _, first = fly_spec(asking(serve(reply=routed), seconds=4.0), tmp_path / "first")
     decisions = rows(first / "decisions.jsonl")
     assert {(row["tokens_cached"], row["endpoint"], row.get("tokens_reasoning")) for row in decisions} == {
         (5, "DeepInfra", None)
@@ -118,13 +118,13 @@ def test_what_a_router_tells_is_in_the_record_and_flown_again(serve, tmp_path, c
 
 
 def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
-    _, first = flown(
+    _, first = fly_spec(
         replace(LOCKSTEP, latency=LatencyPolicy.parse("lognormal:1,0.5"), seconds=12.0, full=True), tmp_path / "first"
     )
     result, again = replayed(capsys, first, tmp_path / "again")
     assert logs(again) == logs(first)
     assert result["pilot"] == "replay of vision"
-    # it flies again from its own file, wherever the recording may be
+    # it flies again from its own file, wherever the recording is
     first.rename(tmp_path / "elsewhere")
     assert main(["fly", "--spec", str(again.parent / "run.json"), "--out", str(tmp_path / "third")]) == 0
     assert logs(tmp_path / "third" / EASY) == logs(again)
@@ -132,7 +132,7 @@ def test_a_recorded_flight_draws_the_same_latencies_again(tmp_path, capsys):
 
 def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
     spec = replace(LOCKSTEP, episode="residential-commanding-02", seconds=4.0)
-    _, first = flown(spec, tmp_path / "first")
+    _, first = fly_spec(spec, tmp_path / "first")
     assert {row["drone"] for row in rows(first / "decisions.jsonl")} == {0, 1, 2, 3}
     _, again = replayed(capsys, tmp_path / "first" / first.name, tmp_path / "again")
     assert logs(again) == logs(first)
@@ -143,7 +143,7 @@ def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
     unseen = Simulated(speed=None, rendered=False)
     spec = replace(LOCKSTEP, episode="residential-commanding-02", pilot="oracle", command="hierarchical", full=True)
     spec = replace(spec, simulated=unseen, seconds=60.0, latency=LatencyPolicy.parse("lognormal:1,0.5"))
-    _, first = flown(spec, tmp_path / "first")
+    _, first = fly_spec(spec, tmp_path / "first")
     commanded = rows(first / "commander.jsonl")
     assert any(row["confirms"] for row in commanded)
     _, again = replayed(capsys, tmp_path / "first" / first.name, tmp_path / "again")
@@ -152,22 +152,22 @@ def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
 
 
 def test_a_replay_that_asks_what_was_not_recorded_is_nobodys_score(tmp_path, capsys):
-    _, first = flown(LOCKSTEP, tmp_path / "first")  # to its declaration: a cap answers one question more
+    _, first = fly_spec(LOCKSTEP, tmp_path / "first")  # to its declaration: a cap answers one question more
     log = first / "decisions.jsonl"
     log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
     words = ["--latency", "fixed:0.4", "--full", "--out", str(tmp_path / "other"), "--json"]
     assert main(["fly", "--sitl", "--model", f"replay:{first}", *words]) == 3
-    told = capsys.readouterr()
-    assert "--latency, --full" in told.out.splitlines()[0]
-    result = last_object(told.out)
+    captured = capsys.readouterr()
+    assert "--latency, --full" in captured.out.splitlines()[0]
+    result = last_object(captured.out)
     assert result["outcome"] == "error"
     assert re.search(r"step 2\b.*drone 1\b", result["error"])
 
 
 def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_path, capsys):
-    said: list[str] = []
+    notices: list[str] = []
     spec = asking(serve(), accounts=Accounts(token_limit=3500))
-    result = fly(spec, tmp_path / "run", said.append)
+    result = fly(spec, tmp_path / "run", notices.append)
     assert (result["outcome"], result["reason"], result["status"]) == ("error", "budget", 3)
     assert re.search("3,500 tokens.*--token-limit", result["error"])
     folder = tmp_path / "run" / EASY
@@ -181,10 +181,10 @@ def test_a_flight_whose_budget_is_spent_lands_and_is_nobodys_score(serve, tmp_pa
     assert total.questions == 1 + len(decisions)
     assert total.tokens - of_steps[-1] < 3500 <= total.tokens
     assert end["reason"] == "budget"
-    assert any("landing" in line for line in said)
+    assert any("landing" in line for line in notices)
     usd = (total.tokens_in * 1.0 + total.tokens_out * 10.0) / 1e6
-    assert any(line.endswith(f" {total.tokens:,} tokens, ${usd:.4f}") for line in said)
+    assert any(line.endswith(f" {total.tokens:,} tokens, ${usd:.4f}") for line in notices)
     # a flight that begins with nothing left starts nothing
-    again = fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", said.append)
+    again = fly(replace(spec, episode="residential-approaching-02"), tmp_path / "run", notices.append)
     assert (again["reason"], again["steps"], again["sim_seconds"]) == ("budget", 0, 0.0)
     assert json.loads((tmp_path / "run" / "run.json").read_text())["flight"]["accounts"]["token_limit"] == 3500

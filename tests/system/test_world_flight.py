@@ -1,4 +1,4 @@
-"""`fly --connect --world --truth`: somebody else's simulated vehicle flies our episodes, and is judged.
+"""`fly --connect --world --truth`: a foreign simulated vehicle flies our episodes and is judged.
 
 Here that vehicle is our own simulator on another map, far away and heading elsewhere; of a real PX4 the same was seen.
 """
@@ -75,8 +75,8 @@ def test_a_map_is_flown_in_without_a_verdict(elsewhere, tmp_path):
     }
 
 
-def test_what_cannot_be_flown_is_refused_before_anything_is_made(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.SILENT_S", 0.3)  # for which the last waits for a truth
+def test_invalid_world_flights_are_rejected_before_any_file_is_written(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("dronecats.flight.sitl.truth_bridge.SILENT_S", 0.3)  # the last one waits for a truth
     for arguments, part in (
         (["--world", HERE], "--truth"),
         (["--truth", "udpin://127.0.0.1:0"], "--world"),

@@ -1,4 +1,4 @@
-"""What a vehicle of the simulator really does: its truth bus, followed for the length of a test."""
+"""The true motion of a simulated vehicle: its truth bus, followed for the length of a test."""
 
 import math
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ class Motion:
 
 
 class TruthWatch:
-    """Everything that was told since it was opened."""
+    """All truth samples since it was opened."""
 
     def __init__(self, port):
         self.samples = []
@@ -38,7 +38,7 @@ class TruthWatch:
         return self.samples[-1]
 
     def newest(self):
-        """Take in all that has come and return the newest sample."""
+        """Take in all samples that have arrived and return the newest one."""
         while self._listener.read(0.0) or not self.samples:
             if not self.samples:
                 self._read()

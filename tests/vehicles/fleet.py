@@ -13,7 +13,7 @@ HIGH = (0.0, 0.0, -100.0)  # far from the ground's effects
 
 
 def vehicle(name: str = "x500", seed: int = 1, **options: Any) -> Multirotor:
-    """Return a vehicle at ORIGIN with balanced rotors, on flat ground unless told otherwise."""
+    """Return a vehicle at ORIGIN with balanced rotors, on flat ground by default."""
     return Multirotor(load(name).balanced(), **{"seed": seed, "origin": ORIGIN, **options})
 
 

@@ -1,4 +1,4 @@
-"""Airframe files: what is shipped is flyable, what is broken is refused by name."""
+"""Airframe files: shipped ones can fly, invalid ones are rejected by name."""
 
 import tomllib
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Flying into things: walls stop, cars stay empty, edges tip, hard hits break, and what is far away changes nothing."""
+"""Collisions: walls stop, cars stay empty, edges tip, hard hits break, and far obstacles change nothing."""
 
 from dataclasses import replace
 
@@ -160,7 +160,7 @@ STONES = solid(
 def test_the_inertial_sensors_feel_all_that_a_contact_does(
     name: str, velocity: tuple[float, ...], period_us: int
 ) -> None:
-    """What they add up to over two seconds of pressing is the motion: velocity within 2 %, attitude within 1 %."""
+    """Summed over two seconds of pressing they give the motion: velocity within 2 %, attitude within 1 %."""
     place = (4.35, 0.2, -3.0) if velocity[0] else (0.0, 0.0, -1.6)
     suite = replace(PERFECT, imu_period_us=period_us, accel_range=1e4)
     craft = vehicle(name, obstacles=STONES, camera_frd=CAMERA, position_ned=place, suite=suite)
@@ -209,14 +209,14 @@ def test_a_car_that_is_not_there_yet_changes_nothing() -> None:
 
 
 def test_far_obstacles_change_no_byte_of_a_flight() -> None:
-    flown = []
+    states = []
     for obstacles in (OPEN, WALL):
         craft = vehicle(position_ned=(-5.0, 0.0, -8.0), obstacles=obstacles)
         spin(craft, craft.airframe.hover_speed)
         craft.state["velocity"] = (0.0, 1.0, 0.0)
         craft.advance(2000)
-        flown.append(craft.state.tobytes())
-    assert flown[0] == flown[1]
+        states.append(craft.state.tobytes())
+    assert states[0] == states[1]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -255,8 +255,8 @@ def test_nearest_points_against_a_dense_search() -> None:
         point = rng.normal(size=3) * 2.0
         a, b, c = corners.reshape(3, 3).astype(float)
         best = np.linalg.norm(a + u[:, None] * (b - a) + v[:, None] * (c - a) - point, axis=1).min()
-        found = in_triangle(corners, 0, *point)
-        gap = np.linalg.norm(np.array(found[:3]) - point)
+        nearest = in_triangle(corners, 0, *point)
+        gap = np.linalg.norm(np.array(nearest[:3]) - point)
         assert best - 0.02 < gap <= best + 1e-6
     for place, deep, way in (((3.0, 0.0, 0.0), 1.0, (1, 0, 0)), ((0.0, -0.9, 0.1), -0.1, (0, -1, 0))):
         box = in_box((2.0, 1.0, 1.0), place)

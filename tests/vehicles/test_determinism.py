@@ -1,4 +1,4 @@
-"""Same seed, same bytes; and however the steps are grouped."""
+"""The same seed gives the same bytes, for any grouping of the steps."""
 
 from numba import njit
 
@@ -10,11 +10,11 @@ from vehicles.wind import Wind
 @njit
 def _fused(steps, actuators, args):
     for _ in range(steps):
-        actuators.command[0] = 0.70  # where an autopilot would write
+        actuators.command[0] = 0.70  # an autopilot would write here
         step(*args)
 
 
-def flown(seed: int, chunks: list[int]) -> Multirotor:
+def fly_chunks(seed: int, chunks: list[int]) -> Multirotor:
     craft = vehicle(seed=seed, position_ned=HIGH, wind=Wind((3.0, 1.0, 0.0), 8.0))
     craft.actuators["armed"] = 1
     craft.actuators["command"][:4] = (0.70, 0.71, 0.70, 0.705)
@@ -28,18 +28,18 @@ def bytes_of(craft: Multirotor) -> bytes:
 
 
 def test_same_seed_same_bytes() -> None:
-    assert bytes_of(flown(7, [3000])) == bytes_of(flown(7, [3000]))
-    assert bytes_of(flown(7, [3000])) == bytes_of(flown(7, [1, 999, 1500, 500]))
+    assert bytes_of(fly_chunks(7, [3000])) == bytes_of(fly_chunks(7, [3000]))
+    assert bytes_of(fly_chunks(7, [3000])) == bytes_of(fly_chunks(7, [1, 999, 1500, 500]))
 
 
 def test_another_seed_flies_another_flight() -> None:
-    one, two = flown(7, [3000]), flown(8, [3000])
+    one, two = fly_chunks(7, [3000]), fly_chunks(8, [3000])
     assert one.truth["position_ned"].tobytes() != two.truth["position_ned"].tobytes()  # other gusts
     assert one.sensors["accel_frd"].tobytes() != two.sensors["accel_frd"].tobytes()
 
 
 def test_sensors_do_not_disturb_the_flight() -> None:
-    craft, plain = flown(7, [3000]), vehicle(seed=7, position_ned=HIGH, wind=Wind((3.0, 1.0, 0.0), 8.0))
+    craft, plain = fly_chunks(7, [3000]), vehicle(seed=7, position_ned=HIGH, wind=Wind((3.0, 1.0, 0.0), 8.0))
     plain.suite["imu_period_us"] = 4000
     plain.actuators["armed"] = 1
     plain.actuators["command"][:4] = (0.70, 0.71, 0.70, 0.705)
@@ -48,7 +48,7 @@ def test_sensors_do_not_disturb_the_flight() -> None:
 
 
 def test_copied_records_live_the_same_life() -> None:
-    craft, twin = flown(7, [1000]), flown(8, [1000])
+    craft, twin = fly_chunks(7, [1000]), fly_chunks(8, [1000])
     for name in craft.record.dtype.names or ():
         twin.record[name] = craft.record[name]
     craft.advance(1000)
@@ -64,6 +64,6 @@ def test_time_counts_from_boot_in_microseconds() -> None:
 
 
 def test_a_compiled_loop_may_carry_the_step() -> None:
-    alone, carried = flown(7, [1000]), flown(7, [])
+    alone, carried = fly_chunks(7, [1000]), fly_chunks(7, [])
     _fused(1000, carried.actuators, carried.kernel_args)
     assert bytes_of(alone) == bytes_of(carried)

@@ -18,13 +18,13 @@ TICK = 10
 
 def pair(name: str, apart: float, aside: float, speed: float) -> tuple[Multirotor, Multirotor]:
     """Return two hovering vehicles that fly at one another."""
-    found = []
+    crafts = []
     for sign in (-1.0, 1.0):
         craft = vehicle(name, position_ned=(sign * apart / 2, sign * aside / 2, -60.0), suite=PERFECT)
         spin(craft, craft.airframe.hover_speed)
         craft.state["velocity"] = (-sign * speed, 0.0, 0.0)
-        found.append(craft)
-    return found[0], found[1]
+        crafts.append(craft)
+    return crafts[0], crafts[1]
 
 
 def live(fleet: tuple[Multirotor, Multirotor], ticks: int) -> None:
@@ -47,7 +47,7 @@ def test_two_that_meet_do_not_pass_through_and_share_what_they_had(name: str, sp
     if speed <= 1.0:
         assert fleet[1].state["velocity"][0] - fleet[0].state["velocity"][0] > -0.05  # no longer closing
     momentum = fleet[0].state["velocity"][0] + fleet[1].state["velocity"][0]
-    assert abs(momentum) < 0.35 * speed  # what is left comes from rotors that no longer point straight up
+    assert abs(momentum) < 0.35 * speed  # the rest comes from rotors that no longer point straight up
     for craft in fleet:
         assert craft.state["hits"] >= 1
         assert craft.state["hit_owner"] == DRONE
@@ -79,15 +79,15 @@ def test_those_who_keep_apart_feel_nothing() -> None:
 def test_it_is_said_once_and_what_it_was() -> None:
     fleet = pair("x500", 1.2, 0.0, 1.0)
     reports = [CollisionReport(craft) for craft in fleet]
-    encounters, said = Encounters(fleet), []
+    encounters, texts = Encounters(fleet), []
     for _ in range(80):
         encounters.part(TICK * 1e-3)
         for craft, report in zip(fleet, reports, strict=True):
             craft.advance(TICK)
             message = report.message()
             if message:
-                said.append(message.text)
-    hits, ends = [hit_of(text) for text in said[:2]], [seconds_of(text) for text in said[2:]]
+                texts.append(message.text)
+    hits, ends = [hit_of(text) for text in texts[:2]], [seconds_of(text) for text in texts[2:]]
     assert all(hit and hit.crash and hit.what == "another drone" for hit in hits)
     assert len(ends) == 2
     assert all(seconds is not None and seconds < 0.1 for seconds in ends)
@@ -96,17 +96,17 @@ def test_it_is_said_once_and_what_it_was() -> None:
 def test_drones_that_lean_on_one_another_say_so_once_it_has_lasted() -> None:
     fleet = pair("x500", 2.0 * girth(vehicle("x500")) + 0.01, 0.0, 0.04)
     reports = [CollisionReport(craft) for craft in fleet]
-    encounters, said = Encounters(fleet), []
+    encounters, timed_hits = Encounters(fleet), []
     for tick in range(120):
         encounters.part(TICK * 1e-3)
         for sign, craft, report in zip((-1.0, 1.0), fleet, reports, strict=True):
             craft.advance(TICK)
             craft.state["velocity"] = (-sign * 0.04, 0.0, 0.0)  # held there by their autopilots
             message = report.message()
-            said += [(tick, hit_of(message.text))] if message else []
+            timed_hits += [(tick, hit_of(message.text))] if message else []
     assert not any(craft.state["hits"] for craft in fleet)
-    assert [hit and hit.what for _, hit in said] == ["another drone"] * 2
-    assert all(tick > 50 and hit and 0.0 < (hit.closing_speed or 0.0) < 0.15 for tick, hit in said)
+    assert [hit and hit.what for _, hit in timed_hits] == ["another drone"] * 2
+    assert all(tick > 50 and hit and 0.0 < (hit.closing_speed or 0.0) < 0.15 for tick, hit in timed_hits)
 
 
 COORDINATE, SPEED = st.floats(-3.0, 3.0), st.floats(-40.0, 40.0)
@@ -118,7 +118,7 @@ COORDINATE, SPEED = st.floats(-3.0, 3.0), st.floats(-40.0, 40.0)
     st.floats(0.05, 0.6),
     st.floats(0.05, 0.6),
 )
-def test_whoever_may_not_touch_does_not(gap, speed, size, other_size):
+def test_balls_that_may_not_touch_do_not(gap, speed, size, other_size):
     one = Ball(list(gap), list(speed), size)
     other = Ball([0.0, 0.0, 0.0], [0.0, 0.0, 0.0], other_size)
     touches = _first_touch(gap, speed, size + other_size, TICK * 1e-3) >= 0.0

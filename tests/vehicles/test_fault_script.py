@@ -1,4 +1,4 @@
-"""Fault scripts: what a file says is what the vehicle suffers, and a file that is wrong is told so in one sentence."""
+"""Fault scripts: the vehicle suffers the faults of a file. An invalid file is reported in one sentence."""
 
 from pathlib import Path
 from typing import Any
@@ -80,7 +80,7 @@ def test_a_wrong_entry_is_named_with_its_file_and_reason(tmp_path: Path) -> None
 
 def test_a_file_that_is_no_script_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "bad.toml"
-    assert "bad.toml" in refusal(load, path, rotors=4)  # not there yet
+    assert "bad.toml" in refusal(load, path, rotors=4)  # the file does not exist yet
     for text in ["[[fault]", "fault = 3", "fault = [1]", "[fault]\npart = 'gps'", "wind = 3", "\xff"]:
         path.write_text(text, encoding="latin-1")
         assert "bad.toml" in refusal(load, path, rotors=4), text

@@ -1,4 +1,4 @@
-"""The fault script: each kind does what it says, for as long as it says."""
+"""The fault script: each kind of fault has its effect for its duration."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""The ground: rest is rest, falls end, slopes hold and vehicles can tip over."""
+"""The ground: a vehicle at rest stays so, falls end, slopes hold and vehicles can tip over."""
 
 import numpy as np
 import pytest
@@ -54,7 +54,7 @@ def test_a_drop_ends_at_rest(name: str, height: float) -> None:
     for _ in range(80):
         craft.advance(100)
         fastest = max(fastest, float(np.linalg.norm(craft.truth["velocity_ned"])))
-    assert fastest <= np.sqrt(2.0 * GRAVITY * (height + 0.3)) + 0.1  # the ground gives no energy
+    assert fastest <= np.sqrt(2.0 * GRAVITY * (height + 0.3)) + 0.1  # the ground adds no energy
     assert np.linalg.norm(craft.truth["velocity_ned"]) < 1e-3
     assert np.linalg.norm(craft.truth["accel_frd"]) == pytest.approx(GRAVITY, abs=1e-2)
     assert np.linalg.norm(craft.truth["attitude"]) == pytest.approx(1.0, abs=1e-12)

@@ -12,7 +12,7 @@ from vehicles.multirotor import Multirotor
 
 
 def steady(craft: Multirotor, speed: float | np.ndarray, steps: int) -> None:
-    """Advance with the rotors held at `speed`, whatever the pack does."""
+    """Advance with the rotors held at `speed`, whatever the pack's voltage."""
     for _ in range(steps):
         spin(craft, speed)
         craft.advance(1)

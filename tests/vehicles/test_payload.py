@@ -1,4 +1,4 @@
-"""What a payload does to the physics, and which is too heavy."""
+"""The effect of a payload on the physics, and the limit of its mass."""
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def test_it_turns_more_slowly_about_roll_and_pitch_and_not_about_yaw() -> None:
 
 
 @pytest.mark.parametrize("name", names())
-def test_what_leaves_no_thrust_to_steer_with_is_refused(name: str) -> None:
+def test_payloads_that_leave_no_thrust_for_steering_are_rejected(name: str) -> None:
     frame = load(name)
     most_kg = liftable_kg(frame)
     assert laden(frame, most_kg).mass_kg * GRAVITY == pytest.approx(HOVER_MAX * frame.thrust_max)

@@ -1,4 +1,4 @@
-"""What a ray meets first: against every triangle there is, and as the rangefinder sees it."""
+"""The first hit of a ray: against every triangle, and as the rangefinder sees it."""
 
 import math
 
@@ -16,15 +16,15 @@ MOST = 12.0
 
 def nearest(triangles, eye, way):
     """Return the least distance by solving for plane coordinates, triangle by triangle; inf for none."""
-    found = math.inf
+    shortest = math.inf
     for a, b, c in triangles:
         matrix = np.column_stack([b - a, c - a, -way])
         if abs(np.linalg.det(matrix)) < 1e-12:
             continue
         u, v, distance = np.linalg.solve(matrix, eye - a)
         if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and 0.0 <= distance <= MOST:
-            found = min(found, distance)
-    return found
+            shortest = min(shortest, distance)
+    return shortest
 
 
 def cast(craft, eye, way):

@@ -1,4 +1,4 @@
-"""Sensors: rates, noise, delay and direction, against what the suite says."""
+"""Sensors: rates, noise, delay and direction, against the suite's values."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What unbalanced rotors do to a frame and to the sensors on it."""
+"""The effect of unbalanced rotors on a frame and on its sensors."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sensors made worse on purpose: by the factor that was asked for, and fixes that are older than they say."""
+"""Sensors made worse on purpose: by the requested factor, with fixes older than their stamp."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ from vehicles.wind import Wind
 
 
 def sigma(craft: Multirotor, field: str, every: int) -> float:
-    """Return the standard deviation of 1,500 samples that come every so many milliseconds."""
+    """Return the standard deviation of 1,500 samples at this period in milliseconds."""
     values = []
     for _ in range(1500):
         craft.advance(every)
@@ -46,8 +46,8 @@ def test_a_fixs_errors_grow_by_their_factor_and_what_the_receiver_reports_stays(
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 10.0])
-def test_what_wanders_is_larger_by_its_factor_from_the_moment_on(factor: float) -> None:
-    """Else an error whose time constant is half an hour would grow throughout the flight."""
+def test_wandering_errors_scale_at_once_by_their_factor(factor: float) -> None:
+    """Otherwise an error with a time constant of half an hour would grow throughout the flight."""
     fixes: dict[float, list[np.ndarray]] = {0.5: [], 30.0: []}  # m, by the seconds since
     drifts: dict[float, list[float]] = {0.5: [], 30.0: []}  # hPa
     for changed in (1.0, factor):

@@ -1,4 +1,4 @@
-"""A server that hangs, trickles, breaks off, floods or lies, as it is told, connection by connection. Over real TCP."""
+"""A scripted TCP server that hangs, trickles, breaks off, floods or lies, connection by connection."""
 
 import contextlib
 import json
@@ -11,7 +11,7 @@ from itertools import cycle
 
 
 def answer(status, body, *headers):
-    """Return a whole answer, of bytes or of JSON."""
+    """Return a complete HTTP response with a body of bytes or of JSON."""
     data = body if isinstance(body, bytes) else json.dumps(body).encode()
     lines = [f"HTTP/1.1 {status} X", *headers, f"Content-Length: {len(data)}", "Connection: close", "", ""]
     return "\r\n".join(lines).encode() + data
@@ -25,7 +25,7 @@ HTML = b"<html><body>gateway</body></html>"
 
 
 class Wire:
-    """A server that does, per connection, the next of what is scripted, the last for ever."""
+    """A server that executes one act of the script per connection and repeats the last."""
 
     def __init__(self, *script):
         self.script, self.served = script, 0
@@ -48,7 +48,7 @@ class Wire:
             while b"\r\n\r\n" not in received:
                 received += connection.recv(65536)
             head, _, body = received.partition(b"\r\n\r\n")
-            if head.startswith(b"GET"):  # whether anybody is there
+            if head.startswith(b"GET"):  # the client's check of the server
                 connection.sendall(answer(404, b""))
                 return
             length = int(re.findall(rb"Content-Length: (\d+)", head)[0])
@@ -90,7 +90,7 @@ def reset(wire, connection):
 
 
 def trickle(head):
-    """Send `head`, and then a byte every 20 ms for ever: no single read is ever late."""
+    """Send `head`, then one byte every 20 ms without end. No single read times out."""
 
     def act(wire, connection):
         connection.sendall(head)
@@ -100,7 +100,7 @@ def trickle(head):
     return act
 
 
-# what may pass
+# temporary faults
 AGAIN = {
     "429 with seconds": say(answer(429, b"busy", "Retry-After: 0")),
     "503 with a date": say(answer(503, b"busy", "Retry-After: Sun, 01 Mar 2020 12:00:00 GMT")),
@@ -123,13 +123,13 @@ AGAIN = {
 
 
 def behind(reply, *faults):
-    """Return an act that answers every question by `reply(body)`, but only after two of the faults, in turn."""
-    coming, asked = cycle(faults), Counter[bytes]()
+    """Return an act that answers every question by `reply(body)` after two of the faults, in turn."""
+    coming, request_counts = cycle(faults), Counter[bytes]()
 
     def act(wire, connection):
         body = wire.bodies[-1]
-        asked[body] += 1
-        fault = next(coming) if faults and asked[body] <= 2 else None
+        request_counts[body] += 1
+        fault = next(coming) if faults and request_counts[body] <= 2 else None
         (fault or say(answer(200, reply(body))))(wire, connection)
 
     return act

@@ -1,4 +1,4 @@
-"""Models that point in ways of their own, behind each vendor's format: they look at the picture that they are sent."""
+"""Fake models with different ways of pointing, behind each vendor's format. They look at the image they receive."""
 
 import base64
 import json
@@ -10,7 +10,9 @@ import numpy as np
 
 from tests.agent.models.recording import Sent
 
-Point = Callable[[float, float, bool], str]  # x, y of the mark, 0 … 1000, and whether [x, y] is asked for → a reply
+Point = Callable[
+    [float, float, bool], str
+]  # x, y of the mark, 0 … 1000, and whether the request is for [x, y] → a reply
 
 
 def go(first: float, second: float) -> str:
@@ -30,12 +32,12 @@ MANNERS: dict[str, Point] = {
 
 
 class Pointer:
-    """Answers as one of the manners does, in the format in which it is asked."""
+    """Answers in one of the manners, in the format of the request."""
 
     def __init__(self, manner: str, enforces: bool = False) -> None:
-        """`enforces`: a schema that is sent is kept to, whatever is asked for."""
+        """With `enforces`, every reply follows the schema of the request."""
         self._point, self._enforces = MANNERS[manner], enforces
-        self.tokens = (100, 20)  # of each question and reply
+        self.tokens = (100, 20)  # per question and reply
 
     def __call__(self, sent: Sent) -> tuple[int, bytes]:
         """Return status and body of the answer to a request."""
@@ -46,12 +48,12 @@ class Pointer:
         elif self._enforces and root:
             reply = '[{"action": "think"}]' if root == "array" else '{"action": "think"}'
         else:
-            reply = text[text.index("{") :]  # what it was told to say
+            reply = text[text.index("{") :]  # the reply that the prompt dictates
         return 200, json.dumps(wrapped(format_of(sent), reply, *self.tokens)).encode()
 
 
 def mark(jpeg: bytes) -> tuple[float, float]:
-    """Return the middle of what is red in a picture, as x, y from 0 to 1000."""
+    """Return the centre of the red area of an image, as x, y from 0 to 1000."""
     picture = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR), int)
     rows, columns = np.nonzero(picture[:, :, 2] > picture[:, :, 1] + 80)
     height, width = picture.shape[:2]
@@ -65,7 +67,7 @@ def format_of(sent: Sent) -> str:
 
 
 def wrapped(wire: str, reply: str, tokens_in: int, tokens_out: int) -> dict[str, Any]:
-    """Return a reply as a vendor answers it."""
+    """Return a reply in a vendor's format."""
     if wire == "gemini":
         usage = {"promptTokenCount": tokens_in, "candidatesTokenCount": tokens_out}
         return {"candidates": [{"content": {"parts": [{"text": reply}]}}], "usageMetadata": usage}

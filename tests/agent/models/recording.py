@@ -1,4 +1,4 @@
-"""A server on the loopback that keeps what it is sent, and answers what it is told."""
+"""A local HTTP server that records requests and gives fixed or computed responses."""
 
 import json
 import threading
@@ -10,7 +10,7 @@ from typing import Any
 
 @dataclass(frozen=True, slots=True)
 class Sent:
-    """One request, as it came over the wire."""
+    """One request as received."""
 
     path: str  # with its query
     headers: dict[str, str]  # names in lower case
@@ -18,7 +18,7 @@ class Sent:
 
 
 class Recording:
-    """As a context: `url` while it is open, `sent` afterwards too."""
+    """Context manager: `url` is valid while it is open, `sent` also afterwards."""
 
     def __init__(
         self,
@@ -38,12 +38,12 @@ class Recording:
                 body = self.rfile.read(int(self.headers["Content-Length"]))
                 headers = {name.lower(): value for name, value in self.headers.items()}
                 sent.append(Sent(self.path, headers, json.loads(body)))
-                said = (status, answer) if isinstance(answer, bytes) else answer(sent[-1])
-                self.send_response(said[0])
+                response = (status, answer) if isinstance(answer, bytes) else answer(sent[-1])
+                self.send_response(response[0])
                 self.send_header("Content-Type", "application/json")
-                self.send_header("Content-Length", str(len(said[1])))
+                self.send_header("Content-Length", str(len(response[1])))
                 self.end_headers()
-                self.wfile.write(said[1])
+                self.wfile.write(response[1])
 
             def do_GET(self):
                 self.send_response(501 if listed is None else 200)

@@ -1,4 +1,4 @@
-"""Anthropic's format: what is sent, and what is made of what comes back. Over real HTTP."""
+"""Anthropic's format: requests and parsed responses, over real HTTP."""
 
 import json
 
@@ -15,20 +15,20 @@ KEY = "sk-ant-SECRET-1234567890"
 REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
 LIFTED = Request("text", (b"\xff\xd8jpeg",), thinking=True)
 
-BUDGET = {"thinking": {"type": "enabled", "budget_tokens": 4096}}  # as models up to Claude Opus 4.6 have it
+BUDGET = {"thinking": {"type": "enabled", "budget_tokens": 4096}}  # the form for models up to Claude Opus 4.6
 
 
 def answer(*blocks, usage=None, **more):
     return {"type": "message", "role": "assistant", "content": list(blocks), "usage": usage or {}, **more}
 
 
-def text(said):
-    return {"type": "text", "text": said}
+def text(content):
+    return {"type": "text", "text": content}
 
 
-def ask(said, request=REQUEST, status=200, **declared):
-    """Return (the reply, the request that was sent) of a server that answers `said`."""
-    data = said if isinstance(said, bytes) else json.dumps(said).encode()
+def ask(response, request=REQUEST, status=200, **declared):
+    """Return (the reply, the recorded request) for a server that answers `response`."""
+    data = response if isinstance(response, bytes) else json.dumps(response).encode()
     with Recording(data, status) as server:
         model = open_model(ModelSpec(provider="anthropic", name="claude-x", base_url=server.url + "/v1", **declared))
         try:
@@ -69,7 +69,7 @@ def test_the_version_is_one_that_takes_what_is_declared():
     assert sent.body.keys() == {"model", "messages", "max_tokens"}
 
 
-def test_what_the_vendor_has_not_is_refused_before_anything_is_sent():
+def test_unsupported_options_are_rejected_before_a_request():
     with pytest.raises(UsageError, match="array"):
         open_model(ModelSpec(provider="anthropic", name="m", base_url="http://127.0.0.1:1", schema="array"))
     with pytest.raises(UsageError, match="4096"):
@@ -79,7 +79,7 @@ def test_what_the_vendor_has_not_is_refused_before_anything_is_sent():
 
 
 @pytest.mark.parametrize(
-    ("said", "reply_text", "tokens"),
+    ("response", "reply_text", "tokens"),
     [
         (answer(text('{"act'), text('ion"}')), '{"action"}', (None, None)),
         (answer({"type": "thinking", "thinking": "I muse", "signature": "s"}, text("yes")), "yes", (None, None)),
@@ -91,12 +91,12 @@ def test_what_the_vendor_has_not_is_refused_before_anything_is_sent():
     ],
     ids=["blocks", "thoughts", "hidden thoughts", "tokens", "no counts", "refusal", "cut off"],
 )
-def test_what_a_model_says_and_what_it_costs(said, reply_text, tokens):
-    reply, _ = ask(said)
+def test_text_and_tokens_are_parsed(response, reply_text, tokens):
+    reply, _ = ask(response)
     assert (reply.text, (reply.tokens_in, reply.tokens_out)) == (reply_text, tokens)
 
 
-def test_what_is_no_answer_is_a_fault_of_the_infrastructure():
+def test_invalid_responses_are_model_errors():
     answers: list[object] = [
         b"",
         b"<html>busy</html>",
@@ -109,8 +109,8 @@ def test_what_is_no_answer_is_a_fault_of_the_infrastructure():
         {"type": "message", "content": [{"type": "text", "text": 5}]},
         {"type": "message", "content": ["text"]},
     ]
-    for said in answers:
-        assert "Anthropic" in refusal(ask, said, error=ModelError)
+    for response in answers:
+        assert "Anthropic" in refusal(ask, response, error=ModelError)
 
 
 def test_a_key_that_is_echoed_is_not_said(monkeypatch):

@@ -1,4 +1,4 @@
-"""The cache: the very same question is sent once, whoever asks it with which key, and no key is ever in the file."""
+"""The reply cache: an equal question is sent once, for any key. The file never contains a key."""
 
 import re
 import sqlite3
@@ -67,7 +67,7 @@ QUESTIONS = [
 ]
 
 
-def test_whatever_the_model_could_tell_apart_is_another_question():
+def test_different_requests_have_different_fingerprints():
     assert len({open_model(spec).fingerprint(request) for spec, request in QUESTIONS}) == len(QUESTIONS)
 
 
@@ -79,12 +79,12 @@ def test_a_key_in_the_address_is_no_part_of_the_question(url):
 
 
 def test_of_two_that_asked_at_once_both_have_the_reply_that_is_kept(tmp_path):
-    one, other = (ReplyCache(tmp_path / "replies.sqlite") for _ in range(2))
-    assert one.keep("q", "m", Reply("mine", 1.0)).text == "mine"
-    assert other.keep("q", "m", Reply("yours", 2.0)) == Reply("mine", 1.0)
+    first_cache, second_cache = (ReplyCache(tmp_path / "replies.sqlite") for _ in range(2))
+    assert first_cache.keep("q", "m", Reply("mine", 1.0)).text == "mine"
+    assert second_cache.keep("q", "m", Reply("yours", 2.0)) == Reply("mine", 1.0)
 
 
-def test_what_is_no_cache_is_refused_and_what_is_no_reply_is_said(tmp_path):
+def test_an_invalid_cache_and_an_invalid_stored_reply_are_errors(tmp_path):
     path = tmp_path / "replies.sqlite"
     path.write_bytes(b"\x00garbage" * 1000)
     with pytest.raises(UsageError, match=re.escape(str(path))):
@@ -101,13 +101,13 @@ def test_what_is_no_cache_is_refused_and_what_is_no_reply_is_said(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "told", ["{", "3", '{"text": "x"}', '{"text": 3, "latency_s": 1}', '{"text": "x", "latency_s": "1"}']
+    "stored", ["{", "3", '{"text": "x"}', '{"text": 3, "latency_s": 1}', '{"text": "x", "latency_s": "1"}']
 )
-def test_a_kept_reply_that_is_none_is_refused(tmp_path, told):
+def test_a_kept_reply_that_is_none_is_refused(tmp_path, stored):
     cache = ReplyCache(tmp_path / "cache.sqlite")
     cache.keep("question", "model", Reply("x", 1.0))
     with sqlite3.connect(tmp_path / "cache.sqlite") as db:
-        db.execute("UPDATE replies SET reply = ?", (told,))
+        db.execute("UPDATE replies SET reply = ?", (stored,))
     with pytest.raises(InfrastructureError, match="reply"):
         cache.reply("question")
     cache.close()

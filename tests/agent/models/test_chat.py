@@ -1,4 +1,4 @@
-"""The model client against endpoints that misbehave, over real HTTP."""
+"""The model client against faulty endpoints, over real HTTP."""
 
 import json
 import threading
@@ -19,7 +19,7 @@ REQUEST = Request("text", (b"\xff\xd8jpeg",), thinking=False)
 
 @pytest.fixture
 def endpoint():
-    """An HTTP server that answers with what the test puts into `answers`: (status, body, headers)."""
+    """An HTTP server that gives the responses in `answers`: (status, body, headers)."""
     answers: list[tuple[int, bytes, dict[str, str]]] = []
     seen: list[tuple[Any, dict[str, Any]]] = []
 
@@ -79,7 +79,7 @@ def test_thinking_changes_the_request_and_nothing_else():
         assert changed <= {"reasoning_effort", "reasoning", "chat_template_kwargs"}, provider
 
 
-def test_what_is_no_completion_is_a_fault_of_the_infrastructure(endpoint):
+def test_invalid_completions_are_model_errors(endpoint):
     url, answers, _ = endpoint
     for body in [
         b"",
@@ -134,14 +134,17 @@ def test_a_sampling_that_is_declared_is_sent_and_one_that_is_refused_is_not():
 
 def test_a_schema_goes_with_the_questions_that_it_describes():
     for provider in ["openai", "gemini", "anthropic"]:
-        for asked, held in [
+        for question, has_schema in [
             (REQUEST, True),
-            (Request("text", REQUEST.images_jpeg * 2, False), False),  # one object cannot answer for two
-            (Request("text", REQUEST.images_jpeg * 2, False, role="commander"), True),  # whose own is an object
+            (Request("text", REQUEST.images_jpeg * 2, False), False),  # one object cannot answer for two drones
+            (
+                Request("text", REQUEST.images_jpeg * 2, False, role="commander"),
+                True,
+            ),  # the commander has its own schema with an object
         ]:
-            held_to = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
-            body = str(open_model(held_to).body(asked))
-            assert ("additionalProperties" in body) == held, (provider, asked)
+            spec = ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema="object")
+            body = str(open_model(spec).body(question))
+            assert ("additionalProperties" in body) == has_schema, (provider, question)
 
 
 def test_servers_of_ones_own_are_on_the_loopback_and_want_no_key(monkeypatch):

@@ -1,4 +1,4 @@
-"""An endpoint that hangs, trickles, breaks off or floods: an answer or an error, in the stated time. Over real TCP."""
+"""Endpoints that hang, trickle, break off or flood give an answer or an error within the stated time. Over real TCP."""
 
 import gzip
 import re
@@ -57,27 +57,27 @@ def test_a_proxy_of_the_environment_is_not_asked_for_this_machine(serve, monkeyp
         monkeypatch.delenv(name, raising=False)
     wire = serve(say(completion("here")))
     address = wire.url.replace("127.0.0.1", host)
-    asked = open_model(ModelSpec(provider="local", name="m", base_url=address), QUICK)
-    assert asked.ask(REQUEST).text == "here"
+    client = open_model(ModelSpec(provider="local", name="m", base_url=address), QUICK)
+    assert client.ask(REQUEST).text == "here"
 
 
 def test_a_proxy_of_the_environment_is_asked_for_other_machines(serve, monkeypatch):
     monkeypatch.setenv("http_proxy", serve(say(completion("through the proxy"))).url)
-    asked = open_model(ModelSpec(provider="local", name="m", base_url="http://models.example/v1"), QUICK)
-    assert asked.ask(REQUEST).text == "through the proxy"
+    client = open_model(ModelSpec(provider="local", name="m", base_url="http://models.example/v1"), QUICK)
+    assert client.ask(REQUEST).text == "through the proxy"
 
 
 @pytest.mark.parametrize(
     ("act", "left"),
     [
         (hang, False),
-        (trickle(b"HTTP/1.1 200 OK\r\nX-Long: "), False),  # nobody can look in there: the thread is left behind
+        (trickle(b"HTTP/1.1 200 OK\r\nX-Long: "), False),  # the header cannot be inspected, so the thread stays
         (trickle(b"HTTP/1.1 200 OK\r\nContent-Length: 1000000\r\n\r\n"), True),
         (trickle(b"HTTP/1.1 503 Busy\r\nContent-Length: 1000000\r\n\r\n"), True),
     ],
     ids=["hang", "header", "body", "refusal"],
 )
-def test_what_hangs_or_trickles_is_given_up_after_the_stated_time(serve, act, left):
+def test_hanging_and_trickling_servers_time_out(serve, act, left):
     wire = serve(act)
     with pytest.raises(ModelError, match=r"0\.5 s"):
         model(wire).ask(REQUEST)
@@ -89,7 +89,7 @@ def test_pauses_and_attempts_are_within_that_time_too(serve):
     wire = serve(say(b"HTTP/1.1 429 Busy\r\nRetry-After: 50\r\nContent-Length: 4\r\nConnection: close\r\n\r\nbusy"))
     with pytest.raises(ModelError, match="429"):
         model(wire).ask(REQUEST)
-    assert wire.served == 1  # fifty seconds are more than there are
+    assert wire.served == 1  # the server's 50 s exceed the limit
 
 
 @pytest.mark.parametrize(
@@ -183,12 +183,12 @@ def test_the_time_of_attempts_that_failed_is_no_latency(serve):
     )
     reply = asking.reply()
     assert reply.waited_s >= 0.2
-    took_s = 10.0 * (reply.latency_s + reply.waited_s)  # the vehicle's clock at ten times the wall's
+    took_s = 10.0 * (reply.latency_s + reply.waited_s)  # the vehicle's clock is ten times as fast as the wall clock
     assert asking.latency_s(100.0 + took_s) == pytest.approx(10.0 * reply.latency_s)
 
 
 def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QUICK, on_tick=lambda: None):
-    asked = Questions(
+    questions = Questions(
         model(wire, patience),
         Prompt.load(None),
         "go",
@@ -200,21 +200,21 @@ def flight(wire, folder, executor, patience_s=None, last_reply=True, patience=QU
         aircraft=[Clock()], camera=Views(), camera_model=CameraModel(), log=LineLog(folder / "decisions.jsonl"),
         frames_dir=folder, executor=executor, t0_us=0, on_tick=on_tick,
     )  # fmt: skip
-    return PaperAgent(asked, cockpit)
+    return PaperAgent(questions, cockpit)
 
 
 class Answering(DaemonExecutor):
-    """Real time, in which pictures, and the first `count` replies, come before the vehicle's clock goes on."""
+    """Real time. Images, and the first `count` replies, arrive before the vehicle's clock advances."""
 
     def __init__(self, count):
         self.count = count
 
     def submit(self, fn, /, *args, **kwargs):
         coming = super().submit(fn, *args, **kwargs)
-        asked = isinstance(getattr(fn, "__self__", None), ChatModel)
-        if not asked or self.count > 0:
+        is_question = isinstance(getattr(fn, "__self__", None), ChatModel)
+        if not is_question or self.count > 0:
             coming.exception()
-        self.count -= asked
+        self.count -= is_question
         return coming
 
 
@@ -269,7 +269,7 @@ def test_the_path_goes_before_the_query():
 @pytest.mark.parametrize(
     "url", ["http://key:SECRET9/v1", "http://h:99999999/SECRET9?", "http://[SECRET9", "http://SECRET9:x@[::"]
 )
-def test_what_is_no_url_is_said_without_it(url):
+def test_an_invalid_url_is_not_in_the_error(url):
     with pytest.raises(UsageError) as refused:
         open_model(ModelSpec(provider="local", name="m", base_url=url)).check()
     assert "SECRET9" not in str(refused.value)
@@ -294,7 +294,7 @@ def test_a_name_that_no_file_can_hold_is_refused_when_it_is_opened(name):
         open_model(ModelSpec(provider="local", name=name, base_url="http://127.0.0.1:1/v1"))
 
 
-def test_what_a_server_says_is_quoted_as_one_line_of_text(serve):
+def test_a_server_message_is_quoted_as_one_line_of_text(serve):
     wire = serve(say(b"HTTP/1.1 400 X\r\nContent-Length: 17\r\n\r\n\x1b[2J\xc2\x9b1\r\n\xe2\x80\xaeno\x00\x07."))
     with pytest.raises(ModelError) as refused:
         model(wire).ask(REQUEST)

@@ -1,4 +1,4 @@
-"""Gemini's format: what is sent, and what is made of what comes back. Over real HTTP."""
+"""Gemini's format: requests and parsed responses, over real HTTP."""
 
 import json
 
@@ -20,9 +20,9 @@ def answer(*parts, usage=None, **candidate):
     return {"candidates": [{**content, "finishReason": "STOP", **candidate}], "usageMetadata": usage or {}}
 
 
-def ask(said, request=REQUEST, status=200, name="gemini-x", **declared):
-    """Return (the reply, the request that was sent) of a server that answers `said`."""
-    data = said if isinstance(said, bytes) else json.dumps(said).encode()
+def ask(response, request=REQUEST, status=200, name="gemini-x", **declared):
+    """Return (the reply, the recorded request) for a server that answers `response`."""
+    data = response if isinstance(response, bytes) else json.dumps(response).encode()
     with Recording(data, status) as server:
         model = open_model(ModelSpec(provider="gemini", name=name, base_url=server.url + "/v1", **declared))
         try:
@@ -48,10 +48,12 @@ def test_one_user_message_text_first_with_the_papers_sampling(monkeypatch):
     }
 
 
-def test_what_is_declared_of_a_model_goes_before_the_providers(monkeypatch):
+def test_declared_options_override_the_providers_defaults(monkeypatch):
     level = {"thinkingConfig": {"thinkingLevel": "high"}}
-    asked = Request("text", (), thinking=True)
-    _, sent = ask(answer({"text": ""}), asked, top_p=0.5, top_k=7, temperature=None, thinking=level, quick={})
+    thinking_request = Request("text", (), thinking=True)
+    _, sent = ask(
+        answer({"text": ""}), thinking_request, top_p=0.5, top_k=7, temperature=None, thinking=level, quick={}
+    )
     config = sent.body["generationConfig"]
     assert config == {"topP": 0.5, "topK": 7, "maxOutputTokens": 8192, **level}
 
@@ -62,7 +64,7 @@ def test_a_models_name_cannot_leave_its_place_in_the_address():
 
 
 @pytest.mark.parametrize(
-    ("said", "text", "tokens"),
+    ("response", "text", "tokens"),
     [
         (answer({"text": '{"act'}, {"text": 'ion"}'}), '{"action"}', (None, None)),
         (answer({"text": "I muse", "thought": True}, {"text": "yes"}), "yes", (None, None)),
@@ -78,12 +80,12 @@ def test_a_models_name_cannot_leave_its_place_in_the_address():
     ],
     ids=["parts", "thoughts", "tokens", "cut off", "withheld", "no counts", "blocked"],
 )
-def test_what_a_model_says_and_what_it_costs(said, text, tokens):
-    reply, _ = ask(said)
+def test_text_and_tokens_are_parsed(response, text, tokens):
+    reply, _ = ask(response)
     assert (reply.text, (reply.tokens_in, reply.tokens_out)) == (text, tokens)
 
 
-def test_what_is_no_answer_is_a_fault_of_the_infrastructure():
+def test_invalid_responses_are_model_errors():
     answers: list[object] = [
         b"",
         b"<html>busy</html>",
@@ -97,8 +99,8 @@ def test_what_is_no_answer_is_a_fault_of_the_infrastructure():
         {"candidates": [{"content": {"parts": [{"text": 5}]}}]},
         {"candidates": [{"content": {"parts": ["text"]}}]},
     ]
-    for said in answers:
-        assert "Gemini" in refusal(ask, said, error=ModelError)
+    for response in answers:
+        assert "Gemini" in refusal(ask, response, error=ModelError)
 
 
 def test_a_key_that_is_echoed_is_not_said(monkeypatch):

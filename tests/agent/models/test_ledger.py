@@ -1,4 +1,4 @@
-"""The ledger: many processes book in it at once, one that is killed leaves it whole, nothing else is taken for it."""
+"""The ledger: many processes write at once, a killed process leaves it intact, and other files are rejected."""
 
 import os
 import signal
@@ -37,15 +37,15 @@ def booking(path, times):
     return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
-def test_what_many_processes_book_at_once_is_all_there(tmp_path):
-    path = tmp_path / "new" / "ledger.sqlite"  # they make it at once, too
+def test_concurrent_writes_of_many_processes_are_complete(tmp_path):
+    path = tmp_path / "new" / "ledger.sqlite"  # they also create it at once
     children = [booking(path, 100) for _ in range(4)]
     assert [child.communicate()[0].split()[-1] for child in children] == ["done"] * 4
     ledger = Ledger(path)
     assert ledger.spent() == Spent(400, 4000, 400, 100.0)
     assert ledger.spent().tokens == 4400
     ledger.close()
-    assert sorted(each.name for each in path.parent.iterdir()) == ["ledger.sqlite"]
+    assert sorted(entry.name for entry in path.parent.iterdir()) == ["ledger.sqlite"]
 
 
 def test_a_process_that_is_killed_while_it_books_leaves_whole_questions_behind(tmp_path):
@@ -93,7 +93,7 @@ def damaged(path):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "pattern"),
     [
         (lambda path: path.write_text("dear diary, " * 999), "not a database"),
         (lambda path: path.write_bytes(b""), "another database"),
@@ -105,36 +105,38 @@ def damaged(path):
     ],
     ids=["text", "empty", "another program's", "a cache", "newer", "damaged", "folder"],
 )
-def test_what_is_no_ledger_is_refused_and_left_as_it_is(tmp_path, make, said):
+def test_other_files_are_rejected_and_unchanged(tmp_path, make, pattern):
     path = tmp_path / "file"
     make(path)
     before = path.read_bytes() if path.is_file() else None
-    with pytest.raises(UsageError, match=said):
+    with pytest.raises(UsageError, match=pattern):
         Ledger(path)
     assert (path.read_bytes() if path.is_file() else None) == before
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["file"]
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["file"]
 
 
 def test_a_refusal_to_one_holds_back_all_that_ask_there_and_no_others(tmp_path):
     now = [5000.0]
     path = tmp_path / "ledger.sqlite"
-    one, other = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
-    one.limiter("http://h/v1", "m").hold(20.0)
-    assert other.limiter("http://h/v1", "m").claim(0) == pytest.approx(20.0)
-    assert other.limiter("http://elsewhere/v1", "m").claim(0) == 0.0
+    first_ledger, second_ledger = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
+    first_ledger.limiter("http://h/v1", "m").hold(20.0)
+    assert second_ledger.limiter("http://h/v1", "m").claim(0) == pytest.approx(20.0)
+    assert second_ledger.limiter("http://elsewhere/v1", "m").claim(0) == 0.0
     now[0] += 20.0
-    assert other.limiter("http://h/v1", "m").claim(0) == 0.0
-    one.close()
-    other.close()
+    assert second_ledger.limiter("http://h/v1", "m").claim(0) == 0.0
+    first_ledger.close()
+    second_ledger.close()
 
 
 def test_a_client_that_is_sent_away_holds_back_another_one_over_http(tmp_path):
     now = [5000.0]
     path = tmp_path / "ledger.sqlite"
     wire = Wire(say(answer(429, b"slow down", "Retry-After: 20")), say(completion("x")))
-    one, other = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
+    first_ledger, second_ledger = (Ledger(path, lambda: now[0]) for _ in range(2))  # of two processes
     spec = ModelSpec(provider="local", name="m", base_url=wire.url)
-    first, second = (open_model(spec, RetryPolicy(0.5, attempts=1), ledger.limiter) for ledger in (one, other))
+    first, second = (
+        open_model(spec, RetryPolicy(0.5, attempts=1), ledger.limiter) for ledger in (first_ledger, second_ledger)
+    )
     with pytest.raises(ModelError, match="429"):
         first.ask(REQUEST)
     with pytest.raises(ModelError, match="rate limit"):
@@ -143,16 +145,16 @@ def test_a_client_that_is_sent_away_holds_back_another_one_over_http(tmp_path):
     now[0] += 20.0
     assert second.ask(REQUEST).text == "x"
     wire.close()
-    one.close()
-    other.close()
+    first_ledger.close()
+    second_ledger.close()
 
 
-def test_what_an_answer_allows_is_what_the_next_one_waits_for(tmp_path):
-    told = ["x-ratelimit-limit-requests: 60", "x-ratelimit-remaining-requests: 0", "x-ratelimit-reset-requests: 60s"]
-    wire, ledger = Wire(say(completion("x", *told))), Ledger(tmp_path / "ledger.sqlite", lambda: 5000.0)
+def test_a_question_waits_for_the_rate_limit_of_the_last_answer(tmp_path):
+    headers = ["x-ratelimit-limit-requests: 60", "x-ratelimit-remaining-requests: 0", "x-ratelimit-reset-requests: 60s"]
+    wire, ledger = Wire(say(completion("x", *headers))), Ledger(tmp_path / "ledger.sqlite", lambda: 5000.0)
     model = open_model(ModelSpec(provider="local", name="m", base_url=wire.url), RetryPolicy(), ledger.limiter)
     model.ask(REQUEST)
-    assert ledger.limiter(wire.url, "m").claim(0) == pytest.approx(1.0, abs=0.01)  # one a second
+    assert ledger.limiter(wire.url, "m").claim(0) == pytest.approx(1.0, abs=0.01)  # one request per second
     wire.close()
     ledger.close()
 
@@ -179,7 +181,7 @@ def test_many_processes_together_are_granted_what_there_is_and_not_one_more(tmp_
     ledger.close()
 
 
-def test_whoever_comes_second_to_make_it_keeps_the_first_ones(tmp_path):
+def test_a_second_creation_keeps_the_existing_ledger(tmp_path):
     path = tmp_path / "ledger.sqlite"
     ledger = Ledger(path)
     ledger.spend("m", Spent(1, 2, 3, 4.0))

@@ -1,4 +1,4 @@
-"""What a marked picture finds out about a model, against servers that play each way of pointing in each format."""
+"""The probe of a model with a marked image, against servers with each way of pointing in each format."""
 
 from itertools import product
 from typing import Any
@@ -17,7 +17,7 @@ POINTS = {manner: manner for manner in MANNERS} | dict.fromkeys(("no go", "in pi
 
 
 def probed(answer, **declared) -> tuple[ProbeResult, Recording]:
-    """Return what the probe finds of a model behind a server, and the server."""
+    """Return the probe's result for a model behind a server, and the server."""
     with Recording(answer) as server:
         spec = ModelSpec(name="m", base_url=server.url + "/v1", **declared)
         model = open_model(spec)
@@ -62,7 +62,7 @@ def test_a_schema_is_enforced_or_not():
             assert result.pointing == "as declared", (wire, root, enforces)
 
 
-def test_what_it_costs_is_said_where_tokens_and_prices_are_known():
+def test_the_cost_is_known_with_token_counts_and_prices():
     priced = {"provider": "local", "input_usd": 2.0, "output_usd": 10.0}
     result, _ = probed(Pointer("as declared"), **priced)
     assert result.cost_usd == pytest.approx((300 * 2.0 + 60 * 10.0) / 1e6)
@@ -86,11 +86,11 @@ def test_an_endpoint_that_fails_says_at_which_question():
         probed(refuses_the_second, provider="local")
 
 
-def test_in_which_order_a_reply_points():
+def test_the_axis_order_of_a_reply():
     for reply, order in [
         ('{"action":"go","point":[800,250],"depth_m":5}', "xy"),
         ('{"action":"go","point":[250,800],"depth_m":5}', "yx"),
-        ('{"action":"go","point":[730,320],"depth_m":5}', "xy"),  # not well, but unmistakably
+        ('{"action":"go","point":[730,320],"depth_m":5}', "xy"),  # inexact, but clear
         ('{"action":"go","point":[690,250],"depth_m":5}', None),
         ('{"action":"go","point":[512,90],"depth_m":5}', None),
         ('{"action":"go","point":[1800,250],"depth_m":5}', None),
@@ -111,7 +111,7 @@ def test_all_pairs_of_orders():
     } | {pair: "not at all" for pair in pairs if None in pair}
 
 
-def test_what_keeps_to_a_schema():
+def test_replies_that_satisfy_a_schema():
     cases: list[tuple[str, Any, bool]] = [
         ('{"action":"think"}', "object", True),
         ('[{"action":"think"}]', "array", True),
@@ -122,7 +122,7 @@ def test_what_keeps_to_a_schema():
             '{"action":"go","point":null,"depth_m":null,"angle_deg":null}',
             "object",
             True,
-        ),  # no action, and in the schema
+        ),  # no valid action, but in the schema
         ('{"action":"dance","point":null,"depth_m":null,"angle_deg":null}', "object", False),
         ('{"action":"go"}', "object", False),
         ('{"dance": 3}', "object", False),

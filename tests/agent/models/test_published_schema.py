@@ -1,4 +1,4 @@
-"""Our requests under the schema that a vendor publishes, where somebody has its file: 3 MB that are the vendor's.
+"""Our requests against OpenAI's published schema, if its 3 MB file is available.
 
 DRONECATS_OPENAI_SCHEMA names openapi.json of github.com/openai/openai-openapi.
 """
@@ -41,6 +41,6 @@ def test_every_request_is_as_openai_publishes_it(published, monkeypatch):
         model.close()
         assert [error.message for error in published.iter_errors(body)] == [], case
         (message,) = body["messages"]
-        image = {"type": "image_url", "image_url": "data:"}  # what it was in no version of theirs
+        image = {"type": "image_url", "image_url": "data:"}  # a form that no version of the schema allows
         broken = {**body, "messages": [{**message, "content": [image]}]}
         assert list(published.iter_errors(broken)), case

@@ -1,4 +1,4 @@
-"""models.toml: each row is sent as it says, a user's own rows, and a sentence for whatever is wrong in a file."""
+"""models.toml: requests match each row, users can add rows, and errors in a file are one sentence."""
 
 import os
 import pwd
@@ -44,15 +44,15 @@ PAPER = {
 
 
 @pytest.fixture(autouse=True)
-def nobodys_file(monkeypatch, tmp_path):
-    """Whoever runs the tests may have models of his own."""
+def no_own_file(monkeypatch, tmp_path):
+    """Isolate the tests from the user's own models file."""
     monkeypatch.delenv(model_rows.OWN_FILE, raising=False)
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
 
 
 @pytest.fixture
 def own(monkeypatch, tmp_path):
-    """Return what makes a user's file of a text."""
+    """Return a function that writes a text as the user's models file."""
 
     def write(text):
         path = tmp_path / "mine.toml"
@@ -74,18 +74,22 @@ def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
         model.ask(Request("text", (b"\xff\xd8jpeg",), lifted))
         model.close()
     (sent,) = server.sent
-    asked = sent.body["generationConfig"] if provider.wire == "gemini" else sent.body
-    identifier = sent.path.split("/")[-1].removesuffix(":generateContent") if asked is not sent.body else asked["model"]
+    fields = sent.body["generationConfig"] if provider.wire == "gemini" else sent.body
+    identifier = (
+        sent.path.split("/")[-1].removesuffix(":generateContent") if fields is not sent.body else fields["model"]
+    )
     assert identifier == table["identifier"]
     switch = table.get("reasoning_lifted" if lifted else "reasoning_off")
     if switch is None:
         switch = provider.thinking if lifted else provider.quick
-    assert {key: asked[key] for key in switch} == switch
+    assert {key: fields[key] for key in switch} == switch
     other = table.get("reasoning_off" if lifted else "reasoning_lifted", {})
-    assert all(asked.get(key) == switch.get(key) for key in other)  # and of the other switch nothing
-    assert asked.get("temperature") == (None if table.get("temperature") == "none" else provider.temperature)
+    assert all(fields.get(key) == switch.get(key) for key in other)  # and nothing of the other switch
+    assert fields.get("temperature") == (None if table.get("temperature") == "none" else provider.temperature)
     schema = (
-        asked.get("response_format") or asked.get("responseJsonSchema") or asked.get("output_config", {}).get("format")
+        fields.get("response_format")
+        or fields.get("responseJsonSchema")
+        or fields.get("output_config", {}).get("format")
     )
     assert bool(schema) == (table.get("schema", "none") != "none")
     if schema and provider.wire == "openai":
@@ -97,7 +101,7 @@ def test_each_row_is_sent_as_it_says(monkeypatch, name, lifted):
 @pytest.mark.parametrize("lifted", [False, True], ids=["off", "lifted"])
 @pytest.mark.parametrize("provider", ["openai", "gemini", "anthropic"])
 def test_a_model_without_a_row_is_sent_what_each_row_of_its_provider_is(monkeypatch, provider, lifted):
-    """A field that some generation refuses is in no row of it, so it would be found here."""
+    """No row of a provider has a field that one of its generations rejects."""
     monkeypatch.setenv(str(PROVIDERS[provider].key_variable), KEY)
     request = Request("text", (b"\xff\xd8jpeg",), lifted)
 
@@ -108,11 +112,11 @@ def test_a_model_without_a_row_is_sent_what_each_row_of_its_provider_is(monkeypa
         return {**body.pop("generationConfig", {}), **body, "headers": model.headers()}
 
     bare = sent(model_of(f"{provider}/quite-new"))
-    known = [row.spec for row in rows().values() if row.spec.provider == provider]
-    assert len(known) >= 3
-    for spec in known:
+    specs = [row.spec for row in rows().values() if row.spec.provider == provider]
+    assert len(specs) >= 3
+    for spec in specs:
         assert bare.items() <= sent(spec).items()
-    assert bare["headers"] == sent(known[0])["headers"]
+    assert bare["headers"] == sent(specs[0])["headers"]
 
 
 @pytest.mark.parametrize(("provider", "temperature"), [("openai", None), ("anthropic", None), ("gemini", 0.4)])
@@ -133,9 +137,9 @@ def test_the_rows_of_the_page_are_rows(own):
 
 
 def test_the_papers_nine_are_the_papers():
-    known = rows()
+    all_rows = rows()
     for name, (provider, identifier, schema) in PAPER.items():
-        spec = known[name].spec
+        spec = all_rows[name].spec
         assert (spec.provider, spec.name, spec.schema) == (provider, identifier, schema)
         assert spec.axis_order == ("yx" if name.startswith("gemini") else "xy")
         assert (spec.temperature, spec.max_tokens) == (None if name == "gpt-5" else 0.4, 8192)
@@ -149,10 +153,10 @@ def test_a_price_has_a_source_with_its_date_and_both_of_its_sides():
 
 
 def test_a_name_or_an_identifier_is_the_row_and_any_other_has_none():
-    known = rows()
-    assert model_of("gpt-5") == model_of("openai/gpt-5") == known["gpt-5"].spec
+    all_rows = rows()
+    assert model_of("gpt-5") == model_of("openai/gpt-5") == all_rows["gpt-5"].spec
     assert model_of("openai/gpt-5").temperature is None
-    assert row_of("openrouter/maker/model", known) is None
+    assert row_of("openrouter/maker/model", all_rows) is None
     assert model_of("openrouter/maker/model") == spec_of("openrouter/maker/model")
     assert model_of("gpt-5", "http://127.0.0.1:9/v1").base_url == "http://127.0.0.1:9/v1"
     with pytest.raises(UsageError, match=r"'gtp-5'.*'gpt-5'"):
@@ -178,9 +182,9 @@ def test_ones_own_file_adds_rows_and_changes_what_it_states(own):
         [gpt-5]
         input_usd = 1
     """)
-    known, shipped = rows(), TABLES
-    assert known.keys() == {*shipped, "house"}
-    house, changed = known["house"], known["gpt-5"]
+    all_rows, shipped = rows(), TABLES
+    assert all_rows.keys() == {*shipped, "house"}
+    house, changed = all_rows["house"], all_rows["gpt-5"]
     assert (house.file, house.spec.title, house.spec.axis_order) == (str(path), "vllm/maker/house-7b", "yx")
     assert (house.spec.schema, house.spec.temperature, house.spec.context_tokens) == ("object", None, 32_000)
     with Recording(ANSWERS["openai"]) as server:
@@ -195,8 +199,8 @@ def test_ones_own_file_adds_rows_and_changes_what_it_states(own):
         10.0,
         {"reasoning_effort": "minimal"},
     )
-    assert changed.source is None  # which was that of another price
-    assert known["gpt-6-luna"].file == SHIPPED
+    assert changed.source is None  # the source was for another price
+    assert all_rows["gpt-6-luna"].file == SHIPPED
 
 
 def test_two_rows_of_one_identifier_are_told_apart_by_name(own):
@@ -275,7 +279,7 @@ MALFORMED: list[tuple[str, tuple[str, ...]]] = [
 ]
 
 
-def test_what_is_wrong_in_a_file_is_one_sentence_with_file_row_and_key(own):
+def test_errors_in_a_file_are_one_sentence_with_file_row_and_key(own):
     for text, words in MALFORMED:
         path = own(text)
         message = refusal(rows)
@@ -298,20 +302,20 @@ VALUES = st.recursive(
 
 
 @given(st.dictionaries(st.sampled_from([*KEYS, "other"]), VALUES, max_size=6))
-def test_whatever_a_row_states_is_a_row_or_one_sentence(tmp_path_factory, stated):
+def test_any_row_is_valid_or_one_sentence(tmp_path_factory, fields):
     path = tmp_path_factory.mktemp("rows") / "own.toml"
-    path.write_text("[m]\n" + "".join(f"{key} = {value}\n" for key, value in stated.items()), encoding="utf-8")
+    path.write_text("[m]\n" + "".join(f"{key} = {value}\n" for key, value in fields.items()), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(os.environ, model_rows.OWN_FILE, str(path))
         try:
-            found: object = rows()["m"].spec.provider
+            outcome: object = rows()["m"].spec.provider
         except UsageError as error:
-            found = error
-    if isinstance(found, UsageError):
-        assert str(found).startswith(str(path))
-        assert "\n" not in str(found)
+            outcome = error
+    if isinstance(outcome, UsageError):
+        assert str(outcome).startswith(str(path))
+        assert "\n" not in str(outcome)
     else:
-        assert found in PROVIDERS
+        assert outcome in PROVIDERS
 
 
 def test_a_file_in_a_home_that_nobody_has_is_not_passed_over(monkeypatch):

@@ -1,4 +1,4 @@
-"""What a vendor says that it serves is kept beside the reply: the name that was asked for says less."""
+"""The served model name of a vendor is kept with the reply. It is more precise than the requested name."""
 
 import json
 from typing import Any
@@ -17,7 +17,7 @@ KEY = "sk-SECRET-1234567890"
 
 
 @pytest.mark.parametrize(
-    ("provider", "said", "served"),
+    ("provider", "response", "served"),
     [
         ("openai", {**CHAT, "model": "m-2026-01-01", "system_fingerprint": "fp_9"}, "m-2026-01-01 fp_9"),
         ("openai", {**CHAT, "model": "m-2026-01-01", "system_fingerprint": None}, "m-2026-01-01"),
@@ -34,20 +34,20 @@ KEY = "sk-SECRET-1234567890"
     ],
 )
 def test_the_name_and_the_version_are_the_vendors(
-    provider: str, said: dict[str, Any], served: str | None, monkeypatch: pytest.MonkeyPatch
+    provider: str, response: dict[str, Any], served: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
-    with Recording(json.dumps(said).encode()) as server:
+    with Recording(json.dumps(response).encode()) as server:
         model = open_model(ModelSpec(provider=provider, name="m", base_url=server.url + "/v1"))
         try:
-            told = model.ask(Request("text", (), thinking=False)).served
+            served_name = model.ask(Request("text", (), thinking=False)).served
         finally:
             model.close()
     if served and "•••" in served:
-        assert told is not None
-        assert KEY not in told
+        assert served_name is not None
+        assert KEY not in served_name
     else:
-        assert told == served
+        assert served_name == served
 
 
 USED: dict[str, Any] = {"prompt_tokens": 900, "completion_tokens": 70}
@@ -58,7 +58,7 @@ DETAILS: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("provider", "said", "tokens", "endpoint"),
+    ("provider", "response", "tokens", "endpoint"),
     [
         ("openrouter", {**CHAT, "usage": USED | DETAILS, "provider": "Novita"}, (900, 70, 512, 64), "Novita"),
         ("openai", {**CHAT, "usage": USED}, (900, 70, None, None), None),
@@ -71,9 +71,9 @@ DETAILS: dict[str, Any] = {
     ],
 )  # fmt: skip
 def test_cached_and_reasoning_tokens_and_the_endpoint_of_a_router_are_kept(
-    provider: str, said: dict[str, Any], tokens: tuple[int | None, ...], endpoint: str | None
+    provider: str, response: dict[str, Any], tokens: tuple[int | None, ...], endpoint: str | None
 ) -> None:
-    with Recording(json.dumps(said).encode()) as server:
+    with Recording(json.dumps(response).encode()) as server:
         model = open_model(ModelSpec(provider=provider, name="m", base_url=server.url + "/v1"))
         try:
             reply = model.ask(Request("text", (), thinking=False))

@@ -1,6 +1,6 @@
-"""The schemas under OpenAI's rules for strict ones, and what a reply that keeps to them is read as.
+"""The schemas satisfy OpenAI's rules for strict schemas, and valid replies are parsed.
 
-platform.openai.com/docs/guides/structured-outputs, "Supported schemas".
+Source: platform.openai.com/docs/guides/structured-outputs, "Supported schemas".
 """
 
 import json
@@ -30,32 +30,32 @@ KEYWORDS = {
 
 
 def faults(schema, root=True):
-    """Yield what OpenAI would refuse a strict schema for."""
+    """Yield the reasons for which OpenAI would reject a strict schema."""
     if "anyOf" in schema:
         if root:
             yield "a choice at the root"
-        for each in schema["anyOf"]:
-            yield from faults(each, root=False)
+        for inner in schema["anyOf"]:
+            yield from faults(inner, root=False)
         return
     kinds = schema["type"] if isinstance(schema["type"], list) else [schema["type"]]
     if root and kinds != ["object"]:
         yield "a root that is no object"
     yield from (f"type {kind}" for kind in kinds if kind not in TYPES)
-    known = {"type"}.union(*(KEYWORDS.get(kind, set()) for kind in kinds))
-    yield from (f"keyword {key}" for key in schema if key not in known)
+    allowed = {"type"}.union(*(KEYWORDS.get(kind, set()) for kind in kinds))
+    yield from (f"keyword {key}" for key in schema if key not in allowed)
     if "object" in kinds:
         if schema["required"] != list(schema["properties"]):
             yield "a property that may be left out"
         if schema["additionalProperties"] is not False:
             yield "properties of any name"
-        for each in schema["properties"].values():
-            yield from faults(each, root=False)
+        for inner in schema["properties"].values():
+            yield from faults(inner, root=False)
     if "array" in kinds:
         yield from faults(schema["items"], root=False)
 
 
 def sent(provider, role="pilot", drones=1, schema="object"):
-    """Return the schema that a provider's model is held to."""
+    """Return the schema that a provider's model receives."""
     model = open_model(ModelSpec(provider=provider, name="m", base_url="http://127.0.0.1:1", schema=schema))
     body = model.body(Request("text", (b"jpeg",) * drones, False, role=role))
     model.close()
@@ -63,11 +63,11 @@ def sent(provider, role="pilot", drones=1, schema="object"):
 
 
 @pytest.mark.parametrize("provider", ["openai", "openrouter", "litellm"])
-def test_what_openai_is_sent_is_what_it_takes(provider):
-    for held in (sent(provider), sent(provider, "commander", 4)):
-        assert held["strict"] is True
-        assert list(faults(held["schema"])) == []
-    assert list(faults(action_schema())) == ["a choice at the root"]  # which servers of one's own take
+def test_schemas_for_openai_satisfy_its_rules(provider):
+    for response_schema in (sent(provider), sent(provider, "commander", 4)):
+        assert response_schema["strict"] is True
+        assert list(faults(response_schema["schema"])) == []
+    assert list(faults(action_schema())) == ["a choice at the root"]  # local servers accept it
     assert list(faults(reply_schema("array"))) == ["a root that is no object"]
 
 

@@ -1,4 +1,4 @@
-"""Turns at an address: nobody asks for more than is allowed, everybody gets there, and a refusal holds all of them."""
+"""Turns at an address: nobody exceeds the allowance, everybody gets a turn, and a refusal holds all clients."""
 
 import itertools
 from dataclasses import replace
@@ -17,7 +17,7 @@ def allowed(limit=10.0, left=10.0, reset_s=60.0, steady=True, kind="requests", m
 
 
 def asked_until(turns, seconds, tokens=0, model="m"):
-    """Ask again and again for so long, as soon as it may be; return when."""
+    """Ask for so long, each time as soon as it is allowed; return the times."""
     now, moments = NOW, []
     while now < NOW + seconds:
         wait_s, turns = turns.claim(model, tokens, now)
@@ -27,7 +27,7 @@ def asked_until(turns, seconds, tokens=0, model="m"):
     return moments
 
 
-def test_where_nothing_is_known_nobody_waits():
+def test_without_an_allowance_nobody_waits():
     assert Turns().claim("m", 10**9, NOW)[0] == 0.0
 
 
@@ -76,7 +76,9 @@ def test_an_answer_does_not_know_of_what_others_have_just_asked():
     turns = allowed(limit=10.0, left=3.0, reset_s=60.0)
     for _ in range(3):
         _, turns = turns.claim("m", 0, NOW)
-    turns = turns.updated("m", Allowance("requests", 10.0, 2.0, 60.0, True), NOW)  # to the first of the three
+    turns = turns.updated(
+        "m", Allowance("requests", 10.0, 2.0, 60.0, True), NOW
+    )  # the answer to the first of the three
     assert turns.claim("m", 0, NOW)[0] > 0.0
 
 
@@ -91,8 +93,8 @@ ALLOWED = st.builds(
 
 
 @given(ALLOWED, st.floats(0.0, 1.0), st.integers(0, 10**7), st.floats(0.0, 100.0))
-def test_whatever_is_told_everybody_gets_a_turn_and_the_level_is_never_more_than_the_limit(told, part, tokens, held_s):
-    turns = Turns().updated("m", replace(told, left=told.limit * part), NOW).held(held_s, NOW)
+def test_any_allowance_gives_everybody_a_turn_and_never_exceeds_the_limit(allowance, part, tokens, held_s):
+    turns = Turns().updated("m", replace(allowance, left=allowance.limit * part), NOW).held(held_s, NOW)
     now = NOW
     for _ in range(20):
         wait_s, turns = turns.claim("m", tokens, now)

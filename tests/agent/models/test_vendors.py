@@ -1,4 +1,4 @@
-"""The same question, asked by us and by the vendor's own client: the requests are equal, field by field.
+"""The same question from our client and from the vendor's client. The requests are equal, field by field.
 
 Importing the clients takes ten seconds, so these tests are slow, and each imports its own client.
 """
@@ -23,9 +23,9 @@ pytestmark = pytest.mark.slow
 
 KEY = "sk-SECRET-1234567890"
 TEXT = "a prompt, with “quotes” and\nlines"
-JPEG = b"\xff\xd8\xff\xfb\xef\xbe"  # in base64 with both letters in which its two alphabets differ
+JPEG = b"\xff\xd8\xff\xfb\xef\xbe"  # its base64 has both characters in which the two alphabets differ
 PICTURES = (1, 4)
-LABELS = tuple(f"Drone {n}:" for n in range(1, 5))  # of a fleet's pictures; that of one drone has none
+LABELS = tuple(f"Drone {n}:" for n in range(1, 5))  # labels of a fleet's images; a single image has none
 LIFTED = (False, True)
 
 
@@ -35,19 +35,19 @@ def request(pictures: int, thinking: bool) -> Request:
 
 
 def between(labels: list[Any], images: list[Any]) -> list[Any]:
-    """Return a fleet's parts in order, each image behind its label; of one picture, that alone."""
+    """Return a fleet's parts in order, each label before its image. A single image has no label."""
     if len(images) == 1:
         return images
     return [part for pair in zip(labels, images, strict=True) for part in pair]
 
 
-def ours(monkeypatch: pytest.MonkeyPatch, asked: Request, base: str, answer: bytes, **declared: Any) -> Sent:
-    """Return what our client sends to a server below whose address the vendor's API is at `base`."""
+def ours(monkeypatch: pytest.MonkeyPatch, question: Request, base: str, answer: bytes, **declared: Any) -> Sent:
+    """Return our client's request to a server. The vendor's API is at `base` below the server's address."""
     for name in ("OPENAI", "OPENROUTER", "OLLAMA", "VLLM", "GEMINI", "ANTHROPIC"):
         monkeypatch.setenv(f"{name}_API_KEY", KEY)
     with Recording(answer) as server:
         model = open_model(ModelSpec(base_url=server.url + base, **declared))
-        model.ask(asked)
+        model.ask(question)
         model.close()
     (sent,) = server.sent
     assert KEY not in sent.path
@@ -78,13 +78,13 @@ def test_openai(monkeypatch):
 
     for case in product(SWITCHES, PICTURES, LIFTED, [None, "array", "object"]):
         provider, pictures, thinking, schema = case
-        asked = request(pictures, thinking)
+        question = request(pictures, thinking)
         roots = {"array": {"type": "array", "items": action_schema()}}
         if pictures == 1:  # a single object is no fleet's reply
             roots["object"] = flat_action_schema() if provider in ("openai", "openrouter") else action_schema()
         images: list[Any] = [
             {"type": "image_url", "image_url": {"url": "data:image/jpeg;base64," + base64.b64encode(jpeg).decode()}}
-            for jpeg in asked.images_jpeg
+            for jpeg in question.images_jpeg
         ]
         options: dict[str, Any] = dict(SWITCHES[provider][thinking])
         options["max_completion_tokens" if provider == "openai" else "max_tokens"] = 8192
@@ -98,11 +98,13 @@ def test_openai(monkeypatch):
                 **options,
             )
         (theirs,) = server.sent
-        if provider == "openai":  # whose models differ: a row says how each reasons
+        if provider == "openai":  # models of OpenAI differ: a row defines how each reasons
             switches = dict(zip(("quick", "thinking"), SWITCHES[provider], strict=True))
-            sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema, **switches)
+            sent = ours(
+                monkeypatch, question, "/v1", CHAT, provider=provider, name="maker/m", schema=schema, **switches
+            )
         else:
-            sent = ours(monkeypatch, asked, "/v1", CHAT, provider=provider, name="maker/m", schema=schema)
+            sent = ours(monkeypatch, question, "/v1", CHAT, provider=provider, name="maker/m", schema=schema)
         assert (sent.body, sent.path) == (theirs.body, theirs.path), case
         assert sent.headers["authorization"] == theirs.headers["authorization"] == f"Bearer {KEY}", case
 
@@ -111,7 +113,8 @@ CONTENT = b'{"candidates":[{"content":{"role":"model","parts":[{"text":"{}"}]},"
 
 
 def camel(value: Any) -> Any:
-    """Return JSON with its names as the API's documents write them; it takes `mime_type` for `mimeType` as well."""
+    """Return JSON with camel-case names, as in the API's documentation. The API also accepts `mime_type` for
+    `mimeType`."""
     if isinstance(value, dict):
         return {
             re.sub("_(.)", lambda m: m[1].upper(), key): inner if key == "responseJsonSchema" else camel(inner)
@@ -121,15 +124,15 @@ def camel(value: Any) -> Any:
 
 
 def test_gemini(monkeypatch):
-    """Without a row nothing is said of reasoning; the row is as one of the models up to 2.5 would have it."""
+    """Without a row there is no reasoning option. The row is like a row of a model up to 2.5."""
     from google import genai
     from google.genai import types
 
     for case in product(PICTURES, LIFTED, [None, {"type": "array", "items": action_schema()}], [False, True]):
         pictures, thinking, schema, row = case
-        asked = request(pictures, thinking)
+        question = request(pictures, thinking)
         parts: list[Any] = [
-            types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in asked.images_jpeg
+            types.Part(inline_data=types.Blob(data=jpeg, mime_type="image/jpeg")) for jpeg in question.images_jpeg
         ]
         config = types.GenerateContentConfig(
             temperature=0.4,
@@ -149,7 +152,7 @@ def test_gemini(monkeypatch):
         (theirs,) = server.sent
         root = "array" if schema else None
         switch = {"thinking" if thinking else "quick": budget} if row else {}
-        sent = ours(monkeypatch, asked, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root, **switch)
+        sent = ours(monkeypatch, question, "/v1", CONTENT, provider="gemini", name="gemini-x", schema=root, **switch)
         expected = camel(theirs.body)
         if schema:  # theirs goes as it is given; what the API does not know we leave out
             go = expected["generationConfig"]["responseJsonSchema"]["items"]["anyOf"][0]
@@ -163,22 +166,22 @@ MESSAGE = b'{"id":"1","type":"message","role":"assistant","model":"m","content":
 
 
 def test_anthropic(monkeypatch):
-    """The vendor's client knows no temperature any more, so that the paper's is put in there by hand.
+    """The vendor's client has no temperature any more. The test adds the paper's temperature by hand.
 
-    Lifted as a row of the older models would have it, who know a temperature and a budget.
+    Thinking is set as for older models, which have a temperature and a budget.
     """
     import anthropic
     from anthropic import transform_schema
 
     for case in product(PICTURES, LIFTED, [None, "object"], [0.4, None]):
         pictures, thinking, schema, temperature = case
-        asked = request(pictures, thinking)
+        question = request(pictures, thinking)
         images: list[Any] = [
             {
                 "type": "image",
                 "source": {"type": "base64", "media_type": "image/jpeg", "data": base64.b64encode(jpeg).decode()},
             }
-            for jpeg in asked.images_jpeg
+            for jpeg in question.images_jpeg
         ]
         lifted: dict[str, Any] = {"thinking": {"type": "enabled", "budget_tokens": 4096}}
         options: dict[str, Any] = {**lifted} if thinking else {}
@@ -195,7 +198,7 @@ def test_anthropic(monkeypatch):
             )
         (theirs,) = server.sent
         sent = ours(
-            monkeypatch, asked, "/v1", MESSAGE, provider="anthropic", name="claude-x", schema=schema,
+            monkeypatch, question, "/v1", MESSAGE, provider="anthropic", name="claude-x", schema=schema,
             temperature=temperature, thinking=lifted,
         )  # fmt: skip
         assert (bare(sent.body), sent.path) == (bare(theirs.body), theirs.path), case
@@ -215,16 +218,16 @@ def of(provider: str) -> list[str]:
     return [name for name, spec in ROWS.items() if spec.provider == provider]
 
 
-def sent_for(monkeypatch: pytest.MonkeyPatch, name: str, asked: Request, base: str, answer: bytes) -> Sent:
+def sent_for(monkeypatch: pytest.MonkeyPatch, name: str, question: Request, base: str, answer: bytes) -> Sent:
     declared = asdict(ROWS[name])
-    del declared["base_url"]  # which is the recording server's
-    return ours(monkeypatch, asked, base, answer, **declared)
+    del declared["base_url"]  # the recording server has its own
+    return ours(monkeypatch, question, base, answer, **declared)
 
 
 @pytest.mark.parametrize("name", of("openai"))
 @pytest.mark.parametrize("thinking", LIFTED)
 def test_the_rows_of_openai(monkeypatch, name, thinking):
-    """The client refuses to build what its types do not know, so that an effort of another name would be found here."""
+    """The client rejects values unknown to its types. The test would find an effort with a wrong name."""
     import openai
     from openai.types.shared.reasoning_effort import ReasoningEffort
 
@@ -295,14 +298,14 @@ def test_the_rows_of_anthropic(monkeypatch, name, thinking):
 
 @pytest.mark.parametrize("provider", ["openai", "vllm", "gemini", "anthropic"])
 def test_a_commander_is_held_to_its_own_reply(monkeypatch, provider):
-    """Whichever root the pilots are held to; in the place where each vendor's client has its schema, as above."""
+    """The commander's schema is sent for each root of the pilots' schema, in each vendor's place for a schema."""
     from anthropic import transform_schema
 
-    asked = replace(request(4, False), role="commander")
+    question = replace(request(4, False), role="commander")
     answers = {"gemini": CONTENT, "anthropic": MESSAGE}
     root = "object" if provider == "anthropic" else "array"
     sent = ours(
-        monkeypatch, asked, "/v1", answers.get(provider, CHAT), provider=provider, name="m", schema=root,
+        monkeypatch, question, "/v1", answers.get(provider, CHAT), provider=provider, name="m", schema=root,
     )  # fmt: skip
     schema = orders_schema(4)
     if provider == "gemini":
@@ -313,12 +316,12 @@ def test_a_commander_is_held_to_its_own_reply(monkeypatch, provider):
         assert bare(held) == bare({"type": "json_schema", "schema": transform_schema(schema)})
     else:
         assert sent.body["response_format"] == response_format(schema)
-    free = ours(monkeypatch, asked, "/v1", answers.get(provider, CHAT), provider=provider, name="m")
+    free = ours(monkeypatch, question, "/v1", answers.get(provider, CHAT), provider=provider, name="m")
     assert "additionalProperties" not in str(free.body)
 
 
 def bare(body: Any) -> Any:
-    """Return a request without what the client makes of a schema's limits: a sentence, and an enum without a type."""
+    """Return a request without the client's schema changes: descriptions, and the type of an enum."""
     if isinstance(body, dict):
         kept = {key: value for key, value in body.items() if key != "description"}
         return {key: bare(value) for key, value in kept.items() if not (key == "type" and "enum" in kept)}

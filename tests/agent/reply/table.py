@@ -1,4 +1,4 @@
-"""The table of replies: what each parser reads in each."""
+"""The table of replies with the expected result of each parser."""
 
 import tomllib
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ class Row:
     text: str
     drones: int
     axis_order: AxisOrder
-    strict: tuple[str, ...]  # per drone: an action's words, or ! and words of the reason
+    strict: tuple[str, ...]  # per drone: an action's words, or ! and words of the error
     lenient: tuple[str, ...]
     mended: tuple[tuple[Mend, ...], ...]  # per drone
 
@@ -31,33 +31,33 @@ class Row:
 
 def rows() -> list[Row]:
     """Return the rows of the table."""
-    return [_row(place, each) for place, each in enumerate(tomllib.loads(FILE.read_text(encoding="utf-8"))["reply"])]
+    return [_row(place, entry) for place, entry in enumerate(tomllib.loads(FILE.read_text(encoding="utf-8"))["reply"])]
 
 
-def _row(place: int, each: dict[str, Any]) -> Row:
-    drones = each.get("drones", 1)
+def _row(place: int, entry: dict[str, Any]) -> Row:
+    drones = entry.get("drones", 1)
 
     def per_drone(key: str, default: Any) -> tuple[str, ...]:
-        value = each.get(key, default)
+        value = entry.get(key, default)
         return (value,) * drones if isinstance(value, str) else tuple(value)
 
     strict = per_drone("strict", None)
-    mended: Any = [in_order(said.split()) for said in per_drone("mended", "")]  # type: ignore[arg-type]
-    return Row(place, each["family"], each["text"], drones, each.get("axis_order", "xy"), strict,
+    mended: Any = [in_order(codes.split()) for codes in per_drone("mended", "")]  # type: ignore[arg-type]
+    return Row(place, entry["family"], entry["text"], drones, entry.get("axis_order", "xy"), strict,
                per_drone("lenient", strict), tuple(mended))  # fmt: skip
 
 
 def words(read: Reading) -> str:
-    """Return a reading as the table writes it."""
+    """Return a reading in the table's notation."""
     if read.action is None:
         return f"! {read.error}"
     kind, *numbers = read.action.as_json().values()
-    flat = [n for each in numbers for n in (each if isinstance(each, list) else [each])]
+    flat = [n for value in numbers for n in (value if isinstance(value, list) else [value])]
     return " ".join([kind, *(f"{n:.9g}" for n in flat)])
 
 
 def agrees(read: Reading, expected: str) -> bool:
-    """Whether a reading is what the table says."""
+    """Whether a reading equals the table's entry."""
     if expected.startswith("!"):
         return read.action is None and expected[1:].strip() in (read.error or "")
     return words(read) == expected

@@ -1,4 +1,4 @@
-"""The lenient reading beside the strict one: it reads more, never otherwise, and never for long."""
+"""The lenient parser compared with the strict one: it reads more, never differently, and with bounded work."""
 
 import json
 from cProfile import Profile
@@ -28,7 +28,7 @@ ACTIONS = st.one_of(
 
 @st.composite
 def replies(draw):
-    """A reply of pieces, or one of the table with a piece in it, a part of it gone, or broken off."""
+    """A random reply of pieces, or a reply of the table with a piece added, a part removed, or the end cut off."""
     if draw(st.booleans()):
         return draw(st.lists(st.sampled_from(PIECES), max_size=40).map("".join))
     text = draw(st.sampled_from(TEXTS))
@@ -37,7 +37,7 @@ def replies(draw):
 
 
 def compared(text, drones):
-    """Hold the two readings of a reply together."""
+    """Compare the two readings of a reply."""
     both = zip(reading(text, drones, "xy", "strict"), reading(text, drones, "xy", "lenient"), strict=True)
     for plain, lenient in both:
         assert (lenient.action is None) == (lenient.error is not None)
@@ -51,7 +51,7 @@ def compared(text, drones):
 
 @settings(deadline=None, max_examples=300)
 @given(replies(), st.sampled_from([1, 1, 2, 4]))
-def test_what_strict_reads_lenient_reads_alike_and_nothing_else_without_a_word(text, drones):
+def test_lenient_agrees_with_strict_and_lists_every_repair(text, drones):
     compared(text, drones)
 
 
@@ -68,39 +68,39 @@ def test_any_text_is_read_by_both(text):
 
 
 @given(st.lists(ACTIONS, min_size=1, max_size=5))
-def test_what_is_written_is_what_is_read(actions):
+def test_written_actions_are_read_back(actions):
     text = json.dumps([a.as_json() for a in actions] if len(actions) > 1 else actions[0].as_json())
     for parser in ("strict", "lenient"):
         read = reading(text, len(actions), "xy", parser)
-        assert [one.action for one in read] == actions
-        assert all(one.mended == () for one in read)
+        assert [result.action for result in read] == actions
+        assert all(result.mended == () for result in read)
 
 
 @given(st.lists(ACTIONS, min_size=2, max_size=5), st.randoms())
 def test_named_drones_get_their_own_in_whatever_order(actions, lots):
     objects = [{"drone": place, **action.as_json()} for place, action in enumerate(actions, 1)]
     lots.shuffle(objects)
-    assert [one.action for one in reading(json.dumps(objects), len(actions), "xy", "lenient")] == actions
+    assert [result.action for result in reading(json.dumps(objects), len(actions), "xy", "lenient")] == actions
 
 
 def test_a_kept_reply_is_read_again_in_the_other_way():
-    """`reply` alone is enough: what a lenient flight kept is scored strictly, and the judge sees what was mended."""
+    """A stored `reply` is enough to parse it again: strictly for the score, leniently for the list of repairs."""
     text = "{'action': 'rotate', 'angle_deg': '30°'}"
-    flown = reading(text, 1, "xy", "lenient")[0]
-    assert flown.action == Rotate(30)
-    assert flown.mended == ("single_quotes", "number_text", "unit")
+    lenient_result = reading(text, 1, "xy", "lenient")[0]
+    assert lenient_result.action == Rotate(30)
+    assert lenient_result.mended == ("single_quotes", "number_text", "unit")
     assert reading(text, 1, "xy", "strict")[0].action is None
 
 
 def calls(*arguments):
-    """Return how many functions a reading calls, those of Python included."""
+    """Return the number of function calls of a reading, Python's own functions included."""
     profile = Profile()
     profile.runcall(reading, *arguments)
     return sum(entry.callcount for entry in profile.getstats())
 
 
 def test_no_reply_is_much_work(monkeypatch):
-    """With limits that are a tenth of the real ones, in a tenth of the time."""
+    """Uses a tenth of the real limits, for a tenth of the time."""
     for module in (strict, tolerant):
         monkeypatch.setattr(module, "MAX_REPLY_CHARS", module.MAX_REPLY_CHARS // 10)
         monkeypatch.setattr(module, "MAX_VAIN_CHARS", module.MAX_VAIN_CHARS // 10)

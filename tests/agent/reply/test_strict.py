@@ -72,7 +72,7 @@ def test_a_fleet_needs_one_action_per_drone():
 
 
 def plainly(reply):
-    """What `parse` means: try every brace, skip what was read, and take the last object that has an action."""
+    """Reference for `parse`: try every brace, skip parsed objects, and take the last object that has an action."""
     values, at = [], 0
     while (at := reply.find("{", at)) >= 0:
         try:
@@ -110,7 +110,7 @@ def test_the_inner_actions_of_a_long_reply_that_breaks_off_are_found():
 
 
 def seconds(call):
-    """The processor's time for a call, the best of three, without what the collector does in a test run's heap."""
+    """Return the processor time of a call, s: the minimum of three, without garbage collection."""
     best = float("inf")
     gc.disable()
     try:

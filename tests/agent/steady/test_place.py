@@ -1,4 +1,4 @@
-"""What a reply points at, as a place: by where the vehicle was, and how it leaned, when the picture was taken."""
+"""The place that a reply points at, from the vehicle's position and attitude when the image was taken."""
 
 import math
 
@@ -32,7 +32,7 @@ def test_a_place_at_capture_is_seen_at_the_point_that_named_it(go, sight):
     assert (seen.x, seen.y, seen.depth_m) == pytest.approx((go.x, go.y, go.depth_m), abs=1e-6)
 
 
-def test_what_lies_behind_is_in_no_picture():
+def test_places_behind_are_in_no_image():
     with pytest.raises(ValueError, match="behind"):
         point_of((-1.0, 0.0, 0.0), Sight((0.0, 0.0, 0.0), 0.0), CAMERA)
 
@@ -42,7 +42,7 @@ def test_what_lies_behind_is_in_no_picture():
     [
         (Sight((1.0, 2.0, -3.0), 0.0), (11.5, 2.0, -2.9)),  # the lens is 0.5 m ahead of the body and 0.1 m below it
         (Sight((1.0, 2.0, -3.0), math.pi / 2.0), (1.0, 12.5, -2.9)),
-        (Sight((0.0, 0.0, 0.0), 0.0, 0.0, math.pi / 2.0), (0.1, 0.0, -10.5)),  # nose up: straight above
+        (Sight((0.0, 0.0, 0.0), 0.0, 0.0, math.pi / 2.0), (0.1, 0.0, -10.5)),  # nose up: vertically above
         (Sight((0.0, 0.0, 0.0), 0.0, math.pi / 2.0, 0.0), (10.5, -0.1, 0.0)),  # right side down: the same line of sight
     ],
 )
@@ -55,9 +55,9 @@ def test_a_short_stride_is_as_long_as_the_papers(depth_m, x):
     go = Go(x, 500.0, depth_m)
     (move,) = plan(go, CAMERA)
     assert isinstance(move.setpoint, Velocity)
-    whole = math.hypot(*displacement(go, CAMERA))
+    full_length = math.hypot(*displacement(go, CAMERA))
     reach = seen_place(go, Sight((0.0, 0.0, 0.0), 0.0), CAMERA).reach
-    assert reach * whole == pytest.approx(move.setpoint.forward * move.duration_s)
+    assert reach * full_length == pytest.approx(move.setpoint.forward * move.duration_s)
 
 
 def test_far_off_the_same_share_is_flown_and_before_what_is_close_nothing():

@@ -1,4 +1,4 @@
-"""The steady agent before a vehicle that goes where it is told: when it asks, what it flies meanwhile and logs."""
+"""The steady agent with an ideal vehicle: when it asks, its motion in between, and its log."""
 
 import itertools
 import json
@@ -27,7 +27,7 @@ TICK_US = 50_000
 
 
 class Follows:
-    """A vehicle without inertia under the real offboard stream and the real track of what it has told."""
+    """A vehicle without inertia. It uses the production offboard stream and pose history."""
 
     def __init__(self):
         self.time_us, self.position, self.yaw = 0, (0.0, 0.0, -2.0), 0.0
@@ -55,17 +55,17 @@ class Follows:
         pass
 
     def tick(self):
-        said = self._stream.streamed(self.position, (0.0, 0.0, 0.0), self.yaw, self.time_us)
+        setpoint = self._stream.streamed(self.position, (0.0, 0.0, 0.0), self.yaw, self.time_us)
         rate = speed = 0.0
-        if isinstance(said, PositionSetpoint):
-            self.yaw = said.yaw
-        elif said is not None:
-            forward, right, down = said.velocity_body
+        if isinstance(setpoint, PositionSetpoint):
+            self.yaw = setpoint.yaw
+        elif setpoint is not None:
+            forward, right, down = setpoint.velocity_body
             north = math.cos(self.yaw) * forward - math.sin(self.yaw) * right
             east = math.sin(self.yaw) * forward + math.cos(self.yaw) * right
             step, (x, y, z) = TICK_US / 1e6, self.position
             self.position = (x + north * step, y + east * step, z + down * step)
-            rate, speed = said.yaw_rate, math.hypot(forward, right, down)
+            rate, speed = setpoint.yaw_rate, math.hypot(forward, right, down)
             self.yaw += rate * TICK_US / 1e6
         self.speeds.append(speed)
         self.time_us += TICK_US
@@ -73,22 +73,22 @@ class Follows:
 
 
 class Views:
-    """Gives frames of the instant at which they are asked for, and keeps where the vehicle was then."""
+    """Takes frames at the time of the request and records the vehicle's pose at that time."""
 
     def __init__(self, aircraft):
         self._aircraft, self.taken = aircraft, []
 
     def newest(self, drone=0):
-        one = self._aircraft[drone]
-        self.taken.append((one.time_us / 1e6, one.position, one.yaw))
-        return Frame(len(self.taken) - 1, drone, one.time_us, np.zeros((36, 64, 3), np.uint8))
+        vehicle = self._aircraft[drone]
+        self.taken.append((vehicle.time_us / 1e6, vehicle.position, vehicle.yaw))
+        return Frame(len(self.taken) - 1, drone, vehicle.time_us, np.zeros((36, 64, 3), np.uint8))
 
     def close(self):
         pass
 
 
 class Says:
-    """A model that gives these replies in order, the last for ever."""
+    """A model that gives these replies in order and repeats the last."""
 
     name = "says"
 
@@ -96,10 +96,10 @@ class Says:
         self._replies, self.asked = replies, 0
 
     def ask(self, request):
-        said = self._replies[min(self.asked, len(self._replies) - 1)]
+        reply = self._replies[min(self.asked, len(self._replies) - 1)]
         self.asked += 1
         several = len(request.images_jpeg) > 1
-        return Reply(json.dumps([said] * len(request.images_jpeg) if several else said), 0.0)
+        return Reply(json.dumps([reply] * len(request.images_jpeg) if several else reply), 0.0)
 
     def check(self):
         pass
@@ -114,7 +114,7 @@ TURN = {"action": "rotate", "angle_deg": 60}
 THINK, FINISHED = {"action": "think"}, {"action": "finished"}
 
 
-def flown(folder, model, policy, seconds=20.0, drones=1, groups=None):
+def fly_steady(folder, model, policy, seconds=20.0, drones=1, groups=None):
     """Return (decisions, aircraft, camera)."""
     aircraft = [Follows() for _ in range(drones)]
     camera, log = Views(aircraft), LineLog(folder / "decisions.jsonl")
@@ -129,13 +129,13 @@ def flown(folder, model, policy, seconds=20.0, drones=1, groups=None):
 
 @pytest.mark.parametrize("slow_s", [0.5, 2.0, 4.0, 8.0])
 def test_a_go_is_flown_without_standing_still_once_replies_are_known(tmp_path, slow_s):
-    decisions, (one,), _ = flown(
+    decisions, (vehicle,), _ = fly_steady(
         tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=20.0 * max(2.5, slow_s)
     )
     assert decisions[0]["t_decided"] == pytest.approx(slow_s, abs=0.06)
-    assert min(one.speeds[round(slow_s * 20) + 3 :]) > 0.2  # the second picture waits for the first stride
-    known = round(decisions[6]["t_decided"] * 20)
-    assert min(one.speeds[known:]) > 1.1
+    assert min(vehicle.speeds[round(slow_s * 20) + 3 :]) > 0.2  # the second image waits for the first stride
+    known_tick = round(decisions[6]["t_decided"] * 20)
+    assert min(vehicle.speeds[known_tick:]) > 1.1
     for before, after in itertools.pairwise(decisions[6:]):
         assert after["t_decided"] - before["t_decided"] == pytest.approx(max(2.5, slow_s), abs=0.16)
         assert after["t_decided"] - after["t_frame"] == pytest.approx(slow_s, abs=0.06)
@@ -143,14 +143,14 @@ def test_a_go_is_flown_without_standing_still_once_replies_are_known(tmp_path, s
 
 @pytest.mark.parametrize("slow_s", [0.5, 2.0, 4.0])
 def test_from_picture_to_picture_a_stride_is_flown_as_the_history_says(tmp_path, slow_s):
-    _, _, camera = flown(tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=40.0)
+    _, _, camera = fly_steady(tmp_path, Says(GO), LatencyPolicy.parse(f"fixed:{slow_s}"), seconds=40.0)
     strides = [math.dist(a, b) for (_, a, _), (_, b, _) in itertools.pairwise(camera.taken)]
     assert min(strides) >= 2.65
     assert strides[5:] == pytest.approx([1.2 * max(2.5, slow_s)] * len(strides[5:]), abs=0.25)
 
 
 def test_without_latency_it_asks_when_the_papers_agent_does(tmp_path):
-    decisions, _, _ = flown(tmp_path, Says(GO, TURN, CAREFUL, THINK), LatencyPolicy.parse("fixed:0"))
+    decisions, _, _ = fly_steady(tmp_path, Says(GO, TURN, CAREFUL, THINK), LatencyPolicy.parse("fixed:0"))
     gaps = [b["t_decided"] - a["t_decided"] for a, b in itertools.pairwise(decisions)]
     assert gaps[0] == pytest.approx(2.5, abs=0.06)
     assert gaps[1] == pytest.approx(1.0, abs=0.3)  # 60° at 60°/s, until the nose is there
@@ -159,37 +159,39 @@ def test_without_latency_it_asks_when_the_papers_agent_does(tmp_path):
 
 
 def test_a_declaration_is_that_of_the_picture_it_was_asked_about(tmp_path):
-    """The vehicle has gone on for two seconds since: the log names the frame and its time, not the newest."""
-    decisions, (one,), camera = flown(tmp_path, Says(GO, GO, FINISHED), LatencyPolicy.parse("fixed:2"), seconds=14.0)
-    said = decisions[2]
-    assert said["action"] == FINISHED
+    """The vehicle continues for two seconds. The log has the frame of the question and its time, not the newest."""
+    decisions, (vehicle,), camera = fly_steady(
+        tmp_path, Says(GO, GO, FINISHED), LatencyPolicy.parse("fixed:2"), seconds=14.0
+    )
+    declaration = decisions[2]
+    assert declaration["action"] == FINISHED
     taken_s, place, _ = camera.taken[2]
-    assert (said["frame_id"], said["t_frame"]) == (2, pytest.approx(taken_s))
-    assert said["t_decided"] - said["t_frame"] == pytest.approx(2.0, abs=0.06)
-    assert one.speeds[round(said["t_decided"] * 20) - 1] > 1.0  # it was in motion until it was said
-    assert one.position[0] - place[0] > 2.0
-    assert max(one.speeds[round(said["t_decided"] * 20) + 2 :]) < 0.7  # and holds from then on
+    assert (declaration["frame_id"], declaration["t_frame"]) == (2, pytest.approx(taken_s))
+    assert declaration["t_decided"] - declaration["t_frame"] == pytest.approx(2.0, abs=0.06)
+    assert vehicle.speeds[round(declaration["t_decided"] * 20) - 1] > 1.0  # it moves until the decision
+    assert vehicle.position[0] - place[0] > 2.0
+    assert max(vehicle.speeds[round(declaration["t_decided"] * 20) + 2 :]) < 0.7  # and holds from then on
 
 
-def test_a_place_is_where_it_was_seen_whatever_was_flown_since(tmp_path):
-    """A short stride counts from its picture: what has been flown meanwhile is not flown again."""
-    decisions, (one,), camera = flown(
+def test_a_place_stays_where_it_was_seen_after_later_motion(tmp_path):
+    """A short stride counts from its image. Motion since then is not flown again."""
+    decisions, (vehicle,), camera = fly_steady(
         tmp_path, Says(GO, GO, CAREFUL, THINK), LatencyPolicy.parse("fixed:2"), seconds=12.0
     )
     _, place, _ = camera.taken[2]
     goal = place[0] + 0.6 * 2.5
     assert decisions[2]["action"] == CAREFUL
-    assert one.position[0] == pytest.approx(max(goal, decisions_place(one, camera, decisions[2])), abs=0.75)
+    assert vehicle.position[0] == pytest.approx(max(goal, decisions_place(vehicle, camera, decisions[2])), abs=0.75)
 
 
-def decisions_place(one, camera, decision):
-    """Return how far north the vehicle was when a decision was made."""
-    return one.sight(round(decision["t_decided"] * 1e6)).position_ned[0]
+def decisions_place(vehicle, camera, decision):
+    """Return the vehicle's north position at the time of a decision."""
+    return vehicle.sight(round(decision["t_decided"] * 1e6)).position_ned[0]
 
 
 def test_the_end_of_a_short_stride_is_looked_at_before_the_next(tmp_path):
-    """So that strides add up, which two that overlap would not; however the place moves, never beyond where it was."""
-    _, _, camera = flown(tmp_path, Says(CAREFUL), LatencyPolicy.parse("fixed:2"), seconds=20.0)
+    """Strides then add up; overlapping strides would not. The vehicle never passes a place that moves."""
+    _, _, camera = fly_steady(tmp_path, Says(CAREFUL), LatencyPolicy.parse("fixed:2"), seconds=20.0)
     places = [place[0] for _, place, _ in camera.taken]
     assert len(places) >= 5
     strides = [b - a for a, b in itertools.pairwise(places)]
@@ -200,45 +202,45 @@ def test_the_end_of_a_short_stride_is_looked_at_before_the_next(tmp_path):
 def test_far_aside_it_turns_before_it_moves_and_else_on_the_way(tmp_path):
     for name, x, stands_s in (("aside", 900.0, 38.7 / 60.0), ("little", 650.0, 0.0)):  # 38.7° and 16.7° off
         (tmp_path / name).mkdir()
-        _, (one,), _ = flown(
+        _, (vehicle,), _ = fly_steady(
             tmp_path / name, Says({**GO, "point": [x, 500.0]}, THINK), LatencyPolicy.parse("fixed:0"), 2.4
         )
-        moved_s = 0.05 * next(k for k, speed in enumerate(one.speeds) if speed > 0.0)
+        moved_s = 0.05 * next(k for k, speed in enumerate(vehicle.speeds) if speed > 0.0)
         assert moved_s == pytest.approx(stands_s, abs=0.15)
-        wanted = math.atan2(x - 500.0, 500.0)
-        assert math.atan2(one.position[1], one.position[0]) == pytest.approx(wanted, abs=0.03)
+        expected = math.atan2(x - 500.0, 500.0)
+        assert math.atan2(vehicle.position[1], vehicle.position[0]) == pytest.approx(expected, abs=0.03)
 
 
 def test_nothing_is_flown_for_longer_than_its_validity(tmp_path):
-    """The second reply takes for ever: the first go fades after its 2.5 s and is over after 5 s."""
+    """The second reply never arrives: the first go fades after 2.5 s and ends after 5 s."""
     policy = Charged((), lambda question: 0.0 if question.step == 0 else 200.0)
-    _, (one,), _ = flown(tmp_path, Says(GO), policy, seconds=30.0)
-    begun = next(k for k, speed in enumerate(one.speeds) if speed > 0.0)
-    assert one.speeds[begun : begun + 50] == pytest.approx([1.2] * 50, abs=0.03)
-    assert all(b < a for a, b in itertools.pairwise(one.speeds[begun + 52 : begun + 98]))
-    assert max(one.speeds[begun + 101 :]) == 0.0
-    assert one.position[0] == pytest.approx(1.2 * 2.5 * 1.5, abs=0.1)
+    _, (vehicle,), _ = fly_steady(tmp_path, Says(GO), policy, seconds=30.0)
+    begun = next(k for k, speed in enumerate(vehicle.speeds) if speed > 0.0)
+    assert vehicle.speeds[begun : begun + 50] == pytest.approx([1.2] * 50, abs=0.03)
+    assert all(b < a for a, b in itertools.pairwise(vehicle.speeds[begun + 52 : begun + 98]))
+    assert max(vehicle.speeds[begun + 101 :]) == 0.0
+    assert vehicle.position[0] == pytest.approx(1.2 * 2.5 * 1.5, abs=0.1)
 
 
 @pytest.mark.parametrize("steered_s", [0.5, 2.0, 4.8, 9.0])
-def test_whoever_stops_steering_stops_flying_before_the_leg_is_invalid(steered_s):
-    """The stream's last setpoint lives half a second without the next, and never beyond the leg's 5 s."""
-    one = Follows()
-    drone = SteadyDrone(0, one, CAMERA)
+def test_motion_stops_without_steering_before_the_leg_is_invalid(steered_s):
+    """The stream's last setpoint is valid for half a second without a new one, and never beyond the leg's 5 s."""
+    vehicle = Follows()
+    drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(0)
     drone.plan(Go(500.0, 500.0, 40.0))
     drone.begin(0.0)
-    while one.time_us < 12_000_000:
-        one.tick()
-        if one.time_us <= steered_s * 1e6:
-            drone.advance(one.time_us / 1e6)
-    moving_s = 0.05 * max(k + 1 for k, speed in enumerate(one.speeds) if speed > 0.0)
+    while vehicle.time_us < 12_000_000:
+        vehicle.tick()
+        if vehicle.time_us <= steered_s * 1e6:
+            drone.advance(vehicle.time_us / 1e6)
+    moving_s = 0.05 * max(k + 1 for k, speed in enumerate(vehicle.speeds) if speed > 0.0)
     ends_s = min(steered_s + 0.5, 5.0)
     assert ends_s - 0.06 <= moving_s <= ends_s + GRACE_US / 1e6 + 0.051
 
 
-def test_what_is_looked_for_by_turning_is_asked_about_after_the_turn(tmp_path):
-    decisions, _, camera = flown(tmp_path, Says(TURN), LatencyPolicy.parse("fixed:2"), seconds=20.0)
+def test_a_search_turn_ends_before_the_next_question(tmp_path):
+    decisions, _, camera = fly_steady(tmp_path, Says(TURN), LatencyPolicy.parse("fixed:2"), seconds=20.0)
     yaws = [yaw for _, _, yaw in camera.taken]
     assert [b - a for a, b in itertools.pairwise(yaws[:3])] == pytest.approx([math.radians(60)] * 2, abs=0.03)
     assert all(b["t_decided"] - a["t_decided"] >= 3.0 for a, b in itertools.pairwise(decisions))
@@ -248,46 +250,46 @@ def test_a_fleet_is_asked_about_together_or_each_alone(tmp_path):
     for name, groups in (("flat", None), ("solo", [[0], [1], [2]])):
         (tmp_path / name).mkdir()
         model = Says(GO)
-        decisions, aircraft, _ = flown(tmp_path / name, model, LatencyPolicy.parse("fixed:2"), 12.0, 3, groups)
+        decisions, aircraft, _ = fly_steady(tmp_path / name, model, LatencyPolicy.parse("fixed:2"), 12.0, 3, groups)
         assert {d["drone"] for d in decisions} == {0, 1, 2}
         assert len(decisions) // 3 >= 4
         assert model.asked == pytest.approx(len(decisions) / 3 if groups is None else len(decisions), abs=3.0)
-        assert [one.position for one in aircraft] == [aircraft[0].position] * 3
+        assert [vehicle.position for vehicle in aircraft] == [aircraft[0].position] * 3
         assert aircraft[0].position[0] > 10.0
 
 
 def test_the_same_picture_again_is_seen_from_where_it_was_taken():
-    """However the vehicle has turned and flown since; its answer is one word on one picture, not another sighting."""
-    one, aside = Follows(), Go(970.0, 500.0, 8.0)  # 43° off the nose: it turns first
-    drone = SteadyDrone(0, one, CAMERA)
+    """Later turns and motion have no effect. An answer to the same image is not another sighting."""
+    vehicle, aside = Follows(), Go(970.0, 500.0, 8.0)  # 43° off the nose: the vehicle turns first
+    drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(0)
-    place = seen_place(aside, one.sight(0), CAMERA).place_ned
+    place = seen_place(aside, vehicle.sight(0), CAMERA).place_ned
     drone.plan(Go(500.0, 500.0, 40.0))
     drone.begin(0.0)
-    while one.time_us < 2_000_000:
-        one.tick()
-        drone.advance(one.time_us / 1e6)
-    assert one.position[0] > 2.0
+    while vehicle.time_us < 2_000_000:
+        vehicle.tick()
+        drone.advance(vehicle.time_us / 1e6)
+    assert vehicle.position[0] > 2.0
     for _ in range(3):
         drone.see(0)
         drone.plan(aside)
         assert drone._place is not None
         assert drone._place.place_ned == place
-        drone.begin(one.time_us / 1e6)
+        drone.begin(vehicle.time_us / 1e6)
         for _ in range(10):
-            one.tick()
-            drone.advance(one.time_us / 1e6)
+            vehicle.tick()
+            drone.advance(vehicle.time_us / 1e6)
     assert drone._pursuit.sightings == 1
 
 
 def test_a_turn_to_what_an_earlier_picture_shows_is_from_where_the_nose_is_now():
-    one, aside = Follows(), Go(30.0, 500.0, 40.0)  # 43° left of where the nose was
-    drone = SteadyDrone(0, one, CAMERA)
+    vehicle, aside = Follows(), Go(30.0, 500.0, 40.0)  # 43° left of where the nose was
+    drone = SteadyDrone(0, vehicle, CAMERA)
     drone.see(0)
     for action in (Rotate(60.0), aside):
         drone.plan(action)
-        drone.begin(one.time_us / 1e6)
+        drone.begin(vehicle.time_us / 1e6)
         while drone.busy:
-            one.tick()
-            drone.advance(one.time_us / 1e6)
-    assert one.yaw == pytest.approx(math.atan2(-470.0, 500.0), abs=0.05)
+            vehicle.tick()
+            drone.advance(vehicle.time_us / 1e6)
+    assert vehicle.yaw == pytest.approx(math.atan2(-470.0, 500.0), abs=0.05)

@@ -1,4 +1,4 @@
-"""The cascade: step responses with the real physics, and what it does with nonsense."""
+"""The cascade: step responses with the real physics, and its reaction to nonsense."""
 
 import itertools
 import math
@@ -19,7 +19,7 @@ from vehicles.airframe import load, names
 
 @pytest.mark.parametrize("name", names())
 def test_velocity_step_is_quick_and_calm(name):
-    """0 → 2 m/s: about what a real PX4 was measured to do (reference/px4.md: 1.4 at 0.5 s, 1.8 at 1 s, 1.95 at 3 s)."""
+    """0 → 2 m/s, close to a real PX4 (reference/px4.md: 1.4 at 0.5 s, 1.8 at 1 s, 1.95 at 3 s)."""
     flight = Flight(name).hover()
     flight.ask(velocity_ned=(2.0, 0.0, 0.0), yaw_rate=0.0)
     start = flight.run(8.0)
@@ -104,7 +104,7 @@ def test_attitude_and_rates_setpoints():
 
 
 def test_velocity_that_is_not_a_number_stops():
-    """As a real PX4: a NaN vx does not leave the mode, the vehicle brakes."""
+    """As in a real PX4, a NaN vx does not leave the mode; the vehicle brakes."""
     flight = Flight().hover()
     flight.ask(velocity_ned=(2.0, 1.0, 0.0), yaw=0.0)
     flight.run(3.0)
@@ -169,7 +169,7 @@ class Bench:
 
 
 def test_every_combination_of_uncontrolled_axes_gives_commands():
-    """Position, velocity, acceleration per axis, yaw and yaw rate, each given or not: 2048 combinations."""
+    """Position, velocity, acceleration per axis, yaw and yaw rate, each controlled or not: 2048 combinations."""
     values = {
         "position_ned": (5.0, 1.0, -9.0),
         "velocity_ned": (1.0, -0.5, 0.2),
@@ -177,25 +177,25 @@ def test_every_combination_of_uncontrolled_axes_gives_commands():
     }
     bench = Bench()
     setpoint = bench.core.setpoint
-    for given in itertools.product((False, True), repeat=11):
+    for controlled in itertools.product((False, True), repeat=11):
         setpoint["kind"] = KIND_IDLE
         bench.run(1)
         setpoint["kind"] = KIND_TRAJECTORY
         for k, (name, value) in enumerate(values.items()):
-            setpoint[name] = np.where(given[3 * k : 3 * k + 3], value, np.nan)
-        setpoint["yaw"] = 0.3 if given[9] else np.nan
-        setpoint["yaw_rate"] = 0.2 if given[10] else np.nan
+            setpoint[name] = np.where(controlled[3 * k : 3 * k + 3], value, np.nan)
+        setpoint["yaw"] = 0.3 if controlled[9] else np.nan
+        setpoint["yaw_rate"] = 0.2 if controlled[10] else np.nan
         command = bench.run(12)
-        assert np.isfinite(command).all(), given
-        assert (command > 0.1).all(), given
-        assert (command <= 1.0).all(), given
+        assert np.isfinite(command).all(), controlled
+        assert (command > 0.1).all(), controlled
+        assert (command <= 1.0).all(), controlled
     assert bench.core.state["not_finite"] == 0
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
 @pytest.mark.parametrize("kind", [KIND_TRAJECTORY, KIND_ATTITUDE, KIND_RATES])
 def test_nonsense_never_reaches_a_rotor(kind, bad):
-    """Each number of setpoint and estimate in turn, then all at once; afterwards it flies as if nothing had been."""
+    """Each number of setpoint and estimate in turn, then all at once; afterwards the vehicle flies normally."""
     fields = [("estimate", n) for n in ("attitude", "rates_frd", "accel_frd", "velocity_ned", "position_ned")]
     fields += [
         ("setpoint", n) for n in ("position_ned", "velocity_ned", "acceleration_ned", "yaw", "yaw_rate", "attitude")
@@ -261,7 +261,7 @@ def test_parameters_by_their_px4_names():
 
 
 def test_a_quick_flight_is_not_taken_for_a_push_against_a_wall():
-    """The drag that grows with the speed needs more integral, and the error does not fall meanwhile."""
+    """Drag that grows with speed needs more integral, and the error does not fall meanwhile."""
     flight = Flight().hover()
     blocked = 0
     for speed in (5.0, -5.0, 0.0, 5.0):
@@ -273,7 +273,7 @@ def test_a_quick_flight_is_not_taken_for_a_push_against_a_wall():
 
 
 def pushed(flight, force, rise_s, seconds=1.0):
-    """Let a force (N, NED) rise within `rise_s` and hold it; return whether the autopilot took it for an obstacle."""
+    """Let a force (N, NED) rise within `rise_s` and hold it; return whether the autopilot reports an obstacle."""
     steps = round(seconds / 0.02)
     taken = False
     for k in range(steps):

@@ -17,7 +17,7 @@ from foundation.sensors import ACTUATORS
 from tests.autopilot.commander_bench import AIRFRAME, Bench
 
 
-def flown(folder: Path, **parameters: float) -> Bench:
+def fly_logged(folder: Path, **parameters: float) -> Bench:
     """A short flight with a log; the rotors are shown as turning."""
     actuators = np.zeros(1, ACTUATORS)[0]
     bench = Bench(profile="minimal", log_dir=folder, actuators=actuators)
@@ -37,7 +37,7 @@ def flown(folder: Path, **parameters: float) -> Bench:
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> tuple[Bench, ULog]:
     folder = tmp_path_factory.mktemp("log")
-    bench = flown(folder)
+    bench = fly_logged(folder)
     return bench, ULog(str(folder / "log001.ulg"))
 
 
@@ -88,9 +88,9 @@ def test_values_are_what_the_vehicle_did(flight: tuple[Bench, ULog]) -> None:
 
 def test_texts_are_logged(flight: tuple[Bench, ULog]) -> None:
     _, log = flight
-    said = {m.message: m.log_level_str() for m in log.logged_messages}
-    assert said == dict.fromkeys(said, "INFO")
-    assert any("isarmed" in text for text in said)
+    levels = {m.message: m.log_level_str() for m in log.logged_messages}
+    assert levels == dict.fromkeys(levels, "INFO")
+    assert any("isarmed" in text for text in levels)
 
 
 def test_px4_tools_accept_it(flight: tuple[Bench, ULog]) -> None:
@@ -103,7 +103,7 @@ def test_px4_tools_accept_it(flight: tuple[Bench, ULog]) -> None:
 
 def test_same_flight_same_bytes(flight: tuple[Bench, ULog], tmp_path: Path) -> None:
     bench, _ = flight
-    flown(tmp_path)
+    fly_logged(tmp_path)
     assert (tmp_path / "log001.ulg").read_bytes() == (bench.log.directory.folder / "log001.ulg").read_bytes()
 
 

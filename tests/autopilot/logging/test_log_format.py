@@ -31,7 +31,7 @@ DEFINITIONS, DATA = set("BFIMPQA"), set("ADRLCSOIMPQ")
 
 @dataclass
 class Read:
-    """What a strict reader makes of a file."""
+    """The contents of a file, as a strict reader sees them."""
 
     start_us: int
     formats: dict[str, list[tuple[str, int, str]]] = field(default_factory=dict)  # name → (type, count, field)
@@ -170,7 +170,7 @@ def log(tmp_path_factory) -> Path:
 def test_every_byte_is_accounted_for(log: Path) -> None:
     read = strictly(log.read_bytes())
     assert len(read.topics) == len(read.formats) > 15
-    assert len(read.samples) == len(read.formats)  # every topic of the table has something to say in a flight
+    assert len(read.samples) == len(read.formats)  # every topic of the table has rows in a flight
     assert len(read.parameters) > 100
 
 

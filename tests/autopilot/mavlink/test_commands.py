@@ -1,4 +1,4 @@
-"""Acknowledgements, arming and requests, as a real PX4 was measured to answer them."""
+"""Acknowledgements, arming and requests, as measured on a real PX4."""
 
 import itertools
 import math
@@ -128,7 +128,7 @@ def test_every_mode_can_be_selected_while_disarmed(bench: Bench) -> None:
         ((0, 0, 0), ACCEPTED, "HOLD"),
         ((0, 4, 6), ACCEPTED, "HOLD"),
         ((4, 0, 0), ACCEPTED, "MISSION"),
-        ((220, 0, 0), ACCEPTED, "MISSION"),  # what `mode 220` of MAVProxy sends
+        ((220, 0, 0), ACCEPTED, "MISSION"),  # MAVProxy's `mode 220` sends this
         ((64, 6, 0), ACCEPTED, "MANUAL"),
         ((192, 0, 0), ACCEPTED, "MANUAL"),
         ((80, 4, 19), ACCEPTED, "STABILIZED"),
@@ -138,7 +138,7 @@ def test_every_mode_can_be_selected_while_disarmed(bench: Bench) -> None:
     ],
 )  # fmt: skip
 def test_a_mode_in_other_words(bench: Bench, parameters: tuple[int, int, int], result: int, mode: str) -> None:
-    """As a PX4 1.15.4 on the ground was measured to answer DO_SET_MODE, and SET_MODE with the same content."""
+    """As measured on a PX4 1.15.4 on the ground: DO_SET_MODE, and SET_MODE with the same content."""
     base, main, sub = parameters
     assert bench.client.mode(4, 3) == ACCEPTED
     assert bench.client.command(dialect.MAV_CMD_DO_SET_MODE, base, main, sub) == result
@@ -188,9 +188,9 @@ def test_the_heartbeat_shows_a_change_at_once(bench: Bench) -> None:
 
 @pytest.mark.parametrize("name", [name for name in mavutil.px4_map if name not in ("RATTITUDE", "RTGS")])
 def test_a_mode_by_its_name_in_pymavlink(bench: Bench, name: str) -> None:
-    """What `set_mode(NAME)` of pymavlink sends to a PX4, and the name that it then shows."""
+    """pymavlink's `set_mode(NAME)` as sent to a PX4, and the name that it then shows."""
     assert bench.client.command(dialect.MAV_CMD_DO_SET_MODE, *mavutil.px4_map[name], 0, 0, 0, 0) == ACCEPTED
-    bench.run(1.1)  # a heartbeat, which the mode that it is in already does not send at once
+    bench.run(1.1)  # a heartbeat, which the current mode does not send at once
     assert mavutil.mode_string_v10(bench.client.of("HEARTBEAT")[-1]) == name
 
 

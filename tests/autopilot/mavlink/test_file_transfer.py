@@ -1,4 +1,4 @@
-"""MAVLink FTP: what a client may read and write, what it is refused, and that no name leaves card and log folder."""
+"""MAVLink FTP: readable and writable files, refusals, and no name outside the card and the log folder."""
 
 import errno
 import struct
@@ -42,9 +42,11 @@ class Files:
         return answer
 
     def answers(self) -> list[ftp.FileRequest]:
-        found = self.client.of("FILE_TRANSFER_PROTOCOL")
-        assert all((m.target_system, m.target_component) == (self.client.system, self.client.component) for m in found)
-        return [ftp.parsed(bytes(m.payload)) for m in found]
+        replies = self.client.of("FILE_TRANSFER_PROTOCOL")
+        assert all(
+            (m.target_system, m.target_component) == (self.client.system, self.client.component) for m in replies
+        )
+        return [ftp.parsed(bytes(m.payload)) for m in replies]
 
     def refused(self, opcode: int, data: bytes | str = b"", **fields: int) -> bytes:
         answer = self.ask(opcode, data, **fields)
@@ -288,7 +290,7 @@ def test_refusals_have_their_codes(files: Files, root: Path) -> None:
 def test_too_much_data_is_refused(files: Files) -> None:
     assert files.refused(ftp.OPEN_TO_READ, LOG, size=240) == b"\x03"
     session = files.done(ftp.CREATE, "/fs/microsd/log/new").session
-    assert files.refused(ftp.WRITE, b"x", session=session, offset=0xFFFFFFF0) == b"\x01"  # nobody fills the disk
+    assert files.refused(ftp.WRITE, b"x", session=session, offset=0xFFFFFFF0) == b"\x01"  # the disk cannot be filled
     assert files.refused(ftp.TRUNCATE, "/fs/microsd/log/new", offset=0xFFFFFFF0) == b"\x01"
 
 
@@ -332,8 +334,8 @@ def test_the_parameter_file_says_what_the_parameters_are(files: Files, bench: Be
     bench.autopilot.parameters.set("COM_RCL_EXCEPT", 4)
     parameters = bench.autopilot.parameters
     for name in ("@PARAM/param.pck", "@PARAM/param.pck?withdefaults=1"):
-        told = MAVFTP.ftp_param_decode(read(files, name))
-        assert {n.decode(): value for n, value, _ in told.params} == {n: parameters[n] for n in parameters.names}
+        decoded = MAVFTP.ftp_param_decode(read(files, name))
+        assert {n.decode(): value for n, value, _ in decoded.params} == {n: parameters[n] for n in parameters.names}
 
 
 NAME_PARTS = st.sampled_from(["fs", "microsd", "log", "..", ".", "", "a", "secret", "up", "@MAV_LOG", "etc", "\\"])

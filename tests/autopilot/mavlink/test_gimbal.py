@@ -1,4 +1,4 @@
-"""The gimbal protocol: who may command it, where it goes and how fast, and what it says."""
+"""The gimbal protocol: control, angles and rates, and its messages."""
 
 import math
 from dataclasses import replace
@@ -37,7 +37,7 @@ def bench() -> Moving:
 
 
 def pitch_deg(bench: Moving) -> float:
-    """Return the newest pitch that the telemetry has."""
+    """Return the newest pitch in the telemetry."""
     bench.client.forget()
     bench.run(0.3)
     newest = bench.client.of("GIMBAL_DEVICE_ATTITUDE_STATUS")[-1]

@@ -23,7 +23,7 @@ def bench() -> Bench:
 
 
 def calibrated(bench: Bench, sensor: str) -> list[str]:
-    """Ask for a calibration and return what is said until it is over."""
+    """Request a calibration and return its messages until it ends."""
     bench.client.forget()
     assert bench.client.command(CALIBRATE, *ASKED[sensor]) == ACCEPTED
     bench.until(lambda: not bench.autopilot.calibration.running, 5)
@@ -70,21 +70,21 @@ def test_one_calibration_at_a_time_and_none_in_flight(bench: Bench) -> None:
 
 
 def test_failure_injection_reaches_the_vehicle() -> None:
-    asked: list[tuple[int, int, int]] = []
+    injected: list[tuple[int, int, int]] = []
 
     def inject(unit: int, kind: int, instance: int) -> bool:
-        asked.append((unit, kind, instance))
+        injected.append((unit, kind, instance))
         return bool(unit == dialect.FAILURE_UNIT_SENSOR_GPS)
 
     bench = Bench(profile="minimal", inject=inject)
     gps, off = dialect.FAILURE_UNIT_SENSOR_GPS, dialect.FAILURE_TYPE_OFF
     assert bench.client.command(INJECT, gps, off, 0) == DENIED  # SYS_FAILURE_EN
-    assert asked == []
+    assert injected == []
     bench.autopilot.parameters.set("SYS_FAILURE_EN", 1)
     assert bench.client.command(INJECT, gps, off, 0) == ACCEPTED
     assert bench.client.command(INJECT, dialect.FAILURE_UNIT_SENSOR_VIO, off, 2) == UNSUPPORTED
     assert bench.client.command(INJECT, math.nan, off) == UNSUPPORTED
-    assert asked == [(gps, off, 0), (dialect.FAILURE_UNIT_SENSOR_VIO, off, 2)]
+    assert injected == [(gps, off, 0), (dialect.FAILURE_UNIT_SENSOR_VIO, off, 2)]
 
 
 def test_without_a_simulator_nothing_can_be_broken(bench: Bench) -> None:
@@ -94,8 +94,8 @@ def test_without_a_simulator_nothing_can_be_broken(bench: Bench) -> None:
 
 def request(bench: Bench, kind: str) -> Any:
     bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, getattr(dialect, f"MAVLINK_MSG_ID_{kind}"))
-    found = bench.client.of(kind)
-    return found[-1] if found else None
+    messages = bench.client.of(kind)
+    return messages[-1] if messages else None
 
 
 def test_vibration_is_told(bench: Bench) -> None:

@@ -1,4 +1,4 @@
-"""A ground station connects as QGroundControl does, on its own port: every question has an answer that it goes on with.
+"""A ground station connects as QGroundControl does, on its own port. Every question gets an answer.
 
 The order is that of QGroundControl's source (`src/Vehicle/InitialConnectStateMachine.cc`), which nobody ran here.
 """
@@ -18,7 +18,7 @@ def bench() -> Bench:
 
 
 def requested(bench: Bench, message_id: int, parameter: float = 0.0) -> int | None:
-    """Ask for a message; return how that was acknowledged."""
+    """Request a message; return the result of its acknowledgement."""
     return bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, message_id, parameter)
 
 
@@ -43,7 +43,7 @@ def test_all_that_is_asked_at_the_start_is_answered(bench: Bench) -> None:
         assert mode.mode_index == index
         modes = mode.number_modes
     assert modes > 5
-    for description in (COMPONENT_METADATA, COMPONENT_INFORMATION):  # there is none, which is said and not kept silent
+    for description in (COMPONENT_METADATA, COMPONENT_INFORMATION):  # there is none, and the answer says so
         assert requested(bench, description) == DENIED
     client.forget()
     client.send(dialect.MAVLink_param_request_list_message(1, 1))

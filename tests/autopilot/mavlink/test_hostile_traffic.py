@@ -21,7 +21,7 @@ def bench() -> Bench:
 
 
 def alive(bench: Bench) -> None:
-    """Whatever happened, the autopilot ticks and answers."""
+    """Assert that the autopilot still ticks and answers."""
     bench.run(0.1)
     bench.client.send(dialect.MAVLink_ping_message(1, 2, 0, 0))
     assert bench.client.of("PING")
@@ -42,7 +42,7 @@ def with_payload(kind: str, payload: bytes) -> bytes:
 @given(data=st.binary(max_size=600))
 def test_random_bytes(bench: Bench, data: bytes) -> None:
     bench.client.port.receive(data)
-    bench.client.port.receive(b"\0" * 300)  # ends whatever frame the bytes have announced
+    bench.client.port.receive(b"\0" * 300)  # ends any frame that the bytes have announced
     alive(bench)
 
 

@@ -65,7 +65,7 @@ def test_no_logs_is_an_answer_too() -> None:
 @pytest.mark.parametrize("number", range(4))
 def test_a_log_arrives_whole(bench: Bench, number: int) -> None:
     assert downloaded(bench, number) == content(bench, number)
-    assert bench.client.of("LOG_DATA")[-1].count < 90  # how clients know that it is over
+    assert bench.client.of("LOG_DATA")[-1].count < 90  # clients know by this that it is over
 
 
 @given(offset=st.integers(0, 6000), count=st.integers(0, 2000))

@@ -12,7 +12,7 @@ from tests.autopilot.plan_client import ACCEPTED, PLANS, UNSUPPORTED, download, 
 
 
 @pytest.mark.parametrize("kind", [0, 1, 2])
-def test_what_goes_up_comes_down_bit_by_bit(bench: Bench, kind: int) -> None:
+def test_an_uploaded_plan_is_downloaded_bit_by_bit(bench: Bench, kind: int) -> None:
     assert upload(bench.client, PLANS[kind], kind) == ACCEPTED
     back = download(bench.client, kind)
     assert len(back) == len(PLANS[kind])

@@ -37,14 +37,14 @@ def test_masks_of_real_clients() -> None:
         (0xDC7, 0, 1, 0, 0, 0),
     ]:
         s = decode(mask)
-        for given, values, sent in (
+        for is_set, values, sent in (
             (position, s.position_ned, (1, 2, 3)),
             (velocity, s.velocity_ned, (4, 5, 6)),
             (acceleration, s.acceleration_ned, (7, 8, 9)),
             (yaw, (s.yaw,), (0.5,)),
             (yaw_rate, (s.yaw_rate,), (0.6,)),
         ):
-            assert values == sent if given else all(math.isnan(x) for x in values), (mask, sent)
+            assert values == sent if is_set else all(math.isnan(x) for x in values), (mask, sent)
 
 
 def test_every_mask_gives_a_setpoint_or_a_reason() -> None:
@@ -154,7 +154,7 @@ def test_another_mode_ends_the_failsafe_and_later_losses_still_count(bench: Benc
     assert not bench.commander.in_failsafe
     bench.client.velocity(1.0, 0.0, 0.0)
     bench.tick()
-    assert bench.commander.mode == "HOLD"  # nobody asked for OFFBOARD
+    assert bench.commander.mode == "HOLD"  # OFFBOARD was not requested
     lose(bench)
     assert bench.commander.mode == "POSCTL"
 
@@ -179,8 +179,8 @@ def test_rejected_setpoints_do_not_feed_the_signal(bench: Bench, mask: int, fram
     bench.client.forget()
     bench.run(1.5, lambda: bench.client.velocity(1.0, 0.0, 0.0, mask=mask, frame=frame))
     assert bench.commander.mode == "POSCTL"
-    said = [t for t in bench.client.texts() if t.startswith("SET_POSITION_TARGET_LOCAL_NED")]
-    assert 1 <= len(said) <= 3  # said, but not 20 times a second
+    texts = [t for t in bench.client.texts() if t.startswith("SET_POSITION_TARGET_LOCAL_NED")]
+    assert 1 <= len(texts) <= 3  # reported, but not 20 times a second
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3e38])

@@ -27,7 +27,7 @@ def as_float(value: int) -> float:
 
 
 def number(message: dialect.MAVLink_message) -> float:
-    """The value as a client that knows of byte-wise integers reads it."""
+    """Return the value as read by a client with byte-wise integers."""
     frame = bytes(message.get_msgbuf())
     raw = frame[10 : 10 + min(frame[1], 4)].ljust(4, b"\0")
     return struct.unpack("<i" if message.param_type == INT32 else "<f", raw)[0]  # type: ignore[no-any-return]
@@ -117,11 +117,11 @@ def test_changes_reach_everybody_and_the_core(bench: Bench) -> None:
     second = Client(bench.autopilot.open_port("minimal"), 255, 190)
     bench.client.set_parameter("MPC_XY_P", 1.25, REAL32)
     assert second.of("PARAM_VALUE")[-1].param_value == 1.25
-    assert bench.core.told[-1] == ("MPC_XY_P", 1.25)
-    told = len(bench.core.told)
+    assert bench.core.parameter_changes[-1] == ("MPC_XY_P", 1.25)
+    change_count = len(bench.core.parameter_changes)
     bench.client.set_parameter("MPC_XY_P", 1.25, REAL32)  # repeated: no news
     bench.client.set_parameter("RTL_RETURN_ALT", 21.0, REAL32)  # not the core's
-    assert len(bench.core.told) == told
+    assert len(bench.core.parameter_changes) == change_count
     bench.autopilot.close_port(second.port)
 
 
@@ -130,10 +130,10 @@ def test_values_outlive_the_process(tmp_path: Path) -> None:
     first = ParameterTable({"MPC_XY_P": 0.95}, None, file)
     first.set("COM_OBL_RC_ACT", 5)
     first.set("MPC_XY_P", 1.5)
-    told: list[tuple[str, float]] = []
-    second = ParameterTable({"MPC_XY_P": 0.95}, lambda name, value: told.append((name, value)), file)
+    changes: list[tuple[str, float]] = []
+    second = ParameterTable({"MPC_XY_P": 0.95}, lambda name, value: changes.append((name, value)), file)
     assert (second["COM_OBL_RC_ACT"], second["MPC_XY_P"]) == (5, 1.5)
-    assert told == [("MPC_XY_P", 1.5)]
+    assert changes == [("MPC_XY_P", 1.5)]
     assert json.loads(file.read_text()) == {"COM_OBL_RC_ACT": 5, "MPC_XY_P": 1.5}
     second.reset()
     assert json.loads(file.read_text()) == {}

@@ -1,4 +1,4 @@
-"""MAVLink 2 signing: once a key is set, only its owner is heard, and nothing is heard twice."""
+"""MAVLink 2 signing: with a key set, only its owner is heard, and no message is accepted twice."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ NOW = 3_000_000_000_000  # 10 µs since 2015
 
 
 class SigningClient:
-    """pymavlink as it comes, with its own signing."""
+    """pymavlink with its own signing."""
 
     def __init__(self, bench: Bench, key: bytes = KEY, time: int = NOW + 100, link: int = 3) -> None:
         self.port = bench.client.port
@@ -31,7 +31,7 @@ class SigningClient:
     def send(self, message: Any) -> None:
         self.port.receive(self.packed(message))
 
-    def heard(self) -> list[Any]:
+    def received(self) -> list[Any]:
         return self.mav.parse_buffer(self.port.take()) or []
 
 
@@ -40,7 +40,7 @@ def ping(number: int) -> Any:
 
 
 def answered(bench: Bench) -> list[int]:
-    """Numbers of the pings that were answered, whoever can read them."""
+    """Return the numbers of the answered pings, whoever can read them."""
     frames = dialect.MAVLink(None)
     frames.robust_parsing = True
     messages = frames.parse_buffer(bench.client.port.take()) or []
@@ -77,11 +77,11 @@ def test_a_client_believes_what_the_vehicle_signs() -> None:
     client = SigningClient(bench)
     client.send(ping(1))
     bench.run(5.0)
-    heard = client.heard()
-    assert {m.get_type() for m in heard} >= {"PING", "HEARTBEAT"}
-    assert all(m.get_signed() for m in heard)
+    messages = client.received()
+    assert {m.get_type() for m in messages} >= {"PING", "HEARTBEAT"}
+    assert all(m.get_signed() for m in messages)
     assert client.mav.signing.badsig_count == 0
-    times = [int.from_bytes(bytes(m.get_msgbuf())[-12:-6], "little") for m in heard]
+    times = [int.from_bytes(bytes(m.get_msgbuf())[-12:-6], "little") for m in messages]
     assert times == sorted(set(times))
     assert times[-1] - times[0] == pytest.approx(5e5, rel=0.3)  # goes on with the vehicle's clock
 

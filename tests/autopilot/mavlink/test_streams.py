@@ -1,4 +1,4 @@
-"""What flows without being asked, how fast, and what it says."""
+"""The default streams, their rates and their contents."""
 
 import math
 from collections import Counter
@@ -25,7 +25,7 @@ def test_rates_are_those_of_the_profile(profile: str) -> None:
     bench = Bench(profile=profile)
     bench.fly()
     counts = counted(bench, bench.client, 20.0)
-    # nothing to tell on this bench
+    # this bench has no data for it
     silent = {"SERVO_OUTPUT_RAW", "DISTANCE_SENSOR", "ORBIT_EXECUTION_STATUS", "RC_CHANNELS"}
     silent |= {"GIMBAL_DEVICE_ATTITUDE_STATUS", "GIMBAL_MANAGER_STATUS"}
     for stream in TABLE:
@@ -135,9 +135,9 @@ def test_the_calendar_begins_with_the_first_fix_and_runs_with_the_vehicles_clock
     bench.core.converge()
     bench.sensors["gps_fix_type"] = 0  # a clock that was set goes on without a fix
     bench.run(2.0)
-    told = bench.client.of("SYSTEM_TIME")
-    assert len(told) == 4
-    assert {m.time_unix_usec // 1000 - m.time_boot_ms for m in told} == {CALENDAR_START_US // 1000}
+    messages = bench.client.of("SYSTEM_TIME")
+    assert len(messages) == 4
+    assert {m.time_unix_usec // 1000 - m.time_boot_ms for m in messages} == {CALENDAR_START_US // 1000}
 
 
 def test_imu_and_outputs_come_on_request() -> None:
@@ -148,11 +148,11 @@ def test_imu_and_outputs_come_on_request() -> None:
     for name in ("SCALED_IMU", "ACTUATOR_OUTPUT_STATUS"):
         number = getattr(dialect, f"MAVLINK_MSG_ID_{name}")
         assert bench.client.command(dialect.MAV_CMD_REQUEST_MESSAGE, number) == dialect.MAV_RESULT_ACCEPTED
-        (told,) = bench.client.of(name)
+        (message,) = bench.client.of(name)
         if name == "SCALED_IMU":
-            assert (told.zacc, told.ygyro, told.xmag) == (-1000, 500, 210)
+            assert (message.zacc, message.ygyro, message.xmag) == (-1000, 500, 210)
         else:
-            assert (told.active, list(told.actuator)[:5]) == (4, [1000.0, 1250.0, 1500.0, 2000.0, 0.0])
+            assert (message.active, list(message.actuator)[:5]) == (4, [1000.0, 1250.0, 1500.0, 2000.0, 0.0])
 
 
 def test_an_estimate_gone_mad_never_stops_the_streams() -> None:
@@ -192,7 +192,7 @@ def test_ping_and_timesync_are_answered() -> None:
     answer = client.of("TIMESYNC")[-1]
     assert (answer.ts1, answer.tc1) == (777, bench.time_us * 1000)
     client.forget()
-    client.send(dialect.MAVLink_ping_message(123, 9, 1, 1))  # somebody else's answer
+    client.send(dialect.MAVLink_ping_message(123, 9, 1, 1))  # the answer to another client
     client.send(dialect.MAVLink_timesync_message(5, 777))
     assert not client.drain()
 
@@ -206,7 +206,7 @@ def test_a_port_nobody_empties_keeps_a_bounded_queue() -> None:
 
 
 def test_estimator_status_has_the_roots_of_the_test_ratios() -> None:
-    """PX4 sends innovations over their gates, the estimator keeps their squares; the largest axis counts."""
+    """PX4 sends innovations over their gates; the estimator keeps their squares. The largest axis counts."""
     bench = Bench()
     ratios = bench.core.estimate["test_ratio"]
     ratios[VELOCITY_TEST : VELOCITY_TEST + 3] = 0.04, 0.25, 0.01

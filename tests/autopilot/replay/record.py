@@ -1,4 +1,4 @@
-"""Fly a short flight with every kind of setpoint and keep what the inner loop met, and what it made of it.
+"""Flies a short flight with every kind of setpoint and records the inputs and outputs of the inner loop.
 
     python -m tests.autopilot.replay.record
 
@@ -28,7 +28,7 @@ TRUTH = ("position_ned", "velocity_ned", "attitude")
 
 
 def setpoint(seconds: float) -> CascadeSetpoint:
-    """Return what an offboard client asks for at a time since it took over: velocity, position with yaw, hold."""
+    """Return an offboard client's setpoint at a time since its takeover: velocity, position with yaw, hold."""
     if seconds < 4.0:
         return CascadeSetpoint(
             velocity_ned=(2.0, 0.5, NAN), position_ned=(NAN, NAN, -2.5), acceleration_ned=FREE, yaw=0.0
@@ -82,7 +82,7 @@ def fly() -> tuple[Recording, dict[str, np.ndarray]]:
 def main() -> None:
     recording, truth = fly()
     save(recording, FILE)
-    kept, _ = load(FILE)  # as it will be replayed: inertial samples in single precision
+    kept, _ = load(FILE)  # as in the replay: inertial samples in single precision
     outcome = replay(FlightCore(airframe.load(AIRFRAME)), kept, EVERY)
     golden = {f"golden.{name}": getattr(outcome, name) for name in ReplayedFlight.__slots__}
     save(kept, FILE, **truth, **golden)

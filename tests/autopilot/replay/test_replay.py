@@ -33,41 +33,41 @@ def golden():
 
 
 @pytest.fixture(scope="module")
-def flown(golden):
+def replayed(golden):
     return replay(FlightCore(airframe.load(AIRFRAME)), golden[0], EVERY)
 
 
 @pytest.mark.parametrize("name", TOLERANCES)
-def test_no_number_moves(name, golden, flown):
-    assert getattr(flown, name) == pytest.approx(golden[1][f"golden.{name}"], abs=TOLERANCES[name])
+def test_no_number_moves(name, golden, replayed):
+    assert getattr(replayed, name) == pytest.approx(golden[1][f"golden.{name}"], abs=TOLERANCES[name])
 
 
-def test_every_outcome_has_a_tolerance_and_something_to_say(golden, flown):
+def test_every_outcome_has_a_tolerance_and_something_to_say(golden, replayed):
     assert set(TOLERANCES) | {"time_us"} == set(ReplayedFlight.__slots__)
-    assert (flown.time_us == golden[1]["golden.time_us"]).all()
-    assert np.ptp(flown.position_ned, axis=0).min() > 1.0
-    assert flown.command.max() > 0.5
+    assert (replayed.time_us == golden[1]["golden.time_us"]).all()
+    assert np.ptp(replayed.position_ned, axis=0).min() > 1.0
+    assert replayed.command.max() > 0.5
 
 
-def test_the_golden_flight_is_a_good_one(golden, flown):
-    """What is guarded is worth guarding: the estimate follows the truth, once it is there."""
+def test_the_golden_flight_is_a_good_one(golden, replayed):
+    """The recording is worth guarding: the estimate follows the truth, once it exists."""
     aloft = slice(50, None)
-    assert flown.velocity_ned[aloft] == pytest.approx(golden[1]["truth.velocity_ned"][aloft], abs=0.4)
-    turned = np.abs(np.sum(flown.attitude[aloft] * golden[1]["truth.attitude"][aloft], axis=1))
+    assert replayed.velocity_ned[aloft] == pytest.approx(golden[1]["truth.velocity_ned"][aloft], abs=0.4)
+    turned = np.abs(np.sum(replayed.attitude[aloft] * golden[1]["truth.attitude"][aloft], axis=1))
     assert np.degrees(2.0 * np.arccos(np.minimum(turned, 1.0))).max() < 4.0
 
 
-def test_a_changed_gain_is_noticed(golden, flown):
+def test_a_changed_gain_is_noticed(golden, replayed):
     core = FlightCore(airframe.load(AIRFRAME), overrides={"MPC_XY_VEL_P_ACC": 2.1})
     other = replay(core, golden[0], EVERY)
-    assert np.abs(other.command - flown.command).max() > TOLERANCES["command"]
+    assert np.abs(other.command - replayed.command).max() > TOLERANCES["command"]
 
 
-def test_a_changed_noise_figure_is_noticed(golden, flown):
+def test_a_changed_noise_figure_is_noticed(golden, replayed):
     core = FlightCore(airframe.load(AIRFRAME))
     core.filter_params["gps_velocity_noise"] *= 1.1
     other = replay(core, golden[0], EVERY)
-    assert np.abs(other.velocity_ned - flown.velocity_ned).max() > TOLERANCES["velocity_ned"]
+    assert np.abs(other.velocity_ned - replayed.velocity_ned).max() > TOLERANCES["velocity_ned"]
 
 
 def test_a_recording_survives_its_file(golden, tmp_path: Path):
@@ -82,7 +82,7 @@ def test_a_recording_survives_its_file(golden, tmp_path: Path):
     assert (again.landed == short.landed).all()
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path):
+def test_invalid_recordings_are_rejected(tmp_path: Path):
     (tmp_path / "no.npz").write_bytes(b"nothing")
     with pytest.raises(UsageError, match=r"record\.py"):
         load(tmp_path / "no.npz")

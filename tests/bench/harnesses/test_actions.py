@@ -1,4 +1,4 @@
-"""Numbers become the replies that the reader reads as those numbers."""
+"""Numbers become replies, and the reader reads the same numbers."""
 
 import pytest
 from hypothesis import given
@@ -15,15 +15,15 @@ from dronecats.bench.harnesses.outside_flight import KINDS, reply
     st.floats(-90, 90),
 )
 def test_every_action_in_the_space_is_read_strictly_as_itself(kind, point, depth_m, angle_deg):
-    (one,) = reading(reply(kind, point, depth_m, angle_deg), 1, "xy", "strict")
-    assert one.action is not None, one
-    told = one.action.as_json()
-    assert told["action"] == KINDS[kind]
-    if told["action"] == "go":
-        assert told["point"] == pytest.approx(list(point))
-        assert told["depth_m"] == pytest.approx(depth_m)
-    if told["action"] == "rotate":
-        assert told["angle_deg"] == pytest.approx(angle_deg)
+    (entry,) = reading(reply(kind, point, depth_m, angle_deg), 1, "xy", "strict")
+    assert entry.action is not None, entry
+    fields = entry.action.as_json()
+    assert fields["action"] == KINDS[kind]
+    if fields["action"] == "go":
+        assert fields["point"] == pytest.approx(list(point))
+        assert fields["depth_m"] == pytest.approx(depth_m)
+    if fields["action"] == "rotate":
+        assert fields["angle_deg"] == pytest.approx(angle_deg)
 
 
 def test_a_kind_that_is_none_is_refused():

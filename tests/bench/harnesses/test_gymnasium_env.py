@@ -1,4 +1,4 @@
-"""`DroneCATS-v0` against Gymnasium's own checker, and against the run folder of what it flew."""
+"""`DroneCATS-v0` against Gymnasium's own checker, and against the run folder of its flights."""
 
 import json
 import warnings
@@ -40,7 +40,7 @@ def test_an_episode_ends_with_its_time_and_the_verdict(tmp_path):
     assert about == {"episode": EPISODE}
     assert seen in env.observation_space
     assert "motorcycle" in seen["instruction"]
-    assert seen["frame"].std() > 10.0  # a picture, and no grey one
+    assert seen["frame"].std() > 10.0  # a picture, not a grey one
     steps = 0
     while True:
         seen, reward, terminated, truncated, about = env.step(DECLARE)

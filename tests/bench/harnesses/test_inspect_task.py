@@ -18,7 +18,7 @@ GO = '{"action": "go", "point": [500, 520], "depth_m": 10}'
 FLEET = "[" + ", ".join([GO] * 4) + "]"
 
 
-def said(text):
+def model_output(text):
     from inspect_ai.model import ModelOutput, ModelUsage
 
     usage = ModelUsage(input_tokens=10, output_tokens=2, total_tokens=12)
@@ -41,11 +41,11 @@ def run(tmp_path, answer, episodes=EPISODES, reasoning_effort=None, seconds=8.0,
     return read_eval_log(log.location)
 
 
-def test_what_inspects_model_says_is_what_is_flown_and_judged(tmp_path):
+def test_replies_of_inspects_model_are_flown_and_judged(tmp_path):
     def answer(question, tools, choice, config):
         pictures = sum(part.type == "image" for part in question[0].content)
         assert (config.temperature, config.max_tokens) == (0.4, 8192)
-        return said(FLEET if pictures == 4 else GO)
+        return model_output(FLEET if pictures == 4 else GO)
 
     log = run(tmp_path, answer, seconds=4.0)
     assert log.status == "success"
@@ -58,8 +58,8 @@ def test_what_inspects_model_says_is_what_is_flown_and_judged(tmp_path):
         rows = [json.loads(line) for line in (folder / "decisions.jsonl").open()]
         assert {row["reply"] for row in rows} == {FLEET if sample.id.startswith("blocks") else GO}
         assert rows[0]["tokens_in"] == 10
-        asked = [message for message in sample.messages if message.role == "user"]
-        assert len(asked) == len({row["step"] for row in rows}) + 1  # the sample's own input comes first
+        user_messages = [message for message in sample.messages if message.role == "user"]
+        assert len(user_messages) == len({row["step"] for row in rows}) + 1  # the sample's own input comes first
     metrics = log.results.scores[0].metrics
     assert {"accuracy", "approaching", "commanding", "residential", "blocks"} <= set(metrics)
 
@@ -72,7 +72,7 @@ def test_think_lifts_the_reasoning_of_the_next_call_and_of_no_other(tmp_path, li
     def answer(question, tools, choice, config):
         assert (config.temperature, config.max_tokens) == (0.4, 8192)
         efforts.append(config.reasoning_effort)
-        return said(words[min(len(efforts), len(words)) - 1])
+        return model_output(words[min(len(efforts), len(words)) - 1])
 
     log = run(tmp_path, answer, episodes=EPISODES.split(",")[0], lifted=lifted, reasoning_effort="low")
     (sample,) = log.samples

@@ -1,4 +1,4 @@
-"""A flight that is answered from outside is to the byte the flight of a pilot that says the same."""
+"""A flight answered from outside equals, to the byte, the flight of a pilot with the same replies."""
 
 import json
 
@@ -33,20 +33,20 @@ def spec(**more):
     )
 
 
-def flown(flight):
-    asked: list[object] = []
+def answer_all(flight):
+    questions: list[object] = []
     while (question := flight.question()) is not None:
-        flight.answer(OutsideReply(WORDS[min(len(asked), 2)], tokens_in=7, tokens_out=3))
-        asked.append(question)
-    return asked
+        flight.answer(OutsideReply(WORDS[min(len(questions), 2)], tokens_in=7, tokens_out=3))
+        questions.append(question)
+    return questions
 
 
 def test_it_equals_the_flight_of_a_pilot_that_says_the_same(tmp_path):
     flight = OutsideFlight(spec(), tmp_path / "outside")
-    asked = flown(flight)
+    questions = answer_all(flight)
     result = flight.result()
     assert result.outcome == "failure"
-    assert result.steps == len(asked) >= 3
+    assert result.steps == len(questions) >= 3
     assert result.pilot == "a test:three words"
     script = tmp_path / "script.jsonl"
     script.write_text("".join(json.dumps({"step": k, "reply": word}) + "\n" for k, word in enumerate(WORDS)))
@@ -69,8 +69,8 @@ def test_a_flight_that_nobody_answers_any_more_is_nobodys_failure(tmp_path):
         flight.question()
     flight.close()
     assert flight.question() is None
-    told = flight.result()
-    assert (told.outcome, told.reason) == ("error", "interrupted")
+    result = flight.result()
+    assert (result.outcome, result.reason) == ("error", "interrupted")
     with pytest.raises(RuntimeError):
         flight.answer(OutsideReply(WORDS[2]))
 
@@ -80,12 +80,12 @@ def test_an_answer_that_cannot_be_had_is_an_error_of_the_infrastructure(tmp_path
     assert flight.question() is not None
     flight.fail("the vendor is away")
     assert flight.question() is None
-    told = flight.result()
-    assert told.outcome == "error"
-    assert "the vendor is away" in str(told.error)
+    result = flight.result()
+    assert result.outcome == "error"
+    assert "the vendor is away" in str(result.error)
 
 
-def test_nobody_else_can_fly_it():
+def test_an_outside_flight_cannot_be_flown_otherwise():
     with pytest.raises(UsageError, match=r"three words.*--model replay:RUN"):
         look_up(spec())
     with pytest.raises(UsageError, match="pilot, model or outside"):

@@ -13,7 +13,7 @@ from dronecats.bench.harnesses.robots import DroneEmbodiment, dronecats_task
 
 
 class Turns(PolicyBase):
-    """Turns to the right, and says each third time that it has arrived."""
+    """Turns to the right, and declares arrival every third time."""
 
     def __init__(self, embodiment):
         self.info = PolicyInfo(

@@ -1,4 +1,4 @@
-"""Where the things of a map stand, in plan."""
+"""The places of a map's things, in plan."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from episodes.maps.scene import Instance, turn
 
 Array = NDArray[np.float64]
-TRUNK_M = 0.6  # of a tree, what stands below this height is its trunk
+TRUNK_M = 0.6  # the part of a tree below this height is its trunk
 
 
 def foot(one: Instance) -> Array:

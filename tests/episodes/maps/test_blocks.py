@@ -88,7 +88,7 @@ def test_every_shipped_map_lists_its_places() -> None:
 
 
 def arrangement(rng: np.random.Generator, spots: NDArray[np.float64], solids: Solids) -> bool:
-    """Return whether a random try places four signs and a start grid as a commanding episode wants them."""
+    """Return whether a random try places four signs and a start grid as a commanding episode needs them."""
     grid = spots[rng.integers(len(spots))]
     near = spots[np.linalg.norm(spots - grid, axis=1) < TO_EACH[1]]
     signs = near[rng.integers(len(near), size=4)]
@@ -111,7 +111,7 @@ def arrangement(rng: np.random.Generator, spots: NDArray[np.float64], solids: So
 
 @pytest.mark.parametrize("seed", [1, 4])
 def test_there_is_room_for_commanding_episodes(seed: int) -> None:
-    """A dozen different arrangements turn up in a seeded search, in each of the four fields at least one."""
+    """A seeded search gives a dozen different arrangements, at least one in each of the four fields."""
     rng = np.random.default_rng(seed)
     places = blocks.places(seed)
     solids = Solids(standing(maps.build("blocks", seed)))
@@ -119,8 +119,8 @@ def test_there_is_room_for_commanding_episodes(seed: int) -> None:
         spots = np.array(
             [s.position_ned[:2] for s in places.spots if s.position_ned[0] * north > 0 < s.position_ned[1] * east]
         )
-        found = sum(arrangement(rng, spots, solids) for _ in range(3000))
-        assert found >= 2, (north, east)
+        arrangements = sum(arrangement(rng, spots, solids) for _ in range(3000))
+        assert arrangements >= 2, (north, east)
 
 
 def test_same_seed_same_blocks(scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""The campus: everything stands on its ground, in nobody's way, by the dozen and alike; walks are free to be walked."""
+"""The campus: all things stand on the ground, free of each other, by the dozen and alike; walks are clear."""
 
 import itertools
 import math
@@ -60,7 +60,7 @@ def test_no_two_people_look_alike_and_none_wears_a_paint(scene: Scene) -> None:
     people = [i for i in scene.instances if i.kind == "person"]
     looks = {frozenset((m.name, m.color) for m in i.mesh.materials) for i in people}
     assert len(looks) == len(people)
-    assert len({len(i.mesh.triangles) for i in people}) > len(people) / 2  # nor are they of one shape
+    assert len({len(i.mesh.triangles) for i in people}) > len(people) / 2  # nor have they one shape
     paints = {materials.linear(srgb) for name, srgb in materials.PAINTS.items() if name not in materials.NEUTRAL}
     for one in people:
         assert not paints & {m.color for m in one.mesh.materials}
@@ -92,7 +92,7 @@ def test_drawn_ground_is_the_height_field(scene: Scene) -> None:
 
 
 def test_ground_has_no_gaps_and_no_doubles() -> None:
-    """The cut pieces cover the whole square exactly once; the land beyond lies under its edge and does not count."""
+    """The cut pieces cover the whole square exactly once. The land beyond is under its edge and does not count."""
     meshes = dict(campus_ground.ground())
     area = 0.0
     for mesh in meshes.values():
@@ -118,7 +118,7 @@ def test_everything_stands_on_the_ground(scene: Scene) -> None:
         if one.kind == "hall":
             continue
         assert d == pytest.approx(scene.terrain.at(n, e), abs=1e-9)
-        # no corner of its foot hangs in the air or drowns
+        # no corner of its foot is above or below the ground
         for corner in foot(one):
             if one.kind not in ("tree", "conifer", "shrub", "clock-tower"):
                 assert abs(scene.terrain.at(*corner) - d) < 0.10, one.name
@@ -197,9 +197,9 @@ def test_spots_are_free(scene: Scene) -> None:
 
 def test_landmarks_are_there_and_say_different_things(scene: Scene) -> None:
     names = {i.name for i in scene.instances}
-    found = campus.landmarks()
-    assert all(mark.name in names for mark in found)
-    assert len({mark.phrase for mark in found}) == len(found) >= 8
+    landmarks = campus.landmarks()
+    assert all(mark.name in names for mark in landmarks)
+    assert len({mark.phrase for mark in landmarks}) == len(landmarks) >= 8
 
 
 def test_the_tiered_fountain_is_fountain_1(scene: Scene) -> None:

@@ -1,4 +1,4 @@
-"""Light and season: shadows lie where the sun's place puts them, and nothing but looks changes."""
+"""Light and season: shadows match the sun's position, and nothing but the appearance changes."""
 
 import math
 from dataclasses import replace
@@ -82,7 +82,7 @@ def test_below_clouds_there_is_hardly_a_shadow_and_no_sun():
     assert blue < 1.2 * red
     toward, away = (sky(in_conditions(low, OVERCAST), azimuth, 45.0).mean() for azimuth in (0.0, 180.0))
     assert toward == pytest.approx(away, rel=0.2)
-    assert sky(low, 0.0, 45.0).min() > 250.0  # where a clear sky has the sun
+    assert sky(low, 0.0, 45.0).min() > 250.0  # the sun's place in a clear sky
 
 
 def sky(scene, azimuth, elevation):

@@ -1,4 +1,4 @@
-"""Assets and the map they make: sound meshes, ground where the height field says, colours the target has to itself."""
+"""Assets and their map: sound meshes, ground at the height field, colours reserved for the target."""
 
 import itertools
 import math
@@ -122,7 +122,7 @@ def test_ground_mesh_is_the_height_field(scene: Scene) -> None:
     rng = np.random.default_rng(3)
     for n, e in zip(rng.uniform(-65, 65, 150), rng.uniform(-40, 40, 150), strict=True):
         if abs(abs(e) - 4.125) < 0.4:
-            continue  # the kerb's face falls between the nodes of either
+            continue  # the kerb's face is between the nodes of either
         down = scene.terrain.at(float(n), float(e))
         assert ground.range_m((float(n), float(e), -50.0), (0.0, 0.0, 1.0)) - 50.0 == pytest.approx(down, abs=0.03)
 
@@ -150,7 +150,7 @@ def test_no_parked_vehicle_wears_a_target_colour(scene: Scene) -> None:
 
 
 def test_number_plates_are_all_different(scene: Scene) -> None:
-    """From each other, and from those that records name."""
+    """From each other, and from those in records."""
     worn = [m.name.removeprefix("plate-") for i in scene.instances for m in i.mesh.materials if "plate-" in m.name]
     assert len(set(worn)) == len(worn) == sum(i.kind in SHAPES for i in scene.instances)
     for record in map(catalogue.load, catalogue.ids()):

@@ -1,4 +1,4 @@
-"""The neighbourhood and the room it has for episodes: a block to drive round, free kerbs and drives, clear lanes."""
+"""The neighbourhood's room for episodes: a block to drive round, free kerbs and drives, clear lanes."""
 
 import itertools
 import math
@@ -32,7 +32,7 @@ def test_drawn_ground_is_the_height_field_everywhere() -> None:
     n0, n1, e0, e1 = plan.REACH
     for n, e in zip(rng.uniform(n0, n1, 500), rng.uniform(e0, e1, 500), strict=True):
         if 3.7 < plan.away(np.array([n]), np.array([e]))[0] < 4.6:
-            continue  # the kerb's face falls between the nodes of either
+            continue  # the kerb's face is between the nodes of either
         down = scene.terrain.at(float(n), float(e))
         assert ground.range_m((float(n), float(e), -50.0), (0.0, 0.0, 1.0)) - 50.0 == pytest.approx(down, abs=0.02)
 
@@ -43,7 +43,7 @@ def test_the_roads_join_and_nothing_stands_on_them() -> None:
     for street in plan.STREETS:
         along = np.arange(street.ends[0] + 4.0, street.ends[1] - 4.0, 0.5)
         level = np.array([scene.terrain.at(*street.at(float(a), 0.0)) for a in along])
-        assert np.abs(np.diff(level)).max() < 0.05  # no step where streets meet, no steep hill
+        assert np.abs(np.diff(level)).max() < 0.05  # no step between streets, no steep hill
         assert np.allclose(plan.away(*np.array([street.at(float(a), 0.0) for a in along]).T), 0.0)
     assert len({p.street.name for p in homes}) == 4
     for one in scene.instances:
@@ -100,7 +100,7 @@ def test_spots_are_free_and_on_the_ground(place: str, size: tuple[float, float],
 
 def test_there_are_starts_with_a_clear_view_of_most_kerbs_and_drives() -> None:
     scene, room, solids = town()
-    found = 0
+    clear_count = 0
     for spot in (s for s in room.spots if s.place in ("kerb", "drive")):
         n, e, d = spot.position_ned
         goal = np.array((n, e, d - 0.8))
@@ -110,13 +110,13 @@ def test_there_are_starts_with_a_clear_view_of_most_kerbs_and_drives() -> None:
             way = goal - np.array(eye)
             free = not solids.hidden(eye, (np.array(eye) + 0.9 * way)[None])[0] and solids.clearance_m(eye) > 0.7
             if free and plan.away(np.array([start[0]]), np.array([start[1]]))[0] < 7.0:
-                found += 1
+                clear_count += 1
                 break
-    assert found >= 70  # fifty episodes, and a choice
+    assert clear_count >= 70  # fifty episodes, and a choice
 
 
 def shifted(lane: Lane, aside: float) -> np.ndarray:
-    """Return (N, 2) points of a lane moved to its right."""
+    """Return (N, 2) points of a lane, shifted to its right."""
     points = np.array(lane.waypoints_ned)[:, :2]
     way = np.gradient(points, axis=0)
     way /= np.linalg.norm(way, axis=1, keepdims=True)
@@ -163,7 +163,7 @@ def test_lanes_leave_drives_and_go_round_the_block_both_ways() -> None:
 
 
 def test_four_candidates_fit_in_many_ways() -> None:
-    """The paper's distances between look-alikes, from free kerbs and drives alone, no spot used twice."""
+    """The paper's distances between look-alikes, on free kerbs and drives alone, no spot used twice."""
     _, room, _ = town()
     spots = [s.position_ned for s in room.spots if s.place in ("kerb", "drive")]
     used: set[int] = set()

@@ -1,4 +1,4 @@
-"""A map is the same in every process: to the byte, whatever the order in which Python's sets and dicts come."""
+"""A map has the same bytes in every process, for any order of Python's sets and dicts."""
 
 import hashlib
 import os
@@ -15,18 +15,18 @@ ROOT = Path(__file__).parents[3]
 
 
 def digest(name: str) -> str:
-    """Return a digest of everything that a map is drawn and measured from."""
-    scene, found = maps.build(name, 3), hashlib.sha256()
-    found.update(scene.terrain.down.tobytes())
-    found.update(repr((scene.sun.toward_ned, scene.spawn_ned, scene.latitude_deg, scene.longitude_deg)).encode())
+    """Return a digest of everything that draws or measures a map."""
+    scene, sha256 = maps.build(name, 3), hashlib.sha256()
+    sha256.update(scene.terrain.down.tobytes())
+    sha256.update(repr((scene.sun.toward_ned, scene.spawn_ned, scene.latitude_deg, scene.longitude_deg)).encode())
     for one in scene.instances:
-        found.update(repr((one.id, one.name, one.kind, one.position_ned, one.yaw, one.solid)).encode())
+        sha256.update(repr((one.id, one.name, one.kind, one.position_ned, one.yaw, one.solid)).encode())
         for part in (one.mesh.vertices, one.mesh.normals, one.mesh.uv, one.mesh.triangles, one.mesh.material):
-            found.update(part.tobytes())
+            sha256.update(part.tobytes())
         for look in one.mesh.materials:
-            found.update(repr((look.name, look.color, look.emission, look.specular)).encode())
-            found.update(b"" if look.texture is None else look.texture.tobytes())
-    return found.hexdigest()
+            sha256.update(repr((look.name, look.color, look.emission, look.specular)).encode())
+            sha256.update(b"" if look.texture is None else look.texture.tobytes())
+    return sha256.hexdigest()
 
 
 @pytest.mark.parametrize("name", ["blocks", "campus"])

@@ -59,7 +59,7 @@ def flight(folder, drones=1, steps=12, declare=(7, 11), target_speed=0.0):
 
 
 def colour(path, bgr, tolerance=40):
-    """Number of pixels of about this colour."""
+    """Return the number of pixels of about this colour."""
     picture = pictures.read(path).astype(int)
     return int((np.abs(picture - bgr).max(axis=2) < tolerance).sum())
 
@@ -82,10 +82,10 @@ def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_pat
 
 def test_declarations_are_told_apart_by_the_truth_of_their_own_frame(tmp_path):
     logs = read(flight(tmp_path / "run"))
-    told = {d.step: qualifies(d, logs) for d in logs.decisions}
-    assert told[7] is False  # 10.5 m north of the start: still more than 5 m away
-    assert told[11] is True
-    assert told[0] is None
+    qualifying = {d.step: qualifies(d, logs) for d in logs.decisions}
+    assert qualifying[7] is False  # 10.5 m north of the start: still more than 5 m away
+    assert qualifying[11] is True
+    assert qualifying[0] is None
 
 
 def test_without_declarations_map_or_record_it_is_still_drawn(tmp_path):

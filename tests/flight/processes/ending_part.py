@@ -1,4 +1,4 @@
-"""A part that ends by itself, a little after it has begun, as one whose wire has been pulled; or that waits."""
+"""A part that ends by itself soon after its start, as if its wire were pulled; or that waits until it is closed."""
 
 import time
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from foundation.errors import LinkError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EndingConfig:
-    """How long it lasts."""
+    """The number of turns until the part ends."""
 
     turns: int | None = None  # None: until it is closed
 

@@ -8,7 +8,7 @@ PATIENCE_S = 30.0
 
 
 @given(st.floats(0.01, GLANCE_S))
-def test_who_never_answers_hangs_as_soon_as_patience_is_over(tick_s):
+def test_silent_processes_hang_as_soon_as_patience_is_over(tick_s):
     beat, now_s = Heartbeat(PATIENCE_S), 1000.0
     assert beat.is_due(now_s)
     beat.sent(now_s)
@@ -19,7 +19,7 @@ def test_who_never_answers_hangs_as_soon_as_patience_is_over(tick_s):
 
 
 @given(st.lists(st.floats(0.0, PATIENCE_S - 2 * GLANCE_S), min_size=1, max_size=20), st.floats(0.01, GLANCE_S))
-def test_who_is_slow_but_answers_never_hangs(delays_s, tick_s):
+def test_slow_processes_that_answer_never_hang(delays_s, tick_s):
     beat, now_s = Heartbeat(PATIENCE_S), 0.0
     for delay_s in delays_s:
         while not beat.is_due(now_s):

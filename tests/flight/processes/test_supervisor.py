@@ -60,12 +60,12 @@ def test_a_killed_child_is_named_with_the_signal(supervisor):
 
 
 def looks(supervisor, until, limit_s=60):
-    """Check again and again, as a flight does, until something is so."""
+    """Check repeatedly, as a flight does, until a condition holds."""
     deadline = time.monotonic() + limit_s
     while not until():
         assert time.monotonic() < deadline, "it never came to that"
         supervisor.check()
-        time.sleep(0.01)  # the flight's tick, on which nothing here depends
+        time.sleep(0.01)  # the flight's tick; nothing in this test depends on it
 
 
 def test_a_child_that_hangs_is_named_with_its_log_and_not_waited_for_again(tmp_path):
@@ -161,4 +161,4 @@ def test_children_of_a_killed_parent_end_by_themselves(tmp_path):
     deadline = time.monotonic() + 10
     while not gone(pid):
         assert time.monotonic() < deadline, "the child outlived its parent"
-        time.sleep(0.05)  # polls another process; there is nothing to wait on for a process that is not our child
+        time.sleep(0.05)  # polls another process; a process that is not our child offers nothing to wait on

@@ -1,4 +1,4 @@
-"""Another agent in the same harness is one class: it gets a cockpit, and is judged like every other."""
+"""Another agent in the same harness is one class. It gets a cockpit and is judged like any other agent."""
 
 import json
 from dataclasses import replace
@@ -17,7 +17,7 @@ ASKED: list[tuple[str, str]] = []  # (instruction, model) of every flight
 
 
 class Impatient:
-    """Hovers for some seconds, declares arrival where it stands, and has had enough."""
+    """Hovers for some seconds, declares arrival at its own position, then gives up."""
 
     def __init__(self, cockpit):
         self._cockpit = cockpit
@@ -74,9 +74,9 @@ def test_another_agent_flies_and_is_judged(tmp_path):
     assert ASKED[0][1] == "oracle"
     assert (result["status"], result["outcome"], result["steps"]) == (0, "failure", 1)
     assert (result["declarations"], result["false_declarations"]) == (1, 1)
-    told = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert (told["agent"], told["flight"]["agent"]) == (IMPATIENT, IMPATIENT)
-    with pytest.raises(UsageError, match="--out"):  # two agents' flights are no one run
+    run_record = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert (run_record["agent"], run_record["flight"]["agent"]) == (IMPATIENT, IMPATIENT)
+    with pytest.raises(UsageError, match="--out"):  # flights of two agents never share a run
         fly(replace(spec, episode="residential-approaching-02", agent="paper"), tmp_path / "run", lambda line: None)
     (begin, *_, end) = (json.loads(line) for line in (tmp_path / "run" / EPISODE / "truth.jsonl").open())
     assert (begin["cap_s"], end["reason"]) == (20.0, "cap")

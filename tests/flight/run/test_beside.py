@@ -1,4 +1,4 @@
-"""While a model is asked whose charge is known before, the hold is flown; and nothing of the flight tells of it."""
+"""With a known latency, the hold is flown while the model is asked. The logs do not show it."""
 
 import threading
 from dataclasses import replace
@@ -17,14 +17,14 @@ from dronecats.pilots.server import PilotServer
 from tests.support.first_question import after_first_question
 
 LOGS = ("truth.jsonl", "decisions.jsonl", "verdict.json")
-PATIENCE_S = 30.0  # of a test that is to fail
+PATIENCE_S = 30.0  # s; a failing test waits this long
 
 
 class Model:
-    """Answers, and first waits until vehicle time has passed since it was asked."""
+    """Answers after vehicle time has passed since the question."""
 
     def __init__(self, monkeypatch, waits):
-        self.held = []  # for each question whether the vehicle was flown meanwhile
+        self.held = []  # for each question: whether the vehicle flew meanwhile
         self._waits, self._ticks, self._asked_at = waits, 0, 0
         self._changed = threading.Condition()
         pump = Lockstep.pump
@@ -51,8 +51,8 @@ class Model:
         return '{"action": "rotate", "angle_deg": 30}'
 
 
-def flown(folder, model, latency):
-    """Return the bytes of what is logged of a short flight under a model."""
+def logged_bytes(folder, model, latency):
+    """Fly a short flight under a model and return the bytes of its logs."""
     server = PilotServer(after_first_question(model), "stub").start()
     try:
         spec = FlightSpec(
@@ -68,18 +68,18 @@ def flown(folder, model, latency):
     finally:
         server.close()
     assert result["reason"] == "cap", result["error"]
-    found = next(folder.rglob("truth.jsonl")).parent
-    return {name: (found / name).read_bytes() for name in LOGS}
+    episode_folder = next(folder.rglob("truth.jsonl")).parent
+    return {name: (episode_folder / name).read_bytes() for name in LOGS}
 
 
 @pytest.mark.parametrize("latency", ["fixed:0.7", "lognormal:0.8,0.3"])
 def test_the_hold_is_flown_while_the_model_is_asked_and_no_log_tells(tmp_path, monkeypatch, latency):
     meanwhile = Model(monkeypatch, waits=True)
-    beside = flown(tmp_path / "beside", meanwhile, latency)
+    beside = logged_bytes(tmp_path / "beside", meanwhile, latency)
     assert len(meanwhile.held) >= 2
     assert all(meanwhile.held)
 
     questions = run_pilot.questions_of
     monkeypatch.undo()
     monkeypatch.setattr(run_pilot, "questions_of", lambda *of: replace(questions(*of), beside=False))
-    assert flown(tmp_path / "in turn", Model(monkeypatch, waits=False), latency) == beside
+    assert logged_bytes(tmp_path / "in turn", Model(monkeypatch, waits=False), latency) == beside

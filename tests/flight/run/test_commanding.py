@@ -1,4 +1,4 @@
-"""A commanding episode flown in the three ways, in lockstep: same records, same verifier, same bytes every time."""
+"""Flies a commanding episode in the three ways, in lockstep: same records, same verifier, same bytes every time."""
 
 import json
 
@@ -21,23 +21,28 @@ EPISODE = "blocks-commanding-01"
 GREY = Simulated(speed=None, rendered=False)
 
 
-def flown(out, command, **more):
+def fly_oracle(out, command, **more):
     """Fly the oracle in one of the ways; return (result, folder)."""
     spec = FlightSpec(pilot="oracle", episode=EPISODE, command=command, simulated=GREY, **more)
     return fly(spec, out, lambda line: None), out / EPISODE
 
 
 def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
-    result, folder = flown(tmp_path / "first", "hierarchical", latency=LatencyPolicy.parse("lognormal:0.4,0.5"))
+    result, folder = fly_oracle(tmp_path / "first", "hierarchical", latency=LatencyPolicy.parse("lognormal:0.4,0.5"))
     assert (result["outcome"], result["declarations"]) == ("success", 1)
-    told, decisions = exchanges(folder), rows(folder / "decisions.jsonl")
-    assert {order.drone: commander.place_in_goal(order.goal) for order in told[0].orders} == {0: 1, 1: 2, 2: 3, 3: 4}
+    commander_log, decisions = exchanges(folder), rows(folder / "decisions.jsonl")
+    assert {order.drone: commander.place_in_goal(order.goal) for order in commander_log[0].orders} == {
+        0: 1,
+        1: 2,
+        2: 3,
+        3: 4,
+    }
     (confirmed,) = [d for d in decisions if "confirmed_by" in d]
-    assert told[-1].confirms == (confirmed["drone"],)
-    assert told[-1].frames[confirmed["drone"]] == confirmed["frame_id"]
-    assert check(folder / "commander.jsonl") == len(told)
+    assert commander_log[-1].confirms == (confirmed["drone"],)
+    assert commander_log[-1].frames[confirmed["drone"]] == confirmed["frame_id"]
+    assert check(folder / "commander.jsonl") == len(commander_log)
     assert check(folder / "decisions.jsonl") == len(decisions) == result["steps"]
-    for frame, drone in ((frame, drone) for one in told for drone, frame in enumerate(one.frames)):
+    for frame, drone in ((frame, drone) for exchange in commander_log for drone, frame in enumerate(exchange.frames)):
         assert (folder / "frames" / (f"{frame:06d}_d{drone}.jpg" if drone else f"{frame:06d}.jpg")).exists()
     (judged,) = judge_run(tmp_path / "first").values()
     assert not judged.doubtful
@@ -49,13 +54,13 @@ def test_a_hierarchy_divides_reports_and_confirms(tmp_path):
 
 def test_a_hierarchy_is_the_same_every_time(tmp_path):
     same = {"drones": 2, "seconds": 8.0, "full": True, "latency": LatencyPolicy.parse("lognormal:0.4,0.5")}
-    folder, again = (flown(tmp_path / name, "hierarchical", **same)[1] for name in ("first", "again"))
+    folder, again = (fly_oracle(tmp_path / name, "hierarchical", **same)[1] for name in ("first", "again"))
     for log in ("truth.jsonl", "decisions.jsonl", "commander.jsonl", "verdict.json"):
         assert (folder / log).read_bytes() == (again / log).read_bytes()
 
 
 def test_alone_each_drone_flies_the_instruction_and_declares_for_itself(tmp_path):
-    result, folder = flown(tmp_path / "run", "solo", drones=2)
+    result, folder = fly_oracle(tmp_path / "run", "solo", drones=2)
     assert result["outcome"] == "success"
     decisions = rows(folder / "decisions.jsonl")
     assert {d["drone"] for d in decisions} == {0, 1}
@@ -66,13 +71,13 @@ def test_alone_each_drone_flies_the_instruction_and_declares_for_itself(tmp_path
     assert not judged.doubtful
 
 
-def test_who_has_found_the_wrong_one_is_sent_on(tmp_path):
-    """One drone, whose first place from the left is not the target's; the scripted commander hears that it stands."""
-    result, folder = flown(tmp_path / "run", "hierarchical", drones=1)
+def test_a_drone_at_the_wrong_target_gets_another_order(tmp_path):
+    """One drone. Its first place from the left is not the target. The scripted commander hears of its stop."""
+    result, folder = fly_oracle(tmp_path / "run", "hierarchical", drones=1)
     assert result["outcome"] == "success"
-    told = exchanges(folder)
-    assert [cause.why for one in told for cause in one.causes] == ["start", "stall", "report"]
-    assert [commander.place_in_goal(order.goal) for one in told for order in one.orders] == [1, 2]
+    commander_log = exchanges(folder)
+    assert [cause.why for exchange in commander_log for cause in exchange.causes] == ["start", "stall", "report"]
+    assert [commander.place_in_goal(order.goal) for exchange in commander_log for order in exchange.orders] == [1, 2]
 
 
 @pytest.mark.slow("flies a fleet in real time")
@@ -84,9 +89,9 @@ def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
     )  # fmt: skip
     result = fly(spec, tmp_path / "run", lambda line: None)
     assert (result["outcome"], result["error"]) == ("failure", None)
-    told = exchanges(tmp_path / "run" / EPISODE)
-    assert len(told[0].orders) == 2
-    assert told[0].model == "scripted:divide"
+    commander_log = exchanges(tmp_path / "run" / EPISODE)
+    assert len(commander_log[0].orders) == 2
+    assert commander_log[0].model == "scripted:divide"
     assert {d["drone"] for d in rows(tmp_path / "run" / EPISODE / "decisions.jsonl")} == {0, 1}
 
 
@@ -101,7 +106,7 @@ def test_in_real_time_the_commander_is_a_process_of_its_own(tmp_path):
         (("--command", "solo", "--pilot", "blind:straight"), "--command solo"),
     ],
 )
-def test_what_does_not_go_together_is_told_in_one_sentence(words, word, tmp_path, capsys):
+def test_conflicting_options_are_reported_in_one_sentence(words, word, tmp_path, capsys):
     assert main(["fly", "--sitl", "--episode", EPISODE, *words, "--out", str(tmp_path / "run")]) == 2
     assert word in capsys.readouterr().err
 

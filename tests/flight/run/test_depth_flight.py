@@ -1,4 +1,4 @@
-"""An agent of one's own flies with depth pictures, and they are kept beside its frames."""
+"""A custom agent flies with depth pictures. The run keeps them beside its frames."""
 
 import json
 from functools import partial
@@ -15,7 +15,7 @@ from foundation.run_folder.layout import depth_name
 
 
 class DeepAgent(PaperAgent):
-    """The paper's agent in all but its name."""
+    """The paper's agent under another name."""
 
 
 def deep_agent(flight, model):

@@ -1,4 +1,4 @@
-"""Whole flights that are disturbed: the same start, the same bytes twice, and what fails does so for its reason."""
+"""Whole disturbed flights: the same start, the same bytes twice, and each failure has its own reason."""
 
 import hashlib
 from dataclasses import replace
@@ -21,7 +21,7 @@ LOSSY = Impairment(loss=0.3, delay_s=0.2, jitter_s=0.1, duplicate=0.1, reorder=0
 BAD = LinkFaults(to_vehicle=LOSSY, from_vehicle=LOSSY)
 ROUGH = VehicleFaults(wind_ned=(4.0, 2.0, 0.0), gusts_w20=7.7, gps_noise=2.0, gps_delay_s=0.1, estimator_noise=2.0)
 
-# the result, the rows of the truth, and the hash of all that is logged
+# the result, the rows of the truth, and the hash of all logs
 Flight = tuple[dict[str, Any], list[dict[str, Any]], str]
 
 
@@ -36,7 +36,7 @@ def spec(disturbances: Disturbances, **changes: Any) -> FlightSpec:
     )
 
 
-def flown(folder: Path, disturbances: Disturbances, **changes: Any) -> Flight:
+def fly_disturbed(folder: Path, disturbances: Disturbances, **changes: Any) -> Flight:
     result = fly(spec(disturbances, **changes), folder, lambda line: None)
     logs = [Path(result["run_dir"]) / name for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")]
     return result, list(rows(logs[0])), hashlib.sha256(b"".join(log.read_bytes() for log in logs)).hexdigest()
@@ -44,13 +44,13 @@ def flown(folder: Path, disturbances: Disturbances, **changes: Any) -> Flight:
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Flight:
-    return flown(tmp_path_factory.mktemp("calm"), Disturbances())
+    return fly_disturbed(tmp_path_factory.mktemp("calm"), Disturbances())
 
 
 def test_a_disturbed_flight_is_the_same_twice(tmp_path: Path) -> None:
     rough = Disturbances(link=BAD, vehicle=ROUGH)
     first, again, calm = (
-        flown(tmp_path / name, how, seconds=6.0, full=True)[2]
+        fly_disturbed(tmp_path / name, how, seconds=6.0, full=True)[2]
         for name, how in (("first", rough), ("again", rough), ("calm", Disturbances()))
     )
     assert first == again != calm
@@ -58,36 +58,36 @@ def test_a_disturbed_flight_is_the_same_twice(tmp_path: Path) -> None:
 
 def test_a_disturbed_flight_begins_like_any_other(undisturbed: Flight, tmp_path: Path) -> None:
     calm, true, _ = undisturbed
-    first, disturbed, _ = flown(tmp_path / "first", Disturbances(link=BAD, vehicle=ROUGH))
+    first, disturbed, _ = fly_disturbed(tmp_path / "first", Disturbances(link=BAD, vehicle=ROUGH))
     assert calm["success"]
     assert first["success"]
     begins = [next(row for row in each if row["kind"] == "begin")["t0_us"] for each in (true, disturbed)]
     assert begins[0] == begins[1]
     places = [next(row for row in each if row.get("position_ned"))["position_ned"] for each in (true, disturbed)]
-    # it hears nothing for the 0.2 s of the delay, in which wind blows
+    # the vehicle hears nothing during the 0.2 s delay, while the wind blows
     assert places[0] == pytest.approx(places[1], abs=0.1)
 
 
 def test_late_telemetry_charges_no_latency_twice(undisturbed: Flight, tmp_path: Path) -> None:
-    """An agent that took its newest telemetry for the present would ask each question a delay after its picture."""
+    """An agent that takes its newest telemetry as current would ask each question one delay after its picture."""
     late = Disturbances(link=LinkFaults(from_vehicle=Impairment(delay_s=1.0)))
     calm, _, _ = undisturbed
-    result, _, _ = flown(tmp_path / "late", late)
+    result, _, _ = fly_disturbed(tmp_path / "late", late)
     assert result["steps"] == calm["steps"] == 6
-    assert 1.0 <= result["sim_seconds"] - calm["sim_seconds"] < 3.0  # once, until the first word comes
+    assert 1.0 <= result["sim_seconds"] - calm["sim_seconds"] < 3.0  # once, until the first message arrives
 
 
 def test_whom_no_setpoint_reaches_fails_where_its_failsafe_brings_it_down(tmp_path: Path) -> None:
     cut = Disturbances(link=LinkFaults(to_vehicle=Impairment(loss=1.0)))
-    result, true, _ = flown(tmp_path / "cut", cut, seconds=15.0)
+    result, true, _ = fly_disturbed(tmp_path / "cut", cut, seconds=15.0)
     assert (result["outcome"], result["reason"], result["status"]) == ("failure", "cap", 0)
     heights = [-row["position_ned"][2] for row in true if row["kind"] == "pose"]
     assert heights[-1] < heights[0] - 1.0
 
 
-def test_who_hears_little_is_neither_gone_nor_taken_over(tmp_path: Path) -> None:
+def test_a_vehicle_with_sparse_messages_is_neither_lost_nor_taken_over(tmp_path: Path) -> None:
     worst = Impairment(loss=0.95, delay_s=1.0)
-    result, _, _ = flown(
+    result, _, _ = fly_disturbed(
         tmp_path / "worst", Disturbances(link=LinkFaults(to_vehicle=worst, from_vehicle=worst)), seconds=20.0
     )
     assert (result["outcome"], result["reason"], result["status"]) == ("failure", "cap", 0)
@@ -98,7 +98,7 @@ def test_a_disturbed_flight_is_a_value() -> None:
     assert from_json(as_json(value), "here") == value
 
 
-def test_what_cannot_be_flown_is_refused_before_anything_is_started() -> None:
+def test_invalid_disturbed_flights_are_rejected_before_anything_starts() -> None:
     with pytest.raises(UsageError, match=r"0\.8 kg"):
         look_up(spec(Disturbances(vehicle=VehicleFaults(payload_kg=0.8))))
     with pytest.raises(UsageError, match=r"host-stalls .*--speed"):

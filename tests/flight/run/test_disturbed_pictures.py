@@ -1,4 +1,4 @@
-"""Flights whose pictures are late, stale or seldom on purpose: by the logs, told from the truth and from the clock."""
+"""Flights whose pictures are late, stale or rare on purpose, checked by the logs, the truth and the clock."""
 
 import itertools
 import json
@@ -23,7 +23,7 @@ UNSEEN = FlightSpec(
 TICK_S = 0.05
 
 
-def flown(folder, spec=UNSEEN, **faults):
+def fly_with_faults(folder, spec=UNSEEN, **faults):
     """Fly, and return the episode's folder."""
     spec = replace(spec, disturbances=Disturbances(frame=FrameFaults(**faults)))
     result = fly(spec, folder, lambda line: None)
@@ -32,30 +32,30 @@ def flown(folder, spec=UNSEEN, **faults):
 
 
 def ages(folder, latency_s=LATENCY_S):
-    """Return how old (s) the picture of each decision was when it was asked on, by the decisions' own times."""
-    return [said["t_decided"] - latency_s - said["t_frame"] for said in rows(folder / "decisions.jsonl")]
+    """Return the age (s) of each decision's picture at its question, from the decisions' own times."""
+    return [decision["t_decided"] - latency_s - decision["t_frame"] for decision in rows(folder / "decisions.jsonl")]
 
 
 def test_no_disturbance_is_the_flight_as_it_was_and_none_leaves_a_word_in_its_run(tmp_path):
     assert FrameFaults(dropped=0.0, stale=0.0) == FrameFaults()
-    plain = flown(tmp_path / "plain")
+    plain = fly_with_faults(tmp_path / "plain")
     assert ages(plain) == pytest.approx([0.0] * len(ages(plain)), abs=1e-6)
     assert "disturbed" not in json.loads((plain.parent / "run.json").read_text())
 
 
 def test_a_late_picture_is_asked_on_so_much_later_and_measured_where_it_was_taken(tmp_path):
-    folder = flown(tmp_path / "run", delay_s=1.2)
+    folder = fly_with_faults(tmp_path / "run", delay_s=1.2)
     late = ages(folder)
     assert len(late) >= 4
     assert late == pytest.approx([1.2] * len(late), abs=TICK_S + 1e-6)
     taken = {row["frame_id"]: row["t"] for row in rows(folder / "truth.jsonl", "frame")}
-    assert [taken[said["frame_id"]] for said in rows(folder / "decisions.jsonl")] == [
-        said["t_frame"] for said in rows(folder / "decisions.jsonl")
+    assert [taken[decision["frame_id"]] for decision in rows(folder / "decisions.jsonl")] == [
+        decision["t_frame"] for decision in rows(folder / "decisions.jsonl")
     ]
     run = json.loads((folder.parent / "run.json").read_text())
     assert "1.2 s" in run["disturbed"]
     assert run["flight"]["disturbances"]["frame"]["delay_s"] == 1.2
-    again = flown(tmp_path / "again", delay_s=1.2)
+    again = fly_with_faults(tmp_path / "again", delay_s=1.2)
     assert all((folder / name).read_bytes() == (again / name).read_bytes() for name in LOGS)
 
 
@@ -74,7 +74,7 @@ TURNING = FlightRecording(
 )
 def test_a_go_flies_along_the_pixels_ray_of_the_picture_wherever_the_nose_is_meanwhile(tmp_path, faults):
     spec = replace(UNSEEN, replay=TURNING, seconds=60.0, seed=3)
-    folder = flown(tmp_path / "run", spec, **faults)
+    folder = fly_with_faults(tmp_path / "run", spec, **faults)
     truth = rows(folder / "truth.jsonl")
     frames = {row["frame_id"]: row for row in truth if row["kind"] == "frame"}
     poses = [row for row in truth if row["kind"] == "pose"]
@@ -92,45 +92,49 @@ def test_a_go_flies_along_the_pixels_ray_of_the_picture_wherever_the_nose_is_mea
     assert len(across) >= 5
     assert max(across) < 0.25
     if "delay_s" not in faults or "rate_hz" in faults:
-        assert sum(each > math.radians(45.0) for each in apart) >= 3  # the nose was elsewhere, and it did not matter
+        assert sum(each > math.radians(45.0) for each in apart) >= 3  # the heading was different, without any effect
 
 
 @pytest.mark.slow
 def test_the_oracle_is_told_what_was_to_be_seen_when_the_picture_was_taken(tmp_path):
-    """So its goes point at the target in their own pictures, however late these come."""
+    """Its goes therefore point at the target in their own pictures, however late the pictures are."""
     for name, faults in (("rate", {"rate_hz": 1.0, "delay_s": 2.0}), ("stale", {"stale": 0.6})):
-        folder = flown(tmp_path / name, replace(UNSEEN, pilot="oracle", seconds=40.0), **faults)
+        folder = fly_with_faults(tmp_path / name, replace(UNSEEN, pilot="oracle", seconds=40.0), **faults)
         frames = {row["frame_id"]: row for row in rows(folder / "truth.jsonl", "frame")}
         gone = [
-            said
-            for said in rows(folder / "decisions.jsonl")
-            if said["action"]["action"] == "go" and frames[said["frame_id"]]["distance_m"] > 5.0  # nearer it backs away
+            decision
+            for decision in rows(folder / "decisions.jsonl")
+            if decision["action"]["action"] == "go"
+            and frames[decision["frame_id"]]["distance_m"] > 5.0  # the vehicle backs away when it is nearer
         ]
         assert len(gone) >= 4
-        for said in gone:
-            bearing = math.degrees(math.atan(said["action"]["point"][0] / 500.0 - 1.0))
-            assert bearing == pytest.approx(frames[said["frame_id"]]["bearing_deg"], abs=1.5)
+        for decision in gone:
+            bearing = math.degrees(math.atan(decision["action"]["point"][0] / 500.0 - 1.0))
+            assert bearing == pytest.approx(frames[decision["frame_id"]]["bearing_deg"], abs=1.5)
 
 
 @pytest.mark.slow("flies in real time, twice")
 def test_so_it_is_over_sockets_in_real_time(tmp_path):
-    """The same questions lose and keep the same pictures; how long a picture really takes is the host's."""
+    """The same questions lose and keep the same pictures. The real duration of a picture depends on the host."""
     there = replace(UNSEEN, simulated=Simulated(speed=2.0))
-    late = flown(tmp_path / "late", there, delay_s=2.5)
+    late = fly_with_faults(tmp_path / "late", there, delay_s=2.5)
     assert all(2.5 - 1e-6 <= age < 4.0 for age in ages(late))
     truth = {row["frame_id"]: row["t"] for row in rows(late / "truth.jsonl", "frame")}
-    assert all(truth[said["frame_id"]] == said["t_frame"] for said in rows(late / "decisions.jsonl"))
+    assert all(truth[decision["frame_id"]] == decision["t_frame"] for decision in rows(late / "decisions.jsonl"))
     stale = [
         [
-            said["frame_id"] == before["frame_id"]
-            for before, said in itertools.pairwise(rows(folder / "decisions.jsonl"))
+            decision["frame_id"] == before["frame_id"]
+            for before, decision in itertools.pairwise(rows(folder / "decisions.jsonl"))
         ]
-        for folder in (flown(tmp_path / "real", there, stale=0.5), flown(tmp_path / "step", stale=0.5))
+        for folder in (
+            fly_with_faults(tmp_path / "real", there, stale=0.5),
+            fly_with_faults(tmp_path / "step", stale=0.5),
+        )
     ]
     steps = min(map(len, stale))
     assert steps >= 3
     assert stale[0][:steps] == stale[1][:steps]
     assert any(stale[1])
-    often = flown(tmp_path / "rate", there, rate_hz=2.0, delay_s=1.5)
-    taken = [said["t_frame"] % 0.5 for said in rows(often / "decisions.jsonl")]
+    often = fly_with_faults(tmp_path / "rate", there, rate_hz=2.0, delay_s=1.5)
+    taken = [decision["t_frame"] % 0.5 for decision in rows(often / "decisions.jsonl")]
     assert all(each <= 0.02 + 1e-6 for each in taken)  # the first truth at 50 Hz after the shutter

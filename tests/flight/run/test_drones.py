@@ -1,4 +1,4 @@
-"""A commanding episode flown by as many drones as are asked for; its folder holds what was flown."""
+"""A commanding episode flies with the requested number of drones. Its folder holds the flight as it was."""
 
 import pytest
 
@@ -36,6 +36,6 @@ def test_as_many_drones_are_asked_for_flown_and_kept(tmp_path, drones):
         (("--connect", "udpin://127.0.0.1:1", "--drones", "2"), "--sitl"),
     ],
 )
-def test_what_cannot_be_flown_ends_with_one_sentence(words, word, tmp_path, capsys):
+def test_invalid_drone_counts_end_with_one_sentence(words, word, tmp_path, capsys):
     assert main(["fly", *words, "--pilot", "oracle", "--out", str(tmp_path / "run")]) == 2
     assert word in capsys.readouterr().err

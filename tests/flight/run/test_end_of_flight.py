@@ -1,4 +1,4 @@
-"""What ends a flight is said when it happens, not after everything is closed."""
+"""The reason for the end of a flight is reported at once, before the processes are closed."""
 
 from types import SimpleNamespace
 
@@ -27,7 +27,7 @@ def test_the_reason_is_said_before_the_vehicle_is_landed_and_the_logger_told(tmp
         raise fault
 
     agent = SimpleNamespace(now_s=1.0, steps=0, fly=broken)
-    flown = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), notify=happened.append)
-    assert isinstance(flown.error, DronecatsError)
-    said = next(k for k, line in enumerate(happened) if str(fault) in line)
-    assert said < min(happened.index("mend"), happened.index(flown.reason))
+    ending = fly(stage, [], lambda cockpit: agent, tmp_path, authority=Authority(dry=True), notify=happened.append)
+    assert isinstance(ending.error, DronecatsError)
+    fault_index = next(k for k, line in enumerate(happened) if str(fault) in line)
+    assert fault_index < min(happened.index("mend"), happened.index(ending.reason))

@@ -1,4 +1,4 @@
-"""One small question to each model before anything takes off: a wrong key or address is told on the ground."""
+"""Each model gets one small question before take-off. A wrong key or address is reported on the ground."""
 
 import json
 from dataclasses import replace
@@ -69,7 +69,7 @@ def test_it_is_booked_with_the_run_and_counts_to_its_limit(tmp_path):
         assert (result["reason"], result["steps"]) == ("budget", 0)
         assert len(server.sent) == 1
         fly(replace(limited, episode="residential-approaching-02"), tmp_path / "run", silent)
-        assert len(server.sent) == 1  # a spent run asks nothing
+        assert len(server.sent) == 1  # a run without budget asks nothing
     ledger = Ledger(tmp_path / "run" / LEDGER)
     spent = ledger.spent()
     ledger.close()

@@ -39,13 +39,13 @@ def run_of(tmp_path, spec):
 def test_flights_in_different_light_are_never_counted_together(tmp_path):
     dusk, plain = (identity(run_of(tmp_path, spec)) for spec in (SPEC, replace(SPEC, disturbances=UNDISTURBED)))
     assert [difference.name for difference in differences(dusk, plain)] == ["disturbances.conditions.sky"]
-    assert not any("conditions" in name for name in plain)  # identities of earlier flights stay
+    assert not any("conditions" in name for name in plain)  # identities of earlier flights do not change
     assert run_of(tmp_path, SPEC).conditions == SceneConditions(sky="dusk")
     assert RecordedRun(folder=tmp_path, configuration={}, episodes=()).conditions == SceneConditions()
 
 
 def redrawn(flight: RecordedFlight, world: World):
-    """Return the picture from the true pose at the flight's first frame, as film and replay draw it."""
+    """Return the picture from the true pose at the flight's first frame, drawn as film and replay draw it."""
     first = flight.frames[0]
     row = flight.logs.frames[first.frame_id, first.drone]
     assert row.yaw_deg is not None
@@ -64,7 +64,7 @@ def redrawn(flight: RecordedFlight, world: World):
 def test_a_flight_is_drawn_again_in_its_own_light(tmp_path, speed):
     latency = LatencyPolicy.parse("fixed:0.5" if speed is None else "real")
     simulated = Simulated(speed=speed)
-    seconds = 2.0 if speed is None else 20.0  # the first reply has to come within
+    seconds = 2.0 if speed is None else 20.0  # the first reply must arrive within this time
     result = fly(replace(SPEC, simulated=simulated, latency=latency, seconds=seconds), tmp_path / "run", lambda _: None)
     assert result["reason"] == "cap", result["error"]
     (folder,) = (tmp_path / "run").glob("*/episode.json")

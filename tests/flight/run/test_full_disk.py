@@ -1,4 +1,4 @@
-"""A disk that is full says so in a sentence, ends with status 3, and leaves no half-written verdict."""
+"""A full disk produces one sentence and exit status 3, and leaves no half-written verdict."""
 
 import json
 import re
@@ -15,7 +15,7 @@ from tests.support.command_line import last_object
 
 @contextmanager
 def file_sizes_limited(limit):
-    """Let no file of this process grow beyond `limit` bytes; Python ignores the signal that goes with it."""
+    """Limit every file of this process to `limit` bytes. Python ignores the signal for that."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:
@@ -38,7 +38,7 @@ def folder(tmp_path):
 
 
 def concluded(folder, limit):
-    """What a flight comes to whose files may not grow beyond `limit` bytes after it."""
+    """Return the result of a flight whose files may not grow beyond `limit` bytes after its end."""
 
     def afterwards(ending):
         (folder / "afterwards.json").write_text("x" * 5000)
@@ -54,7 +54,7 @@ def test_a_verdict_that_cannot_be_written_is_told_and_known_all_the_same(folder)
     assert not list(folder.glob("verdict.json*"))
 
 
-def test_what_comes_after_the_verdict_costs_the_verdict_nothing(folder):
+def test_failures_after_the_verdict_do_not_affect_the_verdict(folder):
     result = concluded(folder, 4000)
     assert (result["status"], result["outcome"]) == (3, "success")
     assert "File too large" in result["error"]
@@ -72,12 +72,12 @@ def test_an_older_verdict_outlives_a_full_disk(folder):
 
 @pytest.mark.parametrize("limit", [5000, 60_000])  # run.json fits, the logs do not
 def test_logs_that_a_disk_does_not_take_end_a_flight_with_status_3(tmp_path, capsys, rendered_run, limit):
-    """The rendered run comes first, so that every kernel that this flight needs has been compiled and kept."""
+    """The rendered run comes first, so all kernels of this flight are already compiled and cached."""
     words = ["--pilot", "oracle", "--latency", "fixed:0.5", "--out", str(tmp_path / "run"), "--json"]
     with file_sizes_limited(limit):
         status = main(["fly", "--sitl", "--speed", "max", *words])
-    said = capsys.readouterr()
-    assert status == 3, said.err
-    assert "Traceback" not in said.err
-    assert "File too large" in said.err
-    assert last_object(said.out)["outcome"] in ("error", "success")
+    captured = capsys.readouterr()
+    assert status == 3, captured.err
+    assert "Traceback" not in captured.err
+    assert "File too large" in captured.err
+    assert last_object(captured.out)["outcome"] in ("error", "success")

@@ -24,7 +24,7 @@ GIMBAL = "examples/x500_gimbal.toml"
 
 
 class LooksDown(PaperAgent):
-    """The paper's agent, which first points its camera 40° down."""
+    """The paper's agent, with its camera first pointed 40° down."""
 
     def fly(self, *arguments, **named):
         (aircraft,) = self._cockpit.aircraft

@@ -1,4 +1,4 @@
-"""Two flights are of one kind, or identity.json says in what they differ."""
+"""Two flights are of one kind, or identity.json lists their differences."""
 
 import hashlib
 import json
@@ -15,7 +15,7 @@ from foundation.run_folder.rows import EpisodeIdentity
 
 @pytest.fixture
 def sources(tmp_path, monkeypatch):
-    """A copy of the sources that are digested."""
+    """Copy the sources that are digested."""
     for folder in (*identity.FOLDERS, identity.JUDGE):
         shutil.copytree(identity.ROOT / folder, tmp_path / folder, ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(identity, "ROOT", tmp_path)
@@ -35,7 +35,7 @@ def edited(path, old, new):
     path.write_text(text.replace(old, new, 1))
 
 
-def test_what_decides_a_flight_moves_the_digest(sources):
+def test_changes_to_flight_code_change_the_digest(sources):
     seen = [digest_now()]
     edited(sources / "dronecats/agent/controller.py", "= ", "= 1 + ")
     seen.append(digest_now())
@@ -74,7 +74,7 @@ def test_a_function_that_moves_to_another_file_stays_what_it_is(sources):
     assert digest_now() == before
 
 
-def test_what_reads_flights_back_or_fits_pilots_does_not_count(sources):
+def test_readers_and_pilot_fitting_are_not_in_the_digest(sources):
     before = digest_now()
     edited(sources / identity.FITTING / "training.py", "BATCH = ", "BATCH = 1")
     assert digest_now() == before
@@ -90,13 +90,13 @@ def test_it_is_computed_once_and_kept(sources, monkeypatch):
 
 
 def test_the_protocol_is_told_number_by_number():
-    told = protocol_numbers()
-    assert told["CAP_S"] == protocol.CAP_S
-    assert told["GO"] == "go"
-    lists = {"ACTIONS", "ACTION_FIELDS"}  # of names that are told, and of the fields of replies
-    assert set(told) == {name for name in vars(protocol) if name.isupper()} - lists
-    assert set(protocol.ACTIONS) <= set(told.values())
-    json.dumps(told)
+    numbers = protocol_numbers()
+    assert numbers["CAP_S"] == protocol.CAP_S
+    assert numbers["GO"] == "go"
+    lists = {"ACTIONS", "ACTION_FIELDS"}  # lists of names of actions, and of the fields of replies
+    assert set(numbers) == {name for name in vars(protocol) if name.isupper()} - lists
+    assert set(protocol.ACTIONS) <= set(numbers.values())
+    json.dumps(numbers)
 
 
 def test_a_suite_is_its_records_in_whatever_order():
@@ -109,13 +109,13 @@ def folder(tmp_path):
     (tmp_path / "frames").mkdir()
     (tmp_path / "episode.json").write_text('{"id": "a"}')
     step = {"drone": 0, "frame_id": 0, "t_frame": 0.0, "t_decided": 1.0, "action": None}
-    told = [
+    replies = [
         {"served": "gpt-5-2026-01-01 fp_1"},
         {},
         {"served": "gpt-5-2026-01-01 fp_2"},
         {"served": "gpt-5-2026-01-01 fp_1"},
     ]
-    lines = [json.dumps({"step": k, **step, **each}) for k, each in enumerate(told)]
+    lines = [json.dumps({"step": k, **step, **reply}) for k, reply in enumerate(replies)]
     (tmp_path / "decisions.jsonl").write_text("\n".join(lines) + "\n")
     for name in ("000010.jpg", "000009.jpg"):
         (tmp_path / "frames" / name).write_bytes(name.encode())
@@ -123,14 +123,17 @@ def folder(tmp_path):
 
 
 def test_an_episode_is_its_record_its_frames_in_order_and_who_answered(folder):
-    found = identify(folder)
-    assert found.record_sha256 == hashlib.sha256(b'{"id": "a"}').hexdigest()
-    assert (found.frames, found.frames_sha256) == (2, hashlib.sha256(b"000009.jpg000010.jpg").hexdigest())
-    assert found.served == ("gpt-5-2026-01-01 fp_1", "gpt-5-2026-01-01 fp_2")
+    episode_identity = identify(folder)
+    assert episode_identity.record_sha256 == hashlib.sha256(b'{"id": "a"}').hexdigest()
+    assert (episode_identity.frames, episode_identity.frames_sha256) == (
+        2,
+        hashlib.sha256(b"000009.jpg000010.jpg").hexdigest(),
+    )
+    assert episode_identity.served == ("gpt-5-2026-01-01 fp_1", "gpt-5-2026-01-01 fp_2")
     exchange = {"number": 0, "t_asked": 0.0, "t_answered": 1.0, "causes": [], "roster": "", "frames": [], "reply": "{}",
                 "orders": [], "confirms": [], "model": "m", "served": "commander-1"}  # fmt: skip
     (folder / "commander.jsonl").write_text(json.dumps(exchange) + "\n")
-    assert identify(folder).served == (*found.served, "commander-1")
+    assert identify(folder).served == (*episode_identity.served, "commander-1")
     identity.write_identity(folder, {"late": 2.0})
     stored = json_object(folder / "identity.json")
     assert stored is not None
@@ -138,6 +141,11 @@ def test_an_episode_is_its_record_its_frames_in_order_and_who_answered(folder):
     assert set(stored) == set(EpisodeIdentity.__dataclass_fields__)
 
 
-def test_what_broke_off_before_anything_has_an_identity_too(tmp_path):
-    found = identify(tmp_path)
-    assert (found.record_sha256, found.frames, found.frames_sha256, found.served) == (None, 0, None, ())
+def test_an_aborted_flight_without_logs_has_an_identity(tmp_path):
+    episode_identity = identify(tmp_path)
+    assert (
+        episode_identity.record_sha256,
+        episode_identity.frames,
+        episode_identity.frames_sha256,
+        episode_identity.served,
+    ) == (None, 0, None, ())

@@ -1,4 +1,4 @@
-"""Whatever else breaks at the end of a flight, the vehicle has been told to land."""
+"""The vehicle always gets the order to land, whatever else fails at the end of a flight."""
 
 import signal
 from types import SimpleNamespace
@@ -16,7 +16,7 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle, flying
 
 
 class Landing(ScriptedVehicle):
-    """Once told to land it is down, so that nobody waits."""
+    """Counts as down after the order to land, so no test waits."""
 
     def step(self):
         self.armed = self.armed and self.mode != "LAND"
@@ -45,7 +45,7 @@ def test_a_closed_terminal_keeps_no_vehicle_from_being_landed(vehicle):
 def test_a_full_disk_keeps_no_vehicle_from_being_landed(vehicle, tmp_path):
     link = flying(vehicle, limits=Limits(ceiling_m=3.0, margin_m=0.5))
     SafetyLog(tmp_path / "no such folder" / "safety.jsonl", [link], lambda line: None)
-    vehicle.position[2] = -4.0  # now the envelope acts, in the very moment of standing still
+    vehicle.position[2] = -4.0  # now the envelope acts, at the moment of standing still
     finish(stage(link), "error", None, "land", lambda line: None)
     assert vehicle.mode == "LAND"
 
@@ -69,7 +69,7 @@ def test_the_other_drones_are_kept_up_with_while_one_is_told_to_land(vehicle, mo
 
 
 @pytest.mark.parametrize("reason", ["takeover", "budget"])
-def test_what_is_no_fault_has_no_cause_to_look_for(vehicle, reason):
+def test_takeovers_and_spent_budgets_are_not_traced_to_a_cause(vehicle, reason):
     error = LinkError("somebody else flies it")
     on = stage(flying(vehicle), cause=lambda error: InfrastructureError("the camera process hangs"))
     assert finish(on, reason, error, "land", lambda line: None) is error
@@ -83,16 +83,16 @@ def test_vehicles_of_a_simulator_that_is_gone_are_not_waited_for_one_by_one(vehi
     for link in fleet:
         link.transport = ScriptedVehicle().transport()
         link.transport.receive = lambda timeout_s: b""
-    said: list[str] = []
-    finish(stage(*fleet, check_vehicles=gone), "error", LinkError("it has been silent"), "land", said.append)
-    assert len([line for line in said if "the simulator process hangs" in line]) == 2
+    notices: list[str] = []
+    finish(stage(*fleet, check_vehicles=gone), "error", LinkError("it has been silent"), "land", notices.append)
+    assert len([line for line in notices if "the simulator process hangs" in line]) == 2
 
 
 def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle):
     stays_armed = ScriptedVehicle()
     events: list[str] = []
     ended = stage(flying(vehicle), flying(stays_armed), end=lambda reason, error: events.append("the log is complete"))
-    assert finish(ended, "decided", None, "land", events.append) is None  # it is no error of the flight
+    assert finish(ended, "decided", None, "land", events.append) is None  # it is not an error of the flight
     complete, (line,) = events.index("the log is complete"), [line for line in events if "end of the landing" in line]
     assert complete < events.index(line)
     for words in ("drone 2", "score is not affected", "may still be armed"):
@@ -106,14 +106,14 @@ def test_a_vehicle_that_cannot_be_told_to_land_costs_no_score_either(vehicle):
     def gone():
         raise LinkError("the cable is out")
 
-    said: list[str] = []
-    finish(stage(flying(vehicle), check_vehicles=gone), "decided", None, "land", said.append)
-    assert [line for line in said if "cable is out" in line and "score is not affected" in line]
+    notices: list[str] = []
+    finish(stage(flying(vehicle), check_vehicles=gone), "decided", None, "land", notices.append)
+    assert [line for line in notices if "cable is out" in line and "score is not affected" in line]
 
 
 def test_a_full_disk_is_a_sentence_and_raises_nothing(tmp_path):
-    told = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
-    assert "No space left" in str(told)
+    failure = unexpected(OSError(28, "No space left on device"), tmp_path / "no such folder")
+    assert "No space left" in str(failure)
     assert "ZeroDivisionError" in str(unexpected(ZeroDivisionError("division"), tmp_path / "no such folder"))
 
 
@@ -131,7 +131,7 @@ def test_a_wire_that_raises_what_nobody_expects_leaves_the_next_vehicle_landed(v
 @pytest.mark.parametrize("after_ms", [0, 200, 480])
 def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms):
     link = flying(vehicle)
-    said: list[str] = []
+    notices: list[str] = []
     pressed: list[bool] = []
     due_ms, go_on = vehicle.time_ms + after_ms, vehicle.take
 
@@ -143,13 +143,13 @@ def test_a_second_interrupt_waits_until_the_landing_is_ordered(vehicle, after_ms
 
     vehicle.take = take
     link.transport = vehicle.transport()
-    finish(stage(link), "interrupted", None, "land", said.append)
+    finish(stage(link), "interrupted", None, "land", notices.append)
     assert vehicle.mode == "LAND"
-    assert any("waiting" in line for line in said)
+    assert any("waiting" in line for line in notices)
 
 
 @pytest.mark.parametrize(("armed", "landed"), [(True, True), (True, False), (False, False)])
-def test_what_flies_already_is_not_armed_by_us(vehicle, armed, landed):
+def test_a_flying_vehicle_is_not_armed(vehicle, armed, landed):
     vehicle.armed, vehicle.landed, vehicle.mode = armed, landed, "POSCTL"
     with pytest.raises(LinkError, match="--arm"):
         ascend([Link(vehicle.transport())], [StartOffset((0.0, 0.0, -2.5), None)], lambda line: None)
@@ -168,11 +168,11 @@ SINKS = "COM_OBL_RC_ACT = 0 (Position)"
 
 
 @pytest.mark.parametrize("ending", ["disarmed", "unreachable", "landed", "taken"])
-def test_what_a_vehicle_does_that_is_left_without_setpoints_is_said(vehicle, ending):
+def test_the_behaviour_of_a_vehicle_without_setpoints_is_reported(vehicle, ending):
     link = flying(vehicle)
     link.failsafe = SINKS
-    said: list[str] = []
-    if ending == "disarmed":  # says a heartbeat; whether it is true nobody knows
+    notices: list[str] = []
+    if ending == "disarmed":  # according to a heartbeat, which may be wrong
         vehicle.armed = False
     if ending == "taken":
         vehicle.mode = "POSCTL"
@@ -181,13 +181,13 @@ def test_what_a_vehicle_does_that_is_left_without_setpoints_is_said(vehicle, end
             link.wait(5.0)
     if ending == "unreachable":
         vehicle.command = lambda message: None
-    finish(stage(link), "error", None, "land", said.append)
-    assert any(SINKS in line for line in said) == (ending in ("disarmed", "unreachable"))
+    finish(stage(link), "error", None, "land", notices.append)
+    assert any(SINKS in line for line in notices) == (ending in ("disarmed", "unreachable"))
 
 
 def test_a_notice_of_the_link_reaches_the_user(vehicle, tmp_path):
     link = flying(vehicle)
-    said: list[str] = []
-    SafetyLog(tmp_path / "safety.jsonl", [link], said.append)
+    notices: list[str] = []
+    SafetyLog(tmp_path / "safety.jsonl", [link], notices.append)
     link.on_notice("an address sends messages")
-    assert "an address sends messages" in said[0]
+    assert "an address sends messages" in notices[0]

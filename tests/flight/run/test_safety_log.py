@@ -1,4 +1,4 @@
-"""What the envelope does is written at each change, and said once."""
+"""The safety log writes each change of the envelope's actions. Each action is reported once."""
 
 import json
 from types import SimpleNamespace
@@ -10,63 +10,63 @@ from dronecats.flight.run.progress import SafetyLog
 
 
 def linked() -> Any:
-    """Return two links of which the log wants no more."""
+    """Return two stand-ins with only the link attributes that the log uses."""
     return [SimpleNamespace(time_us=k, on_limit=None) for k in range(2)]
 
 
 @pytest.fixture
 def two_drones(tmp_path):
-    """Return the links of two drones, their log, what is said, and the file."""
+    """Return the links of two drones, their log, its notices, and the file."""
     links = linked()
-    said: list[str] = []
+    notices: list[str] = []
     file = tmp_path / "safety.jsonl"
-    return links, SafetyLog(file, links, said.append), said, file
+    return links, SafetyLog(file, links, notices.append), notices, file
 
 
 def test_a_limit_that_acts_at_every_step_is_said_twice_in_all(two_drones):
-    links, log, said, file = two_drones
+    links, log, notices, file = two_drones
     for _ in range(70):
         links[1].on_limit(("climb",))
         links[1].on_limit(())
-    assert len(said) == 1
-    assert "drone 2" in said[0]
-    assert "climb" in said[0]
+    assert len(notices) == 1
+    assert "drone 2" in notices[0]
+    assert "climb" in notices[0]
     log.sum_up()
-    assert len(said) == 2
-    assert "climb 70 times" in said[1]
+    assert len(notices) == 2
+    assert "climb 70 times" in notices[1]
     assert [json.loads(line)["limits"] for line in file.read_text().splitlines()] == [["climb"], []] * 70
 
 
 def test_each_limit_of_each_drone_is_said_when_it_first_acts(two_drones):
-    links, log, said, _ = two_drones
+    links, log, notices, _ = two_drones
     links[0].on_limit(("climb",))
     links[0].on_limit(("climb", "ceiling"))
     links[0].on_limit(("ceiling",))
     links[0].on_limit(("ceiling", "climb"))
     links[1].on_limit(("climb",))
-    assert [line.split("drone ")[1] for line in said] == ["1 limited by climb", "1 limited by ceiling",
+    assert [line.split("drone ")[1] for line in notices] == ["1 limited by climb", "1 limited by ceiling",
                                                          "2 limited by climb"]  # fmt: skip
     log.sum_up()
-    (summary,) = said[3:]
+    (summary,) = notices[3:]
     assert "drone 1" in summary
     assert "climb 2 times" in summary
     assert "ceiling once" in summary
 
 
 def test_a_drone_that_flies_alone_has_no_number(tmp_path):
-    (link, _), said = linked(), list[str]()
-    SafetyLog(tmp_path / "safety.jsonl", [link], said.append)
+    (link, _), notices = linked(), list[str]()
+    SafetyLog(tmp_path / "safety.jsonl", [link], notices.append)
     link.on_limit(("climb",))
-    assert "drone" not in said[0]
+    assert "drone" not in notices[0]
 
 
-def test_what_acted_once_has_been_said(two_drones):
-    links, log, said, _ = two_drones
+def test_a_limit_that_acted_once_is_reported_once(two_drones):
+    links, log, notices, _ = two_drones
     log.sum_up()
     links[0].on_limit(("climb",))
     links[0].on_limit(())
     log.sum_up()
-    assert len(said) == 1
+    assert len(notices) == 1
 
 
 def test_a_closed_terminal_stops_no_setpoint(two_drones, tmp_path):

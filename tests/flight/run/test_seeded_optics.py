@@ -1,4 +1,4 @@
-"""The noise of a flight's camera is that flight's own, and the same again when it is flown again."""
+"""Camera noise belongs to a flight's seed: the same flight has the same noise."""
 
 from dataclasses import replace
 
@@ -21,10 +21,10 @@ SPEC = FlightSpec(
 
 
 def first_picture(folder, seed, speed=None):
-    """Fly, and return the bytes of the first picture that was decided on."""
+    """Fly, and return the bytes of the first picture with a decision."""
     assert SPEC.simulated is not None
     latency = LatencyPolicy.parse("fixed:0.5" if speed is None else "real")
-    seconds = 2.0 if speed is None else 20.0  # the first reply has to come within
+    seconds = 2.0 if speed is None else 20.0  # the first reply must arrive within this time
     simulated = replace(SPEC.simulated, speed=speed)
     spec = replace(SPEC, seed=seed, latency=latency, seconds=seconds, simulated=simulated)
     result = fly(spec, folder, lambda line: None)
@@ -33,7 +33,7 @@ def first_picture(folder, seed, speed=None):
 
 
 def grain(jpeg):
-    """Return what of a picture is finer than a pixel's neighbourhood: nearly all of it noise."""
+    """Return the detail of a picture finer than a pixel's neighbourhood, which is nearly all noise."""
     grey = np.asarray(cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE), float)
     return (grey - cv2.GaussianBlur(grey, (0, 0), 1.0)).ravel()
 

@@ -1,4 +1,4 @@
-"""The steady agent on a whole flight: what it declares, and that it flies the same twice."""
+"""The steady agent on a whole flight: its declaration, and the same flight twice."""
 
 import json
 
@@ -9,7 +9,7 @@ from dronecats.flight.run.fly import fly
 from dronecats.flight.spec.flight_spec import FlightSpec, Simulated
 from tests.support.json_lines import rows
 
-EPISODE = "residential-tracking-05"  # of which the paper's agent stays 5.5 m behind at 2 s a reply
+EPISODE = "residential-tracking-05"  # the paper's agent stays 5.5 m behind this target at 2 s a reply
 
 
 def steady_flight(folder, seconds=60.0):
@@ -32,8 +32,8 @@ def test_it_catches_up_at_two_seconds_a_reply_declares_of_its_picture_and_does_s
     assert declared["t_decided"] - declared["t_frame"] == pytest.approx(2.0, abs=0.06)
     (taken,) = [row for row in truth if row["kind"] == "frame" and row["frame_id"] == declared["frame_id"]]
     assert taken["t"] == pytest.approx(declared["t_frame"], abs=0.02)
-    assert taken["distance_m"] == pytest.approx(result["ne_m"], abs=1e-3)  # the verdict is that of the picture
-    # its beginning, flown again
+    assert taken["distance_m"] == pytest.approx(result["ne_m"], abs=1e-3)  # the verdict matches the picture
+    # the beginning of the same flight, again
     _, again = steady_flight(tmp_path / "b", seconds=15.0)
     repeated = rows(again / "decisions.jsonl")
     assert len(repeated) >= 4

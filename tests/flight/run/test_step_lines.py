@@ -1,4 +1,4 @@
-"""What a flight prints of its decisions."""
+"""The lines that a flight prints about its decisions."""
 
 import pytest
 
@@ -67,5 +67,5 @@ def test_so_many_unreadable_replies_in_a_row_end_the_flight_where_that_is_asked_
         printed(unread, stop_unreadable=3)
     printed([*unread[:2], readable, *unread[:2]], stop_unreadable=3)
     of_two_drones = [decision(step, drone) for step in range(2) for drone in range(2)]
-    printed(of_two_drones, drones=2, stop_unreadable=3)  # each drone's replies are counted apart
+    printed(of_two_drones, drones=2, stop_unreadable=3)  # replies are counted per drone
     printed(unread * 9)

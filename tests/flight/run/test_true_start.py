@@ -1,4 +1,4 @@
-"""An episode begins only where its record says, on an autopilot that knows where it is and how it stands."""
+"""An episode begins only at its record's start pose, with an autopilot that has a position and attitude estimate."""
 
 import math
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""When a flight may end: the logs are looked at while a declaration is open, and not for ever after one."""
+"""The end of a flight: the logs are read while a declaration is open, for a limited time after it."""
 
 import json
 
@@ -22,7 +22,7 @@ def test_a_declaration_that_did_not_qualify_is_looked_at_once(tmp_path):
     watch = VerdictWatch(folder, full=False)
     assert not watch.decided(made(EARLY))
     (folder / "truth.jsonl").unlink()
-    assert not watch.decided(made(GO))  # nothing is open: the files are not read
+    assert not watch.decided(made(GO))  # no declaration is open, so the files are not read
     with pytest.raises(UsageError):
         watch.decided(made(LATE))
 

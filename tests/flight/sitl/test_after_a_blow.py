@@ -1,4 +1,4 @@
-"""What the estimator makes of a blow beyond its accelerometers' range."""
+"""The estimator after a blow beyond the range of its accelerometers."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_half_a_second_after_a_wall_the_velocity_is_known_again(speed):
     for _ in range(10):
         vehicle.advance()
     assert vehicle.plant.memory["accel_clipped"] > 0
-    assert error(vehicle, "velocity_ned") > 0.3  # what was beyond the range is lost
+    assert error(vehicle, "velocity_ned") > 0.3  # the part beyond the range is lost
     vehicle.autopilot.commander.set_mode("HOLD")
     for _ in range(40):
         vehicle.advance()

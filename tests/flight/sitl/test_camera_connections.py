@@ -1,4 +1,4 @@
-"""Connections to the camera that never ask for anything: they cost nobody else a picture."""
+"""Camera connections that never send a request do not delay pictures for others."""
 
 import http.client
 import socket
@@ -58,7 +58,7 @@ def status(connection):
 
 
 def test_the_agent_is_served_while_others_only_connect(server):
-    threads = threading.active_count()  # those of earlier tests among them
+    threads = threading.active_count()  # connections of earlier tests among them
     before = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=10.0)
     assert status(before) == 200
     stalled = [socket.create_connection(server.server_address, timeout=10.0) for _ in range(60)]
@@ -68,7 +68,7 @@ def test_the_agent_is_served_while_others_only_connect(server):
     assert status(after) == 200
     own = id(before.sock)
     assert status(before) == 200
-    assert id(before.sock) == own  # it was not closed for their sake
+    assert id(before.sock) == own  # other connections did not close it
     due_s = time.monotonic() + 10.0
     while threading.active_count() > threads + 15:
         assert time.monotonic() < due_s, "each of them keeps a thread"
@@ -79,7 +79,7 @@ def test_the_agent_is_served_while_others_only_connect(server):
     after.close()
 
 
-def test_who_does_not_ask_in_time_is_let_go(server, monkeypatch):
+def test_connections_without_a_timely_request_are_closed(server, monkeypatch):
     monkeypatch.setattr(server.RequestHandlerClass, "timeout", 0.2)
     with socket.create_connection(server.server_address, timeout=10.0) as stalled:
         stalled.sendall(HALF)

@@ -1,4 +1,4 @@
-"""A flight into the target of a shipped episode: the car stops it, the lens stays outside, and the bus says so."""
+"""A flight into the target of a shipped episode: the car stops it, the lens stays outside, the bus reports it."""
 
 import math
 from typing import Any
@@ -24,7 +24,7 @@ class Flight:
         self.simulation = build(self.world, seed=3)
         self.vehicle = self.simulation.vehicles[0]
         self._tap, self._parser = self.simulation.bus.tap(), Parser()
-        self.said: list[Any] = []
+        self.texts: list[Any] = []
         commander = self.commander = self.vehicle.autopilot.commander
         place, yaw = self.world.target_upright(0.0)
         state, down = self.vehicle.plant.state, self.vehicle.plant.params["contact_position"][:, 2].max()
@@ -50,7 +50,7 @@ class Flight:
         offboard.time_us = self.vehicle.autopilot.state.time_us
 
     def fly(self, speed: float, seconds: float) -> float:
-        """Fly on towards the target; return how near (m) the lens came to any surface."""
+        """Fly towards the target. Return the least distance (m) of the lens to any surface."""
         nearest = math.inf
         for _ in range(round(seconds / 0.05)):
             self.stream(speed)
@@ -66,18 +66,18 @@ class Flight:
     def advance(self, seconds: float) -> None:
         for _ in range(round(seconds * 100)):
             self.simulation.advance()
-            self.said += [m.text for m in self._parser.feed(self._tap.take()) if m.get_type() == "STATUSTEXT"]
+            self.texts += [m.text for m in self._parser.feed(self._tap.take()) if m.get_type() == "STATUSTEXT"]
 
 
 def test_flying_into_the_target_ends_at_its_door() -> None:
     flight = Flight("residential-approaching-01", 4.0)
-    assert not flight.said
+    assert not flight.texts
     nearest = flight.fly(1.2, 5.0)
     state = flight.vehicle.plant.state
     assert state["hits"] >= 1
-    assert any("target" in text for text in flight.said)
+    assert any("target" in text for text in flight.texts)
     assert 0.0495 < nearest < 0.3  # outside, by more than the renderer's near plane
-    assert state["position"][1] > 2.7 + 1.0  # beside the car still
+    assert state["position"][1] > 2.7 + 1.0  # still beside the car
 
 
 def test_a_moving_target_is_solid_where_it_is_seen() -> None:

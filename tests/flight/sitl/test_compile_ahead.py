@@ -1,4 +1,4 @@
-"""What a second process compiles must be what the first one calls, or the first run compiles it twice."""
+"""The second process must compile the functions that the first one calls, or the first run compiles them again."""
 
 import os
 import subprocess
@@ -35,7 +35,7 @@ def test_a_cache_is_cold_until_it_holds_the_plant(tmp_path: Path, monkeypatch: p
     folder.mkdir(parents=True)
     assert compile_ahead.cold()
     monkeypatch.setattr(compile_ahead, "KEEPS", False)
-    assert not compile_ahead.cold()  # nothing would be kept
+    assert not compile_ahead.cold()  # nothing would be cached
     monkeypatch.setattr(compile_ahead, "KEEPS", True)
     (folder / "multirotor.step-12.py311.nbi").touch()
     assert not compile_ahead.cold()
@@ -76,7 +76,7 @@ def test_a_second_process_that_cannot_run_costs_nothing_but_its_time(
     assert double.signatures == [(numba.float64,)]
 
 
-def test_what_has_been_compiled_is_known(monkeypatch, tmp_path):
+def test_compiled_kernels_are_detected(monkeypatch, tmp_path):
     monkeypatch.setattr(compile_ahead, "cache_folder", lambda: tmp_path)
     monkeypatch.setattr(compile_ahead, "KEEPS", True)
     assert not compile_ahead.is_compiled()

@@ -1,4 +1,4 @@
-"""What a drone flies into stands in truth.jsonl and in the metrics, as the physics have it."""
+"""Contacts of a drone appear in truth.jsonl and in the metrics as the physics computed them."""
 
 import pytest
 
@@ -58,12 +58,12 @@ def test_a_press_stands_in_the_record(tmp_path):
     assert logs.hits[0].t == pytest.approx((first_us - begun_us) / 1e6, abs=0.03)
     assert logs.hits[0].closing_speed == pytest.approx(first_speed, abs=0.05)
     assert logs.clears[-1].t == pytest.approx((last_us - begun_us) / 1e6 + 0.5, abs=0.05)
-    flown = JudgedFlight.read(tmp_path)
-    assert METRICS["hits"].of(flown) == len(logs.hits)
-    assert METRICS["crashes"].of(flown) == int(vehicle.plant.state["crashed"])
-    assert METRICS["hardest_hit_mps"].of(flown) == max(each.closing_speed or 0.0 for each in logs.hits)
-    seconds = METRICS["contact_s"].of(flown)
-    assert seconds == pytest.approx(sum(each.contact_s for each in logs.clears), abs=0.02)
+    judged_flight = JudgedFlight.read(tmp_path)
+    assert METRICS["hits"].of(judged_flight) == len(logs.hits)
+    assert METRICS["crashes"].of(judged_flight) == int(vehicle.plant.state["crashed"])
+    assert METRICS["hardest_hit_mps"].of(judged_flight) == max(hit.closing_speed or 0.0 for hit in logs.hits)
+    seconds = METRICS["contact_s"].of(judged_flight)
+    assert seconds == pytest.approx(sum(hit.contact_s for hit in logs.clears), abs=0.02)
     assert isinstance(seconds, float)
     assert 0.0 < seconds <= (last_us - first_us) / 1e6 + 0.02
 
@@ -100,16 +100,16 @@ def test_leaning_on_a_wall_stands_in_the_record_once_it_has_lasted(tmp_path):
 @pytest.mark.parametrize(("touch_s", "counts"), [(0.3, False), (0.7, True)])
 def test_a_touch_that_no_hit_began_counts_when_it_lasts(touch_s, counts):
     craft = fleet.vehicle(obstacles=wall())
-    report, said = CollisionReport(craft), []
+    report, texts = CollisionReport(craft), []
     for now_us in range(0, 2_000_000, 10_000):
         craft.state["time_us"] = now_us
         if now_us < touch_s * 1e6:
             craft.near["newest_us"] = craft.near["leant_us"] = now_us
         message = report.message()
-        said += [message.text] if message else []
-    assert bool(said) == counts
+        texts += [message.text] if message else []
+    assert bool(texts) == counts
     if counts:
-        begin, end = said
+        begin, end = texts
         assert hit_of(begin) == SaidHit("wall", 0.0, False)
         assert seconds_of(end) == pytest.approx(touch_s, abs=0.03)
 

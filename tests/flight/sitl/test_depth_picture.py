@@ -1,4 +1,4 @@
-"""Depth pictures: what a ray tracer measures along each pixel, and the same over HTTP as in one process."""
+"""Depth pictures equal a ray tracer's distances along each pixel. HTTP and in-process depths are the same."""
 
 import threading
 
@@ -44,7 +44,7 @@ def test_a_depth_picture_has_the_distances_of_a_ray_tracer(world):
     near = truth < 65.0
     assert 0.3 < near.mean() < 1.0
     off = np.abs(frame.depth_mm[near] / 1000.0 - truth[near])
-    assert np.mean(off < 0.002 + 2e-4 * truth[near]) > 0.995  # others lie on an edge, where either surface is right
+    assert np.mean(off < 0.002 + 2e-4 * truth[near]) > 0.995  # others are on an edge, and either surface is right
     assert (frame.depth_mm[truth > 66.0] == 0).mean() > 0.995
     np.testing.assert_array_equal(frame.image_rgb, camera_of(world).newest().image_rgb)
 

@@ -1,4 +1,4 @@
-"""A vehicle over a bad wire, in wind, under a load and with late fixes: each by its physics, against the truth."""
+"""A vehicle over a bad wire, in wind, under a load and with late fixes: each effect checked against the truth."""
 
 import math
 from dataclasses import dataclass, field
@@ -23,7 +23,7 @@ X500 = airframe.load("x500")
 
 @dataclass
 class Aloft:
-    """A vehicle that holds its place in offboard, and what is noted of it at every tick from then on."""
+    """A vehicle that holds its position in offboard, and its recorded state at every tick from `begin` on."""
 
     vehicle: SimulatedVehicle
     wire: SteppedWire
@@ -32,16 +32,16 @@ class Aloft:
     times_s: list[float] = field(default_factory=list)
     attitudes: list[tuple[float, float, float]] = field(default_factory=list)  # rad, roll pitch yaw
     places: list[np.ndarray] = field(default_factory=list)  # m, true
-    errors: list[np.ndarray] = field(default_factory=list)  # m, estimate less truth, less what it was at first
+    errors: list[np.ndarray] = field(default_factory=list)  # m, estimate minus truth, minus its first value
 
     def begin(self) -> None:
-        """Begin what is to be disturbed, and to take notes."""
+        """Start the disturbances and the recording."""
         self.lockstep.simulation.begin(self.vehicle.time_us)
         self._off = self._error()
         self.lockstep.followers.append(self._note)
 
     def shot(self) -> tuple[int, np.ndarray, float]:
-        """Return the link's time (µs), and where the autopilot now believes to be, and its heading (m, rad)."""
+        """Return the link's time (µs), and the autopilot's estimate of its position and heading (m, rad)."""
         now = self.vehicle.core.estimate
         return self.link.time_us, now["position_ned"].copy(), quat_to_euler(tuple(now["attitude"].tolist()))[2]
 
@@ -74,7 +74,7 @@ def aloft(payload_kg: float = 0.0, disturbances: VehicleFaults = UNDISTURBED.veh
 
 
 def noses_down_after_s(flight: Aloft) -> float:
-    """Return the seconds from the order to fly ahead until the nose, by the truth, is 2° below where it was."""
+    """Return the seconds from the order to fly ahead until the true pitch is 2° below its first value."""
     flight.begin()
     flight.link.wait(2.0)
     asked_s, level = flight.lockstep.now_s(), flight.attitudes[-1][1]
@@ -96,7 +96,7 @@ def test_a_setpoint_is_obeyed_later_by_the_wires_delay_and_the_clock_stays_right
         took_s.append(noses_down_after_s(flight))
         assert flight.link.time_us / 1e6 == pytest.approx(flight.lockstep.now_s(), abs=0.02)
     assert took_s[1] - took_s[0] == pytest.approx(0.4, abs=0.03)
-    assert took_s[2] - took_s[0] == pytest.approx(0.0, abs=0.06)  # the vehicle is told at once, from where it was
+    assert took_s[2] - took_s[0] == pytest.approx(0.0, abs=0.06)  # the order arrives at once, at the old place
 
 
 @pytest.mark.parametrize("late_s", [0.0, 1.0])
@@ -116,17 +116,17 @@ def test_where_a_picture_was_taken_is_known_however_late_telemetry_comes(late_s:
     flight.link.wait(3.0)
     turning = flight.shot()
     flight.link.wait(2.5)
-    for time_us, place, heading in (moving, turning):  # all that was told of then has come long since
+    for time_us, place, heading in (moving, turning):  # all telemetry of that time has arrived long ago
         sight = flight.link.sight(time_us)
         assert sight.position_ned == pytest.approx(place.tolist(), abs=0.03)
         assert wrap_pi(sight.heading - heading) == pytest.approx(0.0, abs=0.03)
-    assert limited in ([], [()])  # and a place that came as late as all telemetry does is none that has grown stale
+    assert limited in ([], [()])  # a position as late as all telemetry is not stale
 
 
 def test_an_impaired_wire_is_the_same_to_the_byte_and_before_that_as_if_it_were_none() -> None:
     plain, perfect = aloft(wired=False), aloft()
     assert plain.vehicle.plant.record.tobytes() == perfect.vehicle.plant.record.tobytes()
-    flown = []
+    records = []
     for loss in (0.0, 0.4, 0.4):
         flight = aloft()
         assert flight.vehicle.plant.record.tobytes() == plain.vehicle.plant.record.tobytes()
@@ -134,10 +134,10 @@ def test_an_impaired_wire_is_the_same_to_the_byte_and_before_that_as_if_it_were_
         flight.wire.impair(Impairment(loss=loss), Impairment(loss=loss, jitter_s=0.1 * loss), 1e9)
         flight.link.fly(Velocity(2.0, None), 4.0)
         flight.link.wait(8.0)
-        flown.append(flight.vehicle.plant.record.tobytes())
+        records.append(flight.vehicle.plant.record.tobytes())
         for way in flight.wire.counts:
             assert way.lost / way.taken == pytest.approx(loss, abs=0.08)
-    assert flown[1] == flown[2] != flown[0]
+    assert records[1] == records[2] != records[0]
 
 
 def test_whom_no_setpoint_reaches_any_more_comes_down_by_its_failsafe() -> None:
@@ -146,7 +146,7 @@ def test_whom_no_setpoint_reaches_any_more_comes_down_by_its_failsafe() -> None:
     flight.wire.impair(Impairment(loss=1.0), PERFECT, 1e9)
     flight.link.wait(2.0)
     assert flight.link.state.mode != "OFFBOARD"
-    flight.link.wait(6.0)  # and no other hand is seen in it
+    flight.link.wait(6.0)  # and no takeover is detected in it
     assert flight.places[-1][2] > flight.places[0][2] + 1.0
 
 
@@ -159,7 +159,7 @@ def test_the_hover_is_learnt_with_a_payload_and_the_height_is_held() -> None:
         learnt.append(float(flight.vehicle.core.state["hover_thrust"]))
         heights = np.array(flight.places)[:, 2]
         assert np.ptp(heights) < 0.3
-    assert learnt[1] / learnt[0] == pytest.approx(2.5 / 2.0, rel=0.05)  # its battery sags more, besides
+    assert learnt[1] / learnt[0] == pytest.approx(2.5 / 2.0, rel=0.05)  # its battery sags more, too
     assert laden.vehicle.core.params["hover_thrust"] == empty.vehicle.core.params["hover_thrust"]  # not tuned for it
 
 
@@ -173,9 +173,9 @@ def test_it_leans_against_the_wind_by_its_drag_from_the_beginning_on() -> None:
     drag = (X500.drag_linear_frd[0] + X500.drag_quadratic_frd[0] * north) * north
     drag += X500.curve.drag_coefficient * float(np.sum(speeds)) * north
     pitch = np.mean([euler[1] for euler in flight.attitudes[-400:]])
-    assert pitch == pytest.approx(math.atan2(drag, X500.mass_kg * GRAVITY), rel=0.05)  # its back to it: nose up
+    assert pitch == pytest.approx(math.atan2(drag, X500.mass_kg * GRAVITY), rel=0.05)  # wind from behind: nose up
     moved = np.array(flight.places)[:, :2] - flight.places[0][:2]
-    assert 0.1 < moved[:, 0].max() < 3.0  # carried off, and it comes back
+    assert 0.1 < moved[:, 0].max() < 3.0  # it drifts off and comes back
     assert np.linalg.norm(moved[-1]) < 0.5
 
 
@@ -190,8 +190,8 @@ def test_late_fixes_put_the_estimate_behind_by_the_way_flown_meanwhile() -> None
     assert behind(0.3) - behind(0.0) == pytest.approx(2.0 * 0.3, rel=0.3)
 
 
-@pytest.mark.parametrize(("hz", "told"), [(None, 20.0), (4.0, 4.0), (15.0, 15.0), (40.0, 40.0)])
-def test_setpoints_are_sent_as_often_as_is_asked_for(hz: float | None, told: float) -> None:
+@pytest.mark.parametrize(("hz", "expected_hz"), [(None, 20.0), (4.0, 4.0), (15.0, 15.0), (40.0, 40.0)])
+def test_setpoints_are_sent_as_often_as_is_asked_for(hz: float | None, expected_hz: float) -> None:
     flight = aloft()
     sent: list[float] = []
     flight.begin()
@@ -199,6 +199,6 @@ def test_setpoints_are_sent_as_often_as_is_asked_for(hz: float | None, told: flo
     flight.link.wait(2.0)
     flight.link.on_setpoint = lambda setpoint: sent.append(flight.lockstep.now_s())
     flight.link.wait(5.0)
-    assert len(sent) / 5.0 == pytest.approx(told, rel=0.06)
+    assert len(sent) / 5.0 == pytest.approx(expected_hz, rel=0.06)
     assert np.ptp(np.array(flight.places), axis=0).max() < 0.3
     assert flight.link.state.mode == "OFFBOARD"

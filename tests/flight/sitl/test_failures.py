@@ -1,4 +1,4 @@
-"""MAVLink's failure injection reaches the simulated sensors and rotors, and is taken back."""
+"""MAVLink's failure injection reaches the simulated sensors and rotors. It can be undone."""
 
 import pytest
 
@@ -48,7 +48,7 @@ def test_one_rotor_of_several_stops_and_comes_back(plant):
         (d.FAILURE_UNIT_SYSTEM_MOTOR, d.FAILURE_TYPE_OFF, 9),
     ],
 )
-def test_what_cannot_be_done_is_refused_and_changes_nothing(plant, unit, kind, instance):
+def test_unsupported_failures_are_rejected_without_effect(plant, unit, kind, instance):
     assert not Failures(plant).inject(unit, kind, instance)
     assert int(plant.faults["count"]) == 0
 

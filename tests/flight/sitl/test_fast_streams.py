@@ -1,4 +1,4 @@
-"""Messages faster than the autopilot's tick: as often as they were asked for, and nobody else notices."""
+"""Messages faster than the autopilot's tick arrive at the requested rate. Other clients do not notice."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ class Client:
             loop(steps)
 
         self.vehicle._fused.advance = advance  # type: ignore[method-assign]
-        self.hear(1.5)  # the sensors have something to say
+        self.hear(1.5)  # the sensors have data
 
     def ask(self, message: int, interval_us: float) -> None:
         command = dialect.MAV_CMD_SET_MESSAGE_INTERVAL
@@ -38,11 +38,11 @@ class Client:
         )
 
     def hear(self, seconds: float, kind: str = "") -> list[dialect.MAVLink_message]:
-        heard = []
+        messages = []
         for _ in range(round(seconds * 100)):
             self.vehicle.advance()
-            heard += self._parser.feed(self.port.take())
-        return [message for message in heard if message.get_type() == kind]
+            messages += self._parser.feed(self.port.take())
+        return [message for message in messages if message.get_type() == kind]
 
 
 @pytest.mark.parametrize("rate", [125, 200, 250, 400, 1000])
@@ -50,15 +50,15 @@ def test_inertial_samples_come_as_often_as_they_are_asked_for(rate):
     client = Client()
     client.ask(IMU, 1e6 / rate)
     client.hear(0.1)
-    heard = client.hear(2.0, "HIGHRES_IMU")
-    assert len(heard) == pytest.approx(2 * rate, abs=1)
-    stamps = np.array([message.time_usec for message in heard])
+    messages = client.hear(2.0, "HIGHRES_IMU")
+    assert len(messages) == pytest.approx(2 * rate, abs=1)
+    stamps = np.array([message.time_usec for message in messages])
     gaps = np.diff(stamps)
     assert gaps.min() > 0
-    # a due sample leaves after the step of the loop in which it fell due, never later
+    # a due sample leaves after the loop step at which it was due, never later
     assert abs(gaps - 1e6 / rate).max() <= max(client.steps[-10:]) * 1000
-    samples = {(message.xacc, message.yacc, message.zacc) for message in heard}
-    assert len(samples) == len(heard)  # each is a sample of its own, none is sent twice
+    samples = {(message.xacc, message.yacc, message.zacc) for message in messages}
+    assert len(samples) == len(messages)  # each is a sample of its own; none is sent twice
 
 
 def test_beside_a_fast_stream_the_others_keep_their_rates():
@@ -66,8 +66,8 @@ def test_beside_a_fast_stream_the_others_keep_their_rates():
     client.ask(ATTITUDE, 40_000)
     client.ask(IMU, 4_000)
     client.hear(0.1)
-    heard = client.hear(4.0, "ATTITUDE")
-    assert len(heard) == pytest.approx(100, abs=1)
+    messages = client.hear(4.0, "ATTITUDE")
+    assert len(messages) == pytest.approx(100, abs=1)
 
 
 def test_the_flight_is_the_same_to_the_bit_with_and_without():
@@ -80,7 +80,7 @@ def test_the_flight_is_the_same_to_the_bit_with_and_without():
     assert plain.vehicle.core.estimate.tobytes() == fast.vehicle.core.estimate.tobytes()
 
 
-def test_who_does_not_ask_does_not_pay():
+def test_fast_steps_run_only_for_requested_fast_streams():
     client = Client()
     assert set(client.steps) == {10}
     client.ask(IMU, 5_000)

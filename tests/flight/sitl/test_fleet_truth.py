@@ -1,4 +1,4 @@
-"""A fleet on the truth bus: the pictures and the log of one drone are of the instant at which all of them are known."""
+"""A fleet on the truth bus: the pictures and the log of one drone use the instant at which all drones are known."""
 
 import math
 
@@ -28,7 +28,7 @@ def world():
 
 
 class Bus:
-    """What the simulator says of a fleet: one drone before its target, another before its lens or far from it."""
+    """The simulator's truth of a fleet: one drone before its target, another before its lens or far from it."""
 
     def __init__(self, world):
         self.world, self._packers = world, {}
@@ -50,9 +50,9 @@ class Bus:
         return packer.pack(truth_message(time_us, place, velocity, self.attitude, STILL, STILL, origin(self.world)))
 
     def all(self, time_us, other):
-        """Return everybody's sample of one time, drone 1 being at `other`."""
-        said = self.pose(0, time_us, self.facing) + self.pose(1, time_us, other)
-        return said + b"".join(self.pose(k, time_us, self.world.record.starts[k].position_ned) for k in (2, 3))
+        """Return every drone's sample of one time, with drone 1 at `other`."""
+        data = self.pose(0, time_us, self.facing) + self.pose(1, time_us, other)
+        return data + b"".join(self.pose(k, time_us, self.world.record.starts[k].position_ned) for k in (2, 3))
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def bus(world):
 
 @pytest.fixture
 def log(world, tmp_path):
-    """A recorder that has begun at one second, and what it has written, by kind."""
+    """A recorder that has begun at one second, and its written rows by kind."""
     recorder = Recorder(tmp_path, origin(world), measured_in(world), HALF)
     recorder.begin(1_000_000)
 
@@ -114,7 +114,7 @@ def test_a_frame_that_is_announced_late_is_measured_with_the_others_as_it_shows_
     assert written("frame")[0]["visible_fraction"] == 0.0
 
 
-def test_nobody_waits_for_a_drone_that_is_silent(bus, log):
+def test_a_silent_drone_delays_no_picture(bus, log):
     recorder, written = log
     recorder.truth(bus.all(990_000, bus.away))
     for k in range(10):
@@ -122,7 +122,7 @@ def test_nobody_waits_for_a_drone_that_is_silent(bus, log):
     assert [p["t"] for p in written("pose")] == [0.0]
 
 
-def test_what_still_waits_is_written_before_the_end(bus, log):
+def test_waiting_rows_are_written_before_the_end(bus, log):
     recorder, written = log
     recorder.truth(bus.all(990_000, bus.away) + bus.pose(0, 1_010_000, bus.facing))
     assert written("pose") == []
@@ -143,7 +143,7 @@ def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
     of_one = newest.of(0)
     assert of_one is not None
     assert of_one.time_us == 40_000
-    newest.feed(bus.pose(0, 130_000, bus.facing))  # the others have fallen silent
+    newest.feed(bus.pose(0, 130_000, bus.facing))  # the others are silent by now
     together = newest.together(0)
     assert together is not None
     sample, others = together
@@ -151,11 +151,11 @@ def test_a_frame_is_of_the_newest_instant_that_all_have_reached(bus, world):
     assert others[1].time_us == 20_000
 
 
-def test_what_is_asked_for_seldom_is_what_one_who_asks_always_knows(bus, world):
-    """Nothing is lost by reading late: not the newest, nor where a drone was that fell silent long ago."""
+def test_rare_readers_get_the_same_truth_as_frequent_ones(bus, world):
+    """A late reader loses nothing: neither the newest sample, nor the last position of a drone that is long silent."""
     always, seldom = NewestTruth(origin(world)), NewestTruth(origin(world))
-    said = [bus.all(0, bus.in_the_way)] + [bus.pose(0, 20_000 * k, bus.facing) for k in range(1, 3000)]
-    for data in said:
+    chunks = [bus.all(0, bus.in_the_way)] + [bus.pose(0, 20_000 * k, bus.facing) for k in range(1, 3000)]
+    for data in chunks:
         always.feed(data)
         always.of(0)
         seldom.feed(data)
@@ -169,20 +169,20 @@ def test_of_two_samples_as_near_the_earlier_is_meant(world):
         return TruthSample(0, time_us, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
 
     samples = [at(t) for t in (0, 20, 40, 60, 60)]
-    for asked in range(-5, 70):
-        assert nearest(samples, asked) is min(samples, key=lambda one: abs(one.time_us - asked))
+    for wanted_us in range(-5, 70):
+        assert nearest(samples, wanted_us) is min(samples, key=lambda sample: abs(sample.time_us - wanted_us))
     with pytest.raises(ValueError, match="sample"):
         nearest([], 0)
 
 
-def picture(world, said, drone=0, optics=None):
+def picture(world, truth, drone=0, optics=None):
     camera = WorldCamera(world, HALF, lambda data: None, optics=optics)
-    camera.feed(said)
+    camera.feed(truth)
     return camera.newest(drone).image_rgb
 
 
 def test_the_camera_of_a_rear_drone_shows_the_drone_ahead():
-    """From the starts of a record whose square faces its goal: one stands two metres ahead, in the picture's middle."""
+    """From the starts of a record whose square faces its goal: one drone is 2 m ahead, in the picture's middle."""
     world = load_world("v1-residential-commanding-01")
     bus = Bus(world)
     starts = [one.position_ned for one in world.record.starts]
@@ -190,13 +190,13 @@ def test_the_camera_of_a_rear_drone_shows_the_drone_ahead():
     bus.attitude = quat_from_euler(0.0, 0.0, yaw)
     along = [n * math.cos(yaw) + e * math.sin(yaw) for n, e, _ in starts]
     rear = int(np.argmin(along))
-    said = b"".join(bus.pose(k, 20_000, place) for k, place in enumerate(starts))
+    truth = b"".join(bus.pose(k, 20_000, place) for k, place in enumerate(starts))
     alone = picture(world, bus.pose(rear, 20_000, starts[rear]), rear)
-    shown = picture(world, said, rear)
+    shown = picture(world, truth, rear)
     differs = np.abs(shown.astype(int) - alone).max(axis=2) > 24
     assert differs[120:240, 240:400].sum() > 800
     front = int(np.argmax(along))
-    np.testing.assert_array_equal(picture(world, said, front)[:150], picture(
+    np.testing.assert_array_equal(picture(world, truth, front)[:150], picture(
         world, bus.pose(front, 20_000, starts[front]), front)[:150])  # fmt: skip
 
 
@@ -205,8 +205,8 @@ def test_a_passing_drone_is_blurred_by_its_own_motion(bus, world):
     beyond = tuple((np.array(bus.in_the_way) + 2.0 * bus._way + (0.0, 0.0, -0.8)).tolist())
     optics, wide = Optics(exposure=Exposure(0.1, 8)), []
     for velocity in (STILL, across):
-        said = bus.pose(0, 20_000, bus.facing) + bus.pose(1, 20_000, beyond, velocity)
-        shown, bare = picture(world, said, 0, optics), picture(world, bus.pose(0, 20_000, bus.facing), 0, optics)
+        truth = bus.pose(0, 20_000, bus.facing) + bus.pose(1, 20_000, beyond, velocity)
+        shown, bare = picture(world, truth, 0, optics), picture(world, bus.pose(0, 20_000, bus.facing), 0, optics)
         wide.append(np.ptp(np.nonzero(np.abs(shown[:170].astype(int) - bare[:170]).max(axis=2) > 8)[1]))
     assert wide[0] > 60  # px; its 0.6 m at 2.35 m are 82, and 3 m/s over seven eighths of 0.1 s are 36 more
     assert wide[1] == pytest.approx(wide[0] + 36, abs=12)

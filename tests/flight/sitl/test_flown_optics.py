@@ -1,4 +1,4 @@
-"""Options on the simulated camera: they reach its pictures, and nothing that is measured."""
+"""Optics options of the simulated camera change its pictures, and no measurement."""
 
 import json
 
@@ -58,22 +58,22 @@ def bus(world, time_us, yaw, drone=0):
 
 
 def frames(world, optics, turn, seed=0, count=2):
-    """Return the first pictures and what was announced, the vehicle turning by `turn` (rad) in 20 ms."""
-    said: list[bytes] = []
-    camera = WorldCamera(world, SMALL, said.append, optics=optics, seed=seed)
+    """Return the first pictures and announcements of a vehicle that turns by `turn` (rad) in 20 ms."""
+    announced: list[bytes] = []
+    camera = WorldCamera(world, SMALL, announced.append, optics=optics, seed=seed)
     camera.feed(bus(world, 1_000_000, 0.3))
     camera.feed(bus(world, 1_020_000, 0.3 + turn))
-    return [camera.newest().image_rgb for _ in range(count)], said
+    return [camera.newest().image_rgb for _ in range(count)], announced
 
 
 def test_a_turn_on_the_truth_bus_blurs_the_frame_and_the_announcement_stays(world):
-    plain, said = frames(world, None, 0.02)
+    plain, announced = frames(world, None, 0.02)
     still, _ = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.0)
-    blurred, said_too = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.02)
+    blurred, announced_blurred = frames(world, Optics(exposure=Exposure(0.05, 6)), 0.02)
     sharpness = [np.abs(np.diff(p[0].astype(float), axis=1)).mean() for p in (plain, still, blurred)]
     assert sharpness[2] < 0.9 * sharpness[0]
     assert sharpness[1] > 0.9 * sharpness[0]
-    assert said == said_too
+    assert announced == announced_blurred
 
 
 def test_a_drone_beyond_those_of_the_record_is_blurred_by_its_turn_too(world):

@@ -1,4 +1,4 @@
-"""FOLLOW over the real physics, as MAVSDK's example flies it: jumping targets, and the height stays what was asked."""
+"""FOLLOW over the real physics, as MAVSDK's example flies it: the target jumps, the height stays as ordered."""
 
 import math
 
@@ -37,7 +37,7 @@ def test_a_jumping_target_is_followed_at_the_height_that_was_asked_for(below_hom
     live(8.0)
     commander.set_mode("FOLLOW")
     waiting = live(4.0)
-    assert np.ptp(waiting) < 0.3  # nobody to follow: it stays where it is
+    assert np.ptp(waiting) < 0.3  # no target to follow: the vehicle holds its position
     for north, east in JUMPS:
         lat, lon, alt = ned_to_geodetic(*ORIGIN, north, east, below_home_m)
         port.receive(

@@ -1,4 +1,4 @@
-"""Frames of the simulated camera come at the size of the model's pictures, or in full where that is asked for."""
+"""Frames of the simulated camera have the size of the model's pictures, or full size on request."""
 
 import threading
 import urllib.error

@@ -1,4 +1,4 @@
-"""The fused loop flies exactly what plant and inner loop fly when they are called one after the other."""
+"""The fused loop flies exactly like plant and inner loop called one after the other."""
 
 import pytest
 
@@ -12,7 +12,7 @@ ORIGIN = (47.397742, 8.545594, 488.0)
 
 
 def hopping(seed: int) -> tuple[Multirotor, FlightCore]:
-    """Return a vehicle in a gusty wind that is told to climb."""
+    """Return a vehicle in a gusty wind with an order to climb."""
     frame = airframe.load("x500")
     plant = Multirotor(frame, seed=seed, origin=ORIGIN, wind=Wind((2.0, 1.0, 0.0), 3.0))
     core = FlightCore(frame)

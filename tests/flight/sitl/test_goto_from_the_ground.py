@@ -1,4 +1,4 @@
-"""MAVSDK's goto example over the real physics: ordered to a far place a second after take-off, still on the ground."""
+"""MAVSDK's goto example over the real physics: a far destination ordered one second after take-off, on the ground."""
 
 import math
 
@@ -44,7 +44,7 @@ def test_a_goto_before_it_has_left_the_ground_is_flown_upright(after_s):
         )
     )  # fmt: skip
     live(50.0)
-    heights = -np.array(places)[:, 2] + places[0][2]  # m above where it stood
+    heights = -np.array(places)[:, 2] + places[0][2]  # m above its start
     off = int(np.argmax(heights > 0.1))
     assert heights[off] > 0.1
     assert max(tilts[:off]) < 5.0  # it does not tip over its own legs

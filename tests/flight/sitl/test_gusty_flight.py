@@ -1,4 +1,4 @@
-"""Five minutes of mixed flight in a gusty wind, through MAVLink and the whole stack: how well the vehicle knows itself.
+"""Five minutes of mixed flight in a gusty wind, through MAVLink and the whole stack: the accuracy of the estimate.
 
 Errors are of the whole vector against the truth: the angle between the two attitudes, and the length of the velocity's
 and the position's difference. Nothing is taken off but the place where the vehicle stood at boot, which is where an
@@ -47,13 +47,13 @@ LAPS = 5
 
 @dataclass
 class Flight:
-    """What was noted every 20 ms of the flight."""
+    """Records of the flight, every 20 ms."""
 
     attitude_deg: list[float] = field(default_factory=list)
     velocity: list[float] = field(default_factory=list)  # m/s
     position: list[float] = field(default_factory=list)  # m
     nis: dict[str, list[float]] = field(default_factory=lambda: {"baro": [], "mag": [], "gps": []})
-    off_course: list[float] = field(default_factory=list)  # m/s, true velocity against what was asked, once settled
+    off_course: list[float] = field(default_factory=list)  # m/s, true velocity against the commanded one, once settled
     tilt_deg: list[float] = field(default_factory=list)
     gated: int = 0  # samples beyond their gate, resets and restarts of the filter
     seconds: float = 0.0
@@ -61,7 +61,7 @@ class Flight:
 
 
 def fly(seed: int, folder: Path) -> Flight:
-    """Return the notes of one flight: take-off, hover, laps, a position hold."""
+    """Return the records of one flight: take-off, hover, laps, a position hold."""
     vehicle = SimulatedVehicle(
         0,
         airframe.load("x500"),
@@ -76,7 +76,7 @@ def fly(seed: int, folder: Path) -> Flight:
     flight = Flight()
     link = Link(lockstep.transport(0))
     link.connect()
-    link.wait(12.0)  # until a fix has set the origin
+    link.wait(12.0)  # until a fix sets the origin
     lockstep.followers.append(lambda: note(flight, vehicle, home))
     link.order("take-off", dialect.MAV_CMD_NAV_TAKEOFF, math.nan, 0, 0, math.nan, math.nan, math.nan, math.nan)
     link.arm()
@@ -97,8 +97,8 @@ def fly(seed: int, folder: Path) -> Flight:
     def body(seconds, velocity, yaw_rate):
         stream(seconds, lambda: PX4.setpoint_message(VelocitySetpoint(velocity, yaw_rate), link.time_us // 1000, 1, 1))
         if yaw_rate == 0.0 and seconds >= 4.0:
-            asked = rotated(velocity, vehicle.core.estimate["attitude"])
-            flight.off_course.append(float(np.linalg.norm(vehicle.plant.truth["velocity_ned"] - asked)))
+            commanded = rotated(velocity, vehicle.core.estimate["attitude"])
+            flight.off_course.append(float(np.linalg.norm(vehicle.plant.truth["velocity_ned"] - commanded)))
 
     place(0.5, 0.0, 0.0, HEIGHT, 0.7)
     link.set_mode("OFFBOARD")
@@ -117,7 +117,7 @@ def fly(seed: int, folder: Path) -> Flight:
 
 
 def rotated(velocity: Vec3, attitude: np.ndarray) -> np.ndarray:
-    """Return a body velocity turned by the heading alone."""
+    """Return a body velocity rotated by the heading alone."""
     w, x, y, z = attitude
     yaw = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     c, s = math.cos(yaw), math.sin(yaw)
@@ -125,7 +125,7 @@ def rotated(velocity: Vec3, attitude: np.ndarray) -> np.ndarray:
 
 
 def note(flight: Flight, vehicle: SimulatedVehicle, home: np.ndarray) -> None:
-    """Compare estimate and truth of this tick, which are of the same millisecond."""
+    """Compare estimate and truth of this tick, both of the same millisecond."""
     if vehicle.time_us % 20_000:
         return
     estimate, truth, inner = vehicle.core.estimate, vehicle.plant.truth, vehicle.core.filter_state
@@ -148,55 +148,55 @@ def rms(values: list[float]) -> float:
 
 # these two magnetometers' hard iron turns the compass by 1 to 2°
 @pytest.fixture(scope="module", params=[8, pytest.param(23, marks=pytest.mark.slow)])
-def flown(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Flight:
+def gusty_flight(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Flight:
     return fly(request.param, tmp_path_factory.mktemp("flown"))
 
 
-def test_the_vehicle_knows_its_motion(flown: Flight) -> None:
-    """The figures asked of the estimator: 1°, 0.15 m/s, 1 m."""
-    assert flown.seconds >= 290.0
-    assert rms(flown.attitude_deg) < 1.0
-    assert rms(flown.velocity) < 0.15
-    assert rms(flown.position) < 1.0
+def test_the_vehicle_knows_its_motion(gusty_flight: Flight) -> None:
+    """Required accuracy of the estimator: 1°, 0.15 m/s, 1 m."""
+    assert gusty_flight.seconds >= 290.0
+    assert rms(gusty_flight.attitude_deg) < 1.0
+    assert rms(gusty_flight.velocity) < 0.15
+    assert rms(gusty_flight.position) < 1.0
 
 
-def test_the_vehicle_does_what_it_is_asked(flown: Flight) -> None:
-    """At the end of every straight leg the gusts, of about 1.3 m/s, have not carried it along."""
-    assert len(flown.off_course) >= 30
-    assert max(flown.off_course) < 0.6
-    assert max(flown.tilt_deg) < 50.0  # MPC_TILTMAX_AIR is 45°
+def test_the_vehicle_does_what_it_is_asked(gusty_flight: Flight) -> None:
+    """At the end of each straight leg, the gusts of about 1.3 m/s have not carried the vehicle along."""
+    assert len(gusty_flight.off_course) >= 30
+    assert max(gusty_flight.off_course) < 0.6
+    assert max(gusty_flight.tilt_deg) < 50.0  # MPC_TILTMAX_AIR is 45°
 
 
-def test_innovations_are_no_larger_than_the_filter_expects(flown: Flight) -> None:
+def test_innovations_are_no_larger_than_the_filter_expects(gusty_flight: Flight) -> None:
     """Mean normalised innovation squared below the 99.9 % point of chi-squared, samples taken as independent.
 
     No lower bound: the filter's noise figures are PX4's, made for worse sensors than these. Of a fix the largest of the
     three components counts, whose mean is 2.1 where the filter is exact.
     """
     for name, each_us, expected in (("baro", 20_000, 1.0), ("mag", 20_000, 1.0), ("gps", 100_000, 2.1)):
-        samples = flown.seconds * 1e6 / each_us
-        assert np.mean(flown.nis[name]) < expected * chi2.ppf(0.999, samples) / samples
-    assert flown.gated == 0  # no sample was thrown away, nothing reset
+        samples = gusty_flight.seconds * 1e6 / each_us
+        assert np.mean(gusty_flight.nis[name]) < expected * chi2.ppf(0.999, samples) / samples
+    assert gusty_flight.gated == 0  # no sample was rejected, nothing was reset
 
 
-def test_the_log_holds_the_innovations_under_px4s_names(flown: Flight) -> None:
-    log = ULog(str(flown.log))
+def test_the_log_holds_the_innovations_under_px4s_names(gusty_flight: Flight) -> None:
+    log = ULog(str(gusty_flight.log))
     innovations, variances, ratios = (
         log.get_dataset(f"estimator_{name}").data
         for name in ("innovations", "innovation_variances", "innovation_test_ratios")
     )
-    assert len(innovations["timestamp"]) > 9 * flown.seconds  # 10 Hz
+    assert len(innovations["timestamp"]) > 9 * gusty_flight.seconds  # 10 Hz
     for field_name, gate in (("gps_hvel[0]", 5.0), ("gps_vvel", 5.0), ("gps_hpos[1]", 5.0), ("heading", 3.0)):
         squared = innovations[field_name] ** 2 / variances[field_name]
         assert ratios[field_name] == pytest.approx(squared / gate**2, rel=1e-4)
-    for field_name, kind in (("baro_vpos", "baro"), ("heading", "mag")):  # those that the log shows, of all
+    for field_name, kind in (("baro_vpos", "baro"), ("heading", "mag")):  # of all kinds, the log has these
         logged = np.mean(innovations[field_name] ** 2 / variances[field_name])
-        assert logged == pytest.approx(np.mean(flown.nis[kind]), rel=0.25)
+        assert logged == pytest.approx(np.mean(gusty_flight.nis[kind]), rel=0.25)
 
 
-def test_what_the_sensors_say_looks_like_a_real_flight(flown: Flight) -> None:
+def test_sensor_samples_look_like_a_real_flight(gusty_flight: Flight) -> None:
     """A receiver's position wanders for many seconds and its velocity does not; a frame with rotors shakes."""
-    log = ULog(str(flown.log))
+    log = ULog(str(gusty_flight.log))
     innovations = log.get_dataset("estimator_innovations").data
     for axis in range(2):
         place, speed = innovations[f"gps_hpos[{axis}]"], innovations[f"gps_hvel[{axis}]"]
@@ -205,8 +205,8 @@ def test_what_the_sensors_say_looks_like_a_real_flight(flown: Flight) -> None:
         assert correlation(speed, 10) < 0.3
     felt = log.get_dataset("sensor_combined").data
     for axis in range(3):
-        jumps = np.diff(felt[f"accelerometer_m_s2[{axis}]"], n=2)  # what changes slower than 10 Hz is small in these
-        assert 0.1 < np.std(jumps) / math.sqrt(6.0) < 2.0  # m/s²; of white samples it would be their deviation
+        jumps = np.diff(felt[f"accelerometer_m_s2[{axis}]"], n=2)  # slow parts (below 10 Hz) are small in these
+        assert 0.1 < np.std(jumps) / math.sqrt(6.0) < 2.0  # m/s²; for white samples this is their deviation
 
 
 def correlation(values: np.ndarray, lag: int) -> float:

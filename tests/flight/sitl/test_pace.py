@@ -1,4 +1,4 @@
-"""The rate keeper on a clock of its own: what it waits, what it counts."""
+"""The rate keeper on a clock of its own: its waits and its counts."""
 
 import pytest
 
@@ -61,12 +61,12 @@ def test_a_standstill_is_given_up_not_caught_up(clock: Clock) -> None:
 def test_a_minute_with_late_ticks_is_reported_once(clock: Clock) -> None:
     keeper = pace.RateKeeper(0.1)
     report = pace.PaceReport(keeper)
-    said = []
+    lines = []
     for tick in range(1900):  # three minutes and a little
         if 700 < tick < 800:
             clock.now_s += 0.104
         keeper.wait()
-        said += [line] if (line := report.line()) else []
-    assert len(said) == 1
-    assert "17.0" in said[0]
+        lines += [line] if (line := report.line()) else []
+    assert len(lines) == 1
+    assert "17.0" in lines[0]
     assert keeper.figures()["late"] == 102  # 99 long ticks and those that caught up

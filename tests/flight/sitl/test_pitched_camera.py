@@ -1,4 +1,4 @@
-"""Cameras that do not look level: what their pictures show, and what the logger measures of them."""
+"""Cameras that do not look level: their pictures, and the logger's measurements in them."""
 
 import math
 
@@ -25,14 +25,14 @@ def world():
 
 
 def above_target(world, back=6.0, up=6.0):
-    """Return a place behind and above the target, and the heading towards it."""
+    """Return a position behind and above the target, and the heading towards it."""
     n, e, d = world.target_centre(0.0)
     return (n - back, e, d - up), 0.0
 
 
 @pytest.mark.parametrize("pitch_deg", [-30.0, -55.0])
 def test_the_pixels_of_the_target_lead_to_the_target(world, pitch_deg):
-    """Independent of the geometry under test: ids and depths of the renderer against the target's own place."""
+    """Independent of the tested geometry: ids and depths of the renderer against the target's own position."""
     place, yaw = above_target(world)
     camera = CameraModel(320, 180, pitch_deg=pitch_deg)
     attitude = quat_from_euler(0.0, 0.0, yaw)

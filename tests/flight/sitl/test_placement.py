@@ -1,4 +1,4 @@
-"""Somebody else's truth on our map: the pure part, and the process that does it over sockets."""
+"""The truth of a foreign simulator on our map: the pure part, and the process that does it over sockets."""
 
 import itertools
 import math
@@ -21,31 +21,31 @@ from foundation.truth import NewestTruth, truth_message
 from hil.link.transport import connect
 from tests.support.ports import free_port
 
-HOME = (47.397743, 8.545594, 489.4)  # where PX4's own simulation begins
+HOME = (47.397743, 8.545594, 489.4)  # the origin of PX4's own simulation
 EPISODE = "residential-approaching-01"
 ANGLE = st.floats(-math.pi, math.pi)
 METRES = st.floats(-300.0, 300.0)
 
 
-def said(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), time_us=0, roll=0.0):
-    """Return what a vehicle says that is at `position` (m NED from HOME)."""
+def truth_at(position=(0.0, 0.0, 0.0), yaw=0.0, velocity=(0.0, 0.0, 0.0), time_us=0, roll=0.0):
+    """Return the truth message of a vehicle at `position` (m NED from HOME)."""
     still = (0.0, 0.0, 0.0)
     return truth_message(time_us, position, velocity, quat_from_euler(roll, 0.0, yaw), still, still, HOME)
 
 
 def test_where_it_stood_is_where_the_episode_begins():
-    placement = placement_of(said(yaw=0.7), (12.0, -5.0, 1.5), 2.0)
-    sample = placement.sample(said(yaw=0.7), 4_000)
+    placement = placement_of(truth_at(yaw=0.7), (12.0, -5.0, 1.5), 2.0)
+    sample = placement.sample(truth_at(yaw=0.7), 4_000)
     assert sample.position_ned == pytest.approx((12.0, -5.0, 1.5), abs=0.02)
     assert quat_to_euler(sample.attitude)[2] == pytest.approx(2.0, abs=1e-6)
     assert (sample.drone, sample.time_us) == (0, 4_000)
 
 
 @given(METRES, METRES, st.floats(-50.0, 0.0), ANGLE, ANGLE, ANGLE)
-def test_what_it_flies_is_what_is_seen(north, east, down, stood, began, yaw):
-    """Distances, heights and turns are the same; ahead there is ahead here."""
-    placement = placement_of(said(yaw=stood), (3.0, 4.0, 0.5), began)
-    sample = placement.sample(said((north, east, down), yaw, (1.0, 0.0, -0.5), roll=0.2), 0)
+def test_the_vehicles_motion_is_the_motion_on_our_map(north, east, down, stood, began, yaw):
+    """Distances, heights and turns are the same, and so is the forward direction."""
+    placement = placement_of(truth_at(yaw=stood), (3.0, 4.0, 0.5), began)
+    sample = placement.sample(truth_at((north, east, down), yaw, (1.0, 0.0, -0.5), roll=0.2), 0)
     moved = [a - b for a, b in zip(sample.position_ned, (3.0, 4.0, 0.5), strict=True)]
     assert math.dist(moved, (0.0, 0.0, 0.0)) == pytest.approx(math.hypot(north, east, down), abs=0.03)
     assert moved[2] == pytest.approx(down, abs=0.002)
@@ -60,14 +60,14 @@ def test_what_it_flies_is_what_is_seen(north, east, down, stood, began, yaw):
 def test_a_truth_without_time_takes_that_of_the_actuators():
     clock = TruthClock()
     actuators = dialect.MAVLink_hil_actuator_controls_message(38_904_250, [0.0] * 16, 1, 0)
-    assert clock.see(said()) is None  # nobody has told the time yet
+    assert clock.see(truth_at()) is None  # no time has arrived yet
     assert clock.see(actuators) is None
-    assert clock.see(said()) == 38_904_000
-    assert clock.see(said(time_us=7_654_321)) == 7_654_000
+    assert clock.see(truth_at()) == 38_904_000
+    assert clock.see(truth_at(time_us=7_654_321)) == 7_654_000
 
 
 class Somebody:
-    """A vehicle that says where it is, as PX4's own simulation does: 25 Hz, time only beside it, system 6."""
+    """A vehicle that reports its position like PX4's own simulation: 25 Hz, a separate time message, system 6."""
 
     def __init__(self, port, *, speed=0.0, timed=True):
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -83,7 +83,7 @@ class Somebody:
             if self._stop.wait(0.04):
                 return
             actuators = dialect.MAVLink_hil_actuator_controls_message(tick * 40_000, [0.0] * 16, 1, 0)
-            where = said((self.north, 0.0, 0.0), 0.3, (self._speed, 0.0, 0.0))
+            where = truth_at((self.north, 0.0, 0.0), 0.3, (self._speed, 0.0, 0.0))
             for message in (actuators, where) if self._timed else (where,):
                 self._socket.sendto(packer.pack(message), self._to)
 
@@ -132,12 +132,12 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
         assert sample.time_us % 1000 == 0
         camera.send(hello.pack(heartbeat) + hello.pack(dialect.MAVLink_camera_image_captured_message(
             1, 0, 0, 0, 0, 0, 0, [1.0, 0.0, 0.0, 0.0], 17, 1, b"")))  # fmt: skip
-        parser, heard = Parser(), []
+        parser, image_indices = Parser(), []
         for _ in range(100):
-            heard += [m.image_index for m in parser.feed(logger.receive(0.1)) if hasattr(m, "image_index")]
-            if heard:
+            image_indices += [m.image_index for m in parser.feed(logger.receive(0.1)) if hasattr(m, "image_index")]
+            if image_indices:
                 break
-        assert heard == [17]  # what the camera says reaches the logger
+        assert image_indices == [17]  # the camera's messages reach the logger
     finally:
         bridge.close()
         somebody.close()
@@ -167,5 +167,5 @@ def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
 
 def test_home_is_carried_to_a_centimetre():
     lat, lon, alt = ned_to_geodetic(*HOME, 100.0, -50.0, -20.0)
-    placement = placement_of(said((100.0, -50.0, -20.0)), (0.0, 0.0, 0.0), 0.0)
+    placement = placement_of(truth_at((100.0, -50.0, -20.0)), (0.0, 0.0, 0.0), 0.0)
     assert placement.home == pytest.approx((lat, lon, alt), abs=1e-6)

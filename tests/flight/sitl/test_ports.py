@@ -1,4 +1,4 @@
-"""A ground station is spoken to on its port without having spoken: by `sitl`, and by every flight in real time."""
+"""`sitl` and every real-time flight send to a ground station on its port before it has sent anything."""
 
 import socket
 from collections import Counter
@@ -15,7 +15,7 @@ from tests.support.ports import free_port
 
 @pytest.fixture
 def station(monkeypatch):
-    """A ground station's socket, where ground stations listen."""
+    """A ground station's socket on the standard port."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listening:
         listening.bind((sockets.LOOPBACK, 0))
         listening.setblocking(False)
@@ -30,13 +30,15 @@ def test_every_vehicle_comes_to_the_one_port_under_its_own_number(station, monke
         monkeypatch.setattr(sockets, name, free_port())
     simulator = Simulator(SimulatorConfig(episode="blocks-commanding-01", count=count, speed=50.0, instance=instance))
     try:
-        heard, peers = listen(simulator, station, 6.0)
-        assert {(system, component) for system, component, _ in heard} == {(each, 1) for each in range(1, count + 1)}
+        counts, peers = listen(simulator, station, 6.0)
+        assert {(system, component) for system, component, _ in counts} == {
+            (number, 1) for number in range(1, count + 1)
+        }
         for system in peers:
-            assert heard[system, 1, "HEARTBEAT"] >= 5
-            assert heard[system, 1, "GLOBAL_POSITION_INT"] > 50  # at 50 a second, once it knows where it is
-        asked = dialect.MAVLink_param_request_read_message(count, 1, b"MIS_TAKEOFF_ALT", -1)
-        station.sendto(Packer(255, 190).pack(asked), peers[count])
+            assert counts[system, 1, "HEARTBEAT"] >= 5
+            assert counts[system, 1, "GLOBAL_POSITION_INT"] > 50  # at 50 a second, once the position is known
+        request = dialect.MAVLink_param_request_read_message(count, 1, b"MIS_TAKEOFF_ALT", -1)
+        station.sendto(Packer(255, 190).pack(request), peers[count])
         answered, _ = listen(simulator, station, 0.1)
         assert [(system, kind) for system, _, kind in answered if kind == "PARAM_VALUE"] == [(count, "PARAM_VALUE")]
     finally:
@@ -44,8 +46,8 @@ def test_every_vehicle_comes_to_the_one_port_under_its_own_number(station, monke
 
 
 def listen(simulator, station, seconds):
-    """Return {(system, component, message): how many} of so many vehicle seconds, and each system's address."""
-    heard: Counter[tuple[int, int, str]] = Counter()
+    """Return {(system, component, message): count} of so many vehicle seconds, and each system's address."""
+    counts: Counter[tuple[int, int, str]] = Counter()
     peers: dict[int, Any] = {}
     parsers: dict[Any, Parser] = {}
     for _ in range(round(seconds * 100)):
@@ -56,6 +58,6 @@ def listen(simulator, station, seconds):
             except BlockingIOError:
                 break
             for message in parsers.setdefault(peer, Parser()).feed(data):
-                heard[message.get_srcSystem(), message.get_srcComponent(), message.get_type()] += 1
+                counts[message.get_srcSystem(), message.get_srcComponent(), message.get_type()] += 1
                 peers[message.get_srcSystem()] = peer
-    return heard, peers
+    return counts, peers

@@ -1,4 +1,4 @@
-"""Pressing against things: the estimate holds, the vehicle stays upright and slow, and it flies on when told to."""
+"""Pressing against obstacles: the estimate holds, the vehicle stays upright and slow, and flies on by order."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def test_wind_is_not_taken_for_a_wall(speed):
 
 
 def test_against_a_wall_the_push_stays_small():
-    """Ten seconds after the contact the vehicle leans by less than the tenth part of its weight would ask for."""
+    """Ten seconds after the contact the vehicle leans by less than a tenth of its weight requires."""
     vehicle = flying(1)
     for tick in range(4500):
         if tick % 5 == 0:

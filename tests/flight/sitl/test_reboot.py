@@ -1,4 +1,4 @@
-"""A client asks the flight controller to restart: it does, in place, with its parameters, on the same ports."""
+"""A client orders the flight controller to restart: it restarts in place, with its parameters, on the same ports."""
 
 import math
 
@@ -29,7 +29,7 @@ def test_a_restart_keeps_parameters_ports_and_place(tmp_path, kept_in_a_file):
     link.send(
         dialect.MAVLink_command_long_message(1, 1, dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 0, 1, 0, 0, 0, 0, 0, 0)
     )
-    link, answers = Link(transport), []  # the streams that were asked for are forgotten, so the client connects anew
+    link, answers = Link(transport), []  # the requested streams are forgotten, so the client connects anew
     link.listeners.append(lambda m: answers.append((m.command, m.result)) if m.get_type() == "COMMAND_ACK" else None)
     link.connect()
     assert answers[0] == (dialect.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, dialect.MAV_RESULT_ACCEPTED)

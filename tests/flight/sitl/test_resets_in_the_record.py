@@ -1,4 +1,4 @@
-"""Estimator resets stand in truth.jsonl, in the metrics and in the verdict, with the quantity that was reset."""
+"""Estimator resets appear in truth.jsonl, in the metrics and in the verdict, with the quantity that was reset."""
 
 import math
 
@@ -67,8 +67,8 @@ def test_motion_is_no_jump():
 
 def test_the_counter_wraps_and_late_messages_are_passed_over():
     watch = ResetWatch()
-    told = [watch.frame(odometry(t, n)) for t, n in ((1.0, 254), (1.2, 255), (1.1, 254), (1.2, 255), (1.4, 1))]
-    assert [reset and reset.count for reset in told] == [None, 1, None, None, 2]
+    resets = [watch.frame(odometry(t, n)) for t, n in ((1.0, 254), (1.2, 255), (1.1, 254), (1.2, 255), (1.4, 1))]
+    assert [reset and reset.count for reset in resets] == [None, 1, None, None, 2]
 
 
 def test_a_reset_of_our_estimator_stands_in_the_record(tmp_path):

@@ -1,4 +1,4 @@
-"""A landing on a roof ends like one on the ground: upright, disarmed, where it came down."""
+"""A landing on a roof ends like one on the ground: upright, disarmed, at the touchdown place."""
 
 import math
 
@@ -17,22 +17,22 @@ def test_a_landing_on_a_roof_ends():
     place = BootPose((0.0, 0.0, -ROOF_M - 0.3), 0.0)
     vehicle = SimulatedVehicle(0, airframe.load("x500"), place, seed=2, origin=(47.4, 8.5, 488.0), obstacles=ROOF)
     commander, truth = vehicle.autopilot.commander, vehicle.plant.truth
-    said = []
+    reports = []
     while commander.arming_failures():
         vehicle.advance()
-        said += [vehicle.collisions()]
-    assert sum(map(bool, said)) == 1  # the drop at boot; then it stands
+        reports += [vehicle.collisions()]
+    assert sum(map(bool, reports)) == 1  # the drop at boot; then the vehicle stands
     commander.take_off(math.nan)
     commander.arm()
     for _ in range(700):
         vehicle.advance()
     assert truth["position_ned"][2] < -ROOF_M - 2.0
     commander.set_mode("LAND")
-    said = []
+    reports = []
     for _ in range(2000):
         vehicle.advance()
-        said += [vehicle.collisions()]
-    assert sum(map(bool, said)) <= 2  # the end of the contact before, and the touchdown; then it stands
+        reports += [vehicle.collisions()]
+    assert sum(map(bool, reports)) <= 2  # the end of the earlier contact, and the touchdown; then the vehicle stands
     assert not commander.armed
     assert truth["position_ned"][2] == pytest.approx(-ROOF_M, abs=0.3)
     assert float(np.linalg.norm(truth["attitude"][1:3])) < math.sin(math.radians(2.0))

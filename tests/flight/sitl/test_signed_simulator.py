@@ -1,4 +1,4 @@
-"""`dronecats sitl --sign`: every port of the vehicle wants the key, from boot and after a reboot."""
+"""`dronecats sitl --sign`: every port of the vehicle requires the key, from boot and after a reboot."""
 
 import threading
 
@@ -16,10 +16,10 @@ KEY = bytes(range(1, 33))
 
 @pytest.fixture
 def ports(tmp_path):
-    """Ports of a simulator that runs meanwhile, ten times as fast as the wall."""
+    """Ports of a running simulator, ten times as fast as the wall clock."""
     (tmp_path / "key").write_text(KEY.hex())
     simulator = Simulator(SimulatorConfig(episode="open-ground", count=1, speed=10.0, sign=str(tmp_path / "key")))
-    told, ended = simulator.ready(), threading.Event()
+    ready_ports, ended = simulator.ready(), threading.Event()
 
     def turn():
         while not ended.is_set():
@@ -27,13 +27,13 @@ def ports(tmp_path):
 
     thread = threading.Thread(target=turn)
     thread.start()
-    yield told
+    yield ready_ports
     ended.set()
     thread.join()
     simulator.close()
 
 
-def test_who_has_the_key_is_obeyed_also_after_a_reboot_and_nobody_else(ports):
+def test_only_key_owners_are_obeyed_before_and_after_a_reboot(ports):
     url = f"udpout://127.0.0.1:{ports['agent'][0]}"
     stranger = Link(connect(url))
     stranger.connect()

@@ -1,4 +1,4 @@
-"""A simulator that is held up on purpose: as often as was asked for, in the same seconds every time, and really."""
+"""A deliberately stalled simulator: the requested number of stalls, at the same seconds every time, in real effect."""
 
 import time
 
@@ -11,7 +11,7 @@ from dronecats.flight.spec.disturbances import VehicleFaults
 
 
 def stalled_at(share: float, seed: int, seconds: int = 1000) -> list[int]:
-    """Return the vehicle times (µs) at which it stood still."""
+    """Return the vehicle times (µs) of the stalls."""
     now, stops = [0], list[int]()
     staller = Staller(VehicleFaults(stalled=share, stall_s=0.7), seed, lambda seconds: stops.append(now[0]))
     staller.begin(500_000)
@@ -26,7 +26,7 @@ def test_the_share_of_seconds_that_begin_with_a_stall_is_as_asked_for_and_which_
     assert stops == stalled_at(0.2, 1) != stalled_at(0.2, 2)
     assert len(stops) == pytest.approx(200, abs=45)
     assert all((at - 500_000) % 1_000_000 == 0 for at in stops)
-    assert set(stops) <= set(stalled_at(0.5, 1))  # a worse host is held up then, and at other times
+    assert set(stops) <= set(stalled_at(0.5, 1))  # a worse host stalls at these times and at others
     assert stalled_at(0.0, 1) == []
     assert len(stalled_at(1.0, 1, seconds=10)) == 10
 

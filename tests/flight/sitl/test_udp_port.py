@@ -1,4 +1,4 @@
-"""A UDP port of the simulator under garbage: bounded work in each exchange, and nobody else pays for a sender's."""
+"""A UDP port of the simulator under garbage: bounded work per exchange, and no cost for other senders."""
 
 import socket
 from types import SimpleNamespace
@@ -31,7 +31,7 @@ class Sender:
     def send(self, data):
         self._socket.sendto(data, (LOOPBACK, self._port.port))
 
-    def heard(self):
+    def received(self):
         try:
             return self._socket.recv(65536)
         except BlockingIOError:
@@ -43,7 +43,7 @@ class Sender:
 
 @pytest.fixture
 def rig():
-    """Return a port with what it hands over and sends, and a maker of senders. Its clock stands unless it is moved."""
+    """Return a port with its received and sent data, and a maker of senders. Its clock moves only on request."""
     made = SimpleNamespace(handed=[], to_send=b"", now_s=0.0, cost_s=0.0, garbage=0, senders=[])
 
     def give(data):
@@ -102,7 +102,7 @@ def test_a_frame_may_come_in_pieces(rig):
 
 
 def test_a_burst_is_handed_over_as_a_whole_and_in_order(rig):
-    """As of a client that stores a file: no client waits while there is time for it."""
+    """For example from a client that stores a file: no client waits while there is time for it."""
     client, frames = rig.sender(), [heartbeat() for _ in range(40)]
     for frame in frames:
         client.send(frame)
@@ -122,7 +122,7 @@ def test_the_work_of_an_exchange_is_bounded_and_what_is_left_comes_later(rig):
     assert b"".join(rig.handed) == b"".join(frames)
 
 
-def test_who_sends_much_does_not_delay_who_sends_little(rig):
+def test_heavy_senders_do_not_delay_light_senders(rig):
     busy, client = rig.sender(), rig.sender()
     rig.cost_s = 1.0
     frame = Packer(9, 9).pack(HEARTBEAT)
@@ -135,7 +135,7 @@ def test_who_sends_much_does_not_delay_who_sends_little(rig):
     assert len(rig.handed) == 3
 
 
-def test_what_one_sender_may_leave_waiting_is_bounded(rig):
+def test_the_backlog_of_one_sender_is_bounded(rig):
     busy = rig.sender()
     rig.cost_s, sent = 1.0, 0
     for _ in range(60):
@@ -156,22 +156,22 @@ def test_only_who_speaks_mavlink_is_spoken_to(rig):
     rig.port.exchange()
     rig.to_send = heartbeat()
     rig.port.exchange()
-    assert hostile.heard() == b""
-    assert client.heard() != b""
+    assert hostile.received() == b""
+    assert client.received() != b""
     assert rig.garbage == 1
     hostile.send(b"\x55" * 40)
     rig.port.exchange()
-    assert rig.garbage == 1  # said once
+    assert rig.garbage == 1  # reported once
 
 
-def test_how_many_are_spoken_to_is_bounded(rig):
+def test_the_number_of_peers_is_bounded(rig):
     clients = [rig.sender() for _ in range(PEERS + 4)]
     for client in clients:
         client.send(heartbeat())
         rig.port.exchange()
     rig.to_send = heartbeat()
     rig.port.exchange()
-    assert [client.heard() != b"" for client in clients] == [False] * 4 + [True] * PEERS
+    assert [client.received() != b"" for client in clients] == [False] * 4 + [True] * PEERS
 
 
 def test_garbage_from_many_addresses_keeps_no_client_out(rig):
@@ -203,7 +203,7 @@ def test_garbage_does_not_travel_on_the_truth_bus():
         hostile.send(b"\xfe\x00" * 700)
         port.exchange()
         assert there.take() == b""
-        assert listener.heard() == b""
+        assert listener.received() == b""
     finally:
         port.close()
         hostile.close()

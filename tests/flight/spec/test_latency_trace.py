@@ -1,4 +1,4 @@
-"""Recorded latencies, from a run or a CSV, into a flight that names no file."""
+"""Latencies recorded in a run or a CSV become part of a flight that names no file."""
 
 import json
 from pathlib import Path
@@ -20,9 +20,9 @@ ROW = {"drone": 0, "frame_id": 1, "t_frame": 0.0, "t_decided": 1.0, "action": No
 
 def log(folder: Path, latencies, drones=1):
     folder.mkdir(parents=True)
-    said = [{**ROW, "step": step, "drone": drone, "latency_s": seconds}
+    decisions = [{**ROW, "step": step, "drone": drone, "latency_s": seconds}
             for step, seconds in enumerate(latencies) for drone in range(drones)]  # fmt: skip
-    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in said))
+    (folder / "decisions.jsonl").write_text("".join(json.dumps(row) + "\n" for row in decisions))
     return folder
 
 
@@ -42,7 +42,7 @@ def test_a_csv_is_read_by_its_column_or_its_only_one(tmp_path, text):
     assert read_trace(tmp_path / "x.csv") == (0.5, 1.0, 0.25)
 
 
-def test_what_holds_no_latencies_is_refused(tmp_path):
+def test_traces_without_latencies_are_rejected(tmp_path):
     for text, word in [
         ("", "x.csv"),
         ("latency_s\n", "x.csv"),
@@ -65,7 +65,7 @@ def test_a_file_that_is_not_there_or_is_no_text_is_refused(tmp_path):
         latency_policy(f"trace:{tmp_path / 'x.csv'}")
 
 
-def test_what_is_no_file_is_not_read():
+def test_non_files_are_not_read():
     with pytest.raises(UsageError, match="/dev/zero"):
         latency_policy("trace:/dev/zero")
 

@@ -1,4 +1,4 @@
-"""A flight is a value: it pickles, it is JSON, no key of it is kept, and the file of a run flies it again."""
+"""A flight spec is a value: it pickles, it is JSON without keys, and a run's file flies it again."""
 
 import argparse
 import json
@@ -88,7 +88,7 @@ def test_a_flight_pickles_and_is_json(spec):
     assert from_json(json.loads(json.dumps(as_json(spec))), "here") == spec
 
 
-def test_what_is_no_flight_is_refused(tmp_path, capsys):
+def test_invalid_flights_are_rejected(tmp_path, capsys):
     wrong: list[tuple[dict[str, Any], str]] = [
         ({"sed": 1}, "'sed'"),
         ({"simulated": {"sped": 1.0}}, "'simulated.sped'"),
@@ -136,7 +136,7 @@ def test_a_connected_flight_that_contradicts_itself_is_refused(vehicle, flight, 
         FlightSpec(pilot="vision", connected=Connected(url="x", **vehicle), **flight)
 
 
-def test_what_is_kept_of_a_flight_holds_no_key():
+def test_stored_flights_hold_no_key():
     model = ModelSpec(provider="local", name="m", base_url="https://h.example/v1/sk-0123456789abcdef?token=T0PSECRET")
     real = Connected(url="udpin://0.0.0.0:14540", camera="rtsp://me:pw777@cam/1")
     spec = FlightSpec(model=model, connected=real, envelope=Limits(), instruction="go")
@@ -152,9 +152,9 @@ def test_what_is_kept_of_a_flight_holds_no_key():
 
 
 def test_a_run_flies_again_from_its_file_to_the_same_bytes(tmp_path, capsys):
-    asked = ["--pilot", "oracle", "--speed", "max", "--seed", "4", "--latency", "lognormal:0.4,0.6"]
+    options = ["--pilot", "oracle", "--speed", "max", "--seed", "4", "--latency", "lognormal:0.4,0.6"]
     first, again = tmp_path / "first", tmp_path / "again"
-    assert main(["fly", "--sitl", *asked, "--episode", "residential-searching-02", "--out", str(first)]) == 0
+    assert main(["fly", "--sitl", *options, "--episode", "residential-searching-02", "--out", str(first)]) == 0
     assert main(["fly", "--spec", str(first / "run.json"), "--out", str(again)]) == 0
     logs = [f"residential-searching-02/{name}" for name in ("truth.jsonl", "decisions.jsonl", "verdict.json")]
     assert all((first / log).read_bytes() == (again / log).read_bytes() for log in logs)
@@ -198,7 +198,11 @@ def test_the_command_line_says_how_replies_are_read(vehicle):
     command = argparse.ArgumentParser()
     fly.add_fly_options(command)
 
-    def asked(*words):
+    def parser_name(*words):
         return spec_of(command.parse_args([*vehicle, *words])).parser
 
-    assert (asked(), asked("--parser", "lenient"), asked("--parser", "strict")) == ("strict", "lenient", "strict")
+    assert (parser_name(), parser_name("--parser", "lenient"), parser_name("--parser", "strict")) == (
+        "strict",
+        "lenient",
+        "strict",
+    )

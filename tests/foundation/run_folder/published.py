@@ -1,4 +1,4 @@
-"""The published schemas held to a folder: every line of every file that they are of."""
+"""The published schemas applied to a run folder: every line of every file that they describe."""
 
 import json
 from functools import cache
@@ -28,7 +28,7 @@ def validator(name: str) -> jsonschema.Draft202012Validator:
 
 
 def check(file: Path) -> int:
-    """Validate a file of a run folder, and return how many values in it were."""
+    """Validate a file of a run folder, and return the number of values in it."""
     text = file.read_text()
     values = [json.loads(line) for line in text.splitlines()] if file.suffix == ".jsonl" else [json.loads(text)]
     for value in values:

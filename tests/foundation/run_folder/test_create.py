@@ -1,4 +1,4 @@
-"""Which episode folders a flight may take: a new one, or that of a flight that was an error or was killed."""
+"""A flight may use a new episode folder, or that of a flight that failed with an error or was killed."""
 
 import json
 import subprocess

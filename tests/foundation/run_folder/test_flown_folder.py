@@ -1,4 +1,4 @@
-"""A folder that was flown, line by line as the published schemas say; with truth, and as if nobody had known it."""
+"""A flown folder conforms to the published schemas line by line, with truth and without known truth."""
 
 import json
 import shutil
@@ -14,15 +14,15 @@ from tests.support.flown_runs import ALONE
 
 
 @pytest.fixture(scope="module")
-def flown(rendered_run, tmp_path_factory):
+def copied_flight(rendered_run, tmp_path_factory):
     """Return a copy of the folder of a flown episode, and the flight's result."""
     run = tmp_path_factory.mktemp("copy") / "run"
     shutil.copytree(rendered_run.run, run)
     return run / ALONE, rendered_run.results[0]
 
 
-def test_every_line_is_as_the_schemas_say(flown):
-    folder, result = flown
+def test_every_line_is_as_the_schemas_say(copied_flight):
+    folder, result = copied_flight
     validator("result").validate(result)
     derive(folder)
     counted = {name: check(folder / name) for name in (layout.DECISIONS, layout.TRUTH, layout.ESTIMATE, layout.VERDICT)}
@@ -32,13 +32,13 @@ def test_every_line_is_as_the_schemas_say(flown):
     assert counted[layout.ESTIMATE] > counted[layout.DECISIONS]
 
 
-def test_so_is_a_flight_whose_truth_nobody_knew(flown, tmp_path):
+def test_so_is_a_flight_whose_truth_nobody_knew(copied_flight, tmp_path):
     folder = tmp_path / ALONE
-    shutil.copytree(flown[0], folder)
-    told = [json.loads(line) for line in (folder / layout.TRUTH).read_text().splitlines()]
-    begin, *_, end = told
+    shutil.copytree(copied_flight[0], folder)
+    truth_rows = [json.loads(line) for line in (folder / layout.TRUTH).read_text().splitlines()]
+    begin, *_, end = truth_rows
     unknown = {"target_ned": None, "distance_m": None, "visible": None}
-    poses = [{**row, **unknown} for row in told if row["kind"] == "pose"]
+    poses = [{**row, **unknown} for row in truth_rows if row["kind"] == "pose"]
     rows = [{**begin, "source": "estimate"}, *poses, end]
     (folder / layout.TRUTH).write_text("".join(json.dumps(row) + "\n" for row in rows))
     derive(folder, SurveyedTarget(47.4, 8.5456, None))
@@ -49,8 +49,8 @@ def test_so_is_a_flight_whose_truth_nobody_knew(flown, tmp_path):
         assert check(folder / name)
 
 
-def test_a_schema_refuses_what_is_no_verdict(flown):
-    verdict = json.loads((flown[0] / layout.VERDICT).read_text())
+def test_a_schema_refuses_what_is_no_verdict(copied_flight):
+    verdict = json.loads((copied_flight[0] / layout.VERDICT).read_text())
     changes: list[dict[str, object]] = [{"outcome": "solved"}, {"steps": -1}, {"drones": [{}]}, {"deciding": 3}]
     for change in changes:
         with pytest.raises(jsonschema.ValidationError):

@@ -1,4 +1,4 @@
-"""prompts.jsonl: what is written is read back, whatever the texts have in common."""
+"""prompts.jsonl: written texts are read back, whatever parts they share."""
 
 import json
 import tempfile

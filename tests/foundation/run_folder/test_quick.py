@@ -1,4 +1,4 @@
-"""The quick reader beside the strict one: whatever is damaged, the same rows or the same sentence."""
+"""The quick reader equals the strict one: for any damage, the same rows or the same sentence."""
 
 import json
 from dataclasses import fields
@@ -27,7 +27,7 @@ WORDS = (
 
 @st.composite
 def lines(draw):
-    """A line of one of the logs with nothing wrong, with a value changed, keys twice or gone, or bytes of it."""
+    """Draw a valid log line, or one with a changed value, doubled or missing keys, or changed bytes."""
     file, row = draw(st.sampled_from(GOOD))
     parts = [f"{json.dumps(key)}: {json.dumps(value)}" for key, value in row.items()]
     for _ in range(draw(st.integers(0, 2))):
@@ -43,19 +43,19 @@ def lines(draw):
     return file, bytes(text[:end])
 
 
-def told(folder) -> Any:
+def read_result(folder) -> Any:
     try:
         logs = reading.read(folder)
     except UsageError as damage:
         return str(damage)
-    return repr(logs)  # which tells 0 from 0.0 and from -0.0
+    return repr(logs)  # tells 0 from 0.0 and from -0.0
 
 
-def strictly_told(folder) -> Any:
+def strict_read_result(folder) -> Any:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(reading, "quick", lambda row: lambda line: None)
         patch.setattr(reading, "quick_of_kinds", lambda kinds: lambda line: None)
-        return told(folder)
+        return read_result(folder)
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,7 @@ def test_both_readers_tell_the_same(folder, made, whole):
     for file in ("truth.jsonl", "decisions.jsonl"):
         text = b"\n".join(line for of, line in made if of == file)
         (folder / file).write_bytes(text + b"\n" if whole else text)
-    assert told(folder) == strictly_told(folder)
+    assert read_result(folder) == strict_read_result(folder)
 
 
 def test_both_readers_tell_the_same_of_every_value_that_is_another(folder):
@@ -80,12 +80,12 @@ def test_both_readers_tell_the_same_of_every_value_that_is_another(folder):
             for word in WORDS:
                 parts = [f"{json.dumps(k)}: {word if k == key else json.dumps(row[k])}" for k in row]
                 (folder / file).write_bytes(f"{{{', '.join(parts)}}}\n".encode())
-                assert told(folder) == strictly_told(folder), (key, word)
+                assert read_result(folder) == strict_read_result(folder), (key, word)
         (folder / file).write_text("")
 
 
 def test_good_lines_go_the_quick_way():
-    """Else nothing above would compare anything."""
+    """Otherwise the tests above would compare nothing."""
     for name, rows in ROWS.items():
         for row, kind in rows:
             line = json.dumps({**row, "added": {"later": [1]}}).encode()
@@ -95,8 +95,8 @@ def test_good_lines_go_the_quick_way():
 
 @pytest.mark.parametrize("row", [*TRUTH_ROWS.values(), Decision])
 def test_no_number_of_a_row_may_be_beyond_measure(row):
-    """What `damage.py` looks at one by one, the annotations have to say alone."""
-    (good,) = [told for rows in ROWS.values() for told, kind in rows if kind is row][:1]
+    """`damage.py` checks values one by one; here the annotations alone must reject them."""
+    (good,) = [example for rows in ROWS.values() for example, kind in rows if kind is row][:1]
     read, looked_at = quick(row), 0
     for field in fields(row):
         for value in (LARGE, -LARGE, [LARGE, 0.0, 0.0], [0.0, 0.0, -LARGE], [0.0, 0.0, 0.0, LARGE]):

@@ -1,4 +1,4 @@
-"""One strict reader: what it does not know it passes over, what cannot be it names, what is newer it leaves alone."""
+"""One strict reader: it ignores unknown fields, names impossible values, and leaves newer formats alone."""
 
 import json
 
@@ -81,7 +81,7 @@ def test_a_line_says_file_number_and_what_is_wrong(episode):
         reading.read(episode)
 
 
-def test_what_is_no_json_is_damage_wherever_it_stands(episode):
+def test_invalid_json_is_damage_at_any_place(episode):
     row = json.dumps({**ROW, "action": {"action": "go", "depth_m": float("nan")}, "added": float("inf")})
     (episode / layout.DECISIONS).write_text(row + "\n")
     with pytest.raises(UsageError, match=r"line 1 .*JSON"):
@@ -90,7 +90,7 @@ def test_what_is_no_json_is_damage_wherever_it_stands(episode):
 
 @given(st.text(st.characters(codec=None), max_size=20))
 def test_any_reply_comes_back_as_it_was_received(tmp_path_factory, reply):
-    """Half a surrogate pair, too: a model may say it, and JSON can."""
+    """Half a surrogate pair, too: a model may send it, and JSON can hold it."""
     path = tmp_path_factory.mktemp("log") / layout.DECISIONS
     log = LineLog(path)
     log.write(Decision(**{**ROW, "reply": reply}))
@@ -111,8 +111,8 @@ def test_numbers_too_large_for_anything_are_damage():
 
 def test_a_stored_verdict_is_a_result_and_half_a_one_is_damage(episode):
     verdict = write_verdict(episode)
-    found = reading.stored_result("e-01", episode)
-    assert (found.episode, found.outcome, found.declarations) == ("e-01", verdict.outcome, 1)
+    result = reading.stored_result("e-01", episode)
+    assert (result.episode, result.outcome, result.declarations) == ("e-01", verdict.outcome, 1)
     (episode / layout.VERDICT).write_text('{"outcome": "solved"}')
     with pytest.raises(UsageError, match=r"verdict\.json.*outcome"):
         reading.stored_result("e-01", episode)

@@ -1,4 +1,4 @@
-"""The published schemas are what the rows say, and say what the reader says."""
+"""The published schemas agree with the rows and with the reader."""
 
 import json
 from typing import Any
@@ -74,7 +74,7 @@ def test_rows_as_they_are_written_are_taken_by_both():
 @given(st.sampled_from(PLACES), VALUES, st.booleans())
 def test_any_change_is_taken_or_refused_by_both(place, value, gone):
     name, row, kind, key = place
-    if key in ("t_frame", "t_decided"):  # which of them is the later, no schema can say
+    if key in ("t_frame", "t_decided"):  # no schema can express which of them is later
         value = 1.25 if isinstance(value, int | float) and not isinstance(value, bool) else value
     changed = {k: v for k, v in row.items() if k != key or not gone}
     if not gone:
@@ -83,14 +83,14 @@ def test_any_change_is_taken_or_refused_by_both(place, value, gone):
         assert not accepted(name, changed)
         return
     if isinstance(value, float) and value == int(value):
-        return  # 5.0 is a whole number to a schema, and none to the reader
+        return  # 5.0 is a whole number to a schema, not to the reader
     assert accepted(name, changed) == (taken(changed, kind)[1] is None)
 
 
 @pytest.mark.parametrize("name", ["verdict", "result", "run"])
 def test_every_number_says_its_unit(name):
-    """m, s, °, Hz, a share or a count: a field whose name has a unit says it in words, too."""
+    """m, s, °, Hz, a share or a count: a field with a unit in its name has the unit in its description, too."""
     for part in json.loads((FOLDER / f"{name}.schema.json").read_text())["$defs"].values():
-        for field, told in part["properties"].items():
+        for field, schema in part["properties"].items():
             if field.endswith(("_m", "_s", "_deg", "_hz", "_ned")):
-                assert told.get("description"), field
+                assert schema.get("description"), field

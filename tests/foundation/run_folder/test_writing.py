@@ -1,4 +1,4 @@
-"""What stands on disk, byte by byte: whoever reads our logs reads these."""
+"""The bytes of the files on disk. All readers of our logs depend on them."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ def test_lines_are_the_rows_in_their_order(tmp_path):
     log = LineLog(path)
     for row in (Begin(t0_us=7, cap_s=300.0), POSE, End(t=1.0, reason="error", error="½")):
         log.write(row)
-        assert path.read_bytes().endswith(b"}\n")  # nobody has closed it
+        assert path.read_bytes().endswith(b"}\n")  # nothing has closed it
     log.close()
     log = LineLog(path)
     log.write(Begin(t0_us=8, source="estimate"))
@@ -46,9 +46,9 @@ def test_a_decision_is_written_whole(tmp_path):
 
 def test_a_row_that_inherits_begins_with_its_own_fields():
     names = [*Diagnostics.__dataclass_fields__]
-    told = as_json(DroneDiagnostics(drone=1, declarations=2, qualifying=0, **dict.fromkeys(names, cast(Any, 1.0))))
-    assert [*told] == ["drone", "declarations", "qualifying", *names]
-    assert json.loads(json.dumps(told)) == told
+    row = as_json(DroneDiagnostics(drone=1, declarations=2, qualifying=0, **dict.fromkeys(names, cast(Any, 1.0))))
+    assert [*row] == ["drone", "declarations", "qualifying", *names]
+    assert json.loads(json.dumps(row)) == row
 
 
 def test_a_tlog_is_frames_after_their_times(tmp_path):

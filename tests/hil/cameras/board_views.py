@@ -1,4 +1,4 @@
-"""A chessboard as a camera with a known lens would see it: every pixel's ray is followed back to the board."""
+"""Pictures of a chessboard through a known lens: every pixel's ray is traced back to the board."""
 
 import math
 from functools import cache
@@ -41,7 +41,7 @@ def placed(pose: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def corners_of(pose: tuple[float, ...], noise_px: float) -> np.ndarray:
-    """Return where the lens puts the corners of a board (N, 1, 2), as found by somebody with so steady an eye."""
+    """Return the lens's true image points of a board's corners (N, 1, 2), without detection noise."""
     turn, middle = placed(pose)
     ahead = (BOARD.points - BOARD.points.mean(axis=0)) @ turn.T + middle
     places: np.ndarray = cv2.projectPoints(

@@ -1,4 +1,4 @@
-"""The clock that a camera is opened with where no vehicle has one."""
+"""The clock for cameras that are opened without a vehicle."""
 
 import time
 

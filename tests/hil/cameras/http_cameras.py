@@ -1,4 +1,4 @@
-"""Cameras that answer over HTTP, on ports that the system chose."""
+"""HTTP cameras on ports chosen by the system."""
 
 import threading
 import time
@@ -13,7 +13,7 @@ BOUNDARY = "a-boundary"
 
 
 def jpeg(number: int) -> bytes:
-    """Return the JPEG of the picture that carries a number."""
+    """Return the JPEG of the picture with this number."""
     rows = np.frombuffer(picture_code.drawn(number), np.uint8).reshape(picture_code.HEIGHT, picture_code.WIDTH, 3)
     return cv2.imencode(".jpg", rows)[1].tobytes()
 
@@ -56,7 +56,7 @@ def reply(handler, status: int, body: bytes, **headers: str) -> None:
 
 
 class MjpegServer(HttpServer):
-    """Sends picture after picture; number n is the n-th twentieth of a second since the server began."""
+    """Sends picture after picture; number n is the n-th twentieth of a second since the server's start."""
 
     def __init__(self, rate_hz: float = 20.0, *, lengths: bool = True, then_silent_after: int | None = None) -> None:
         self.rate_hz, self._lengths, self._silent_after = rate_hz, lengths, then_silent_after
@@ -91,5 +91,5 @@ class MjpegServer(HttpServer):
         handler.wfile.flush()
 
     def number_now(self) -> int:
-        """Return which picture is being sent at this moment."""
+        """Return the number of the picture that is being sent."""
         return int((time.monotonic() - self.began_s) * self.rate_hz)

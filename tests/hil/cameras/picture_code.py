@@ -1,4 +1,4 @@
-"""Pictures that say which they are: sixteen squares, black or white, are a number that survives any compression.
+"""Pictures that carry a number: sixteen black or white squares, readable after any compression.
 
 Nothing here needs more than Python, so that a server in another interpreter can draw them too.
 """

@@ -1,4 +1,4 @@
-"""An RTSP server (GStreamer's), run by the system's Python: its pictures carry the hundredth of a second they are from.
+"""An RTSP server (GStreamer's), run by the system's Python. Each picture carries its hundredth of a second.
 
     /usr/bin/python3 rtsp_server.py USER PASSWORD PORT
 

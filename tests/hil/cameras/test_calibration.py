@@ -1,4 +1,4 @@
-"""The lens from a chessboard, and pictures made straight: against a lens that is known because it was drawn."""
+"""Lens calibration from a chessboard and undistortion, against a known lens that drew the pictures."""
 
 import json
 import math
@@ -23,21 +23,21 @@ FISHEYE = Calibration(
 
 
 def model_of(lens: Lens) -> CameraModel:
-    """Return the pinhole that a lens's pictures are straightened to; it has one."""
+    """Return the pinhole that a lens's undistorted pictures have."""
     assert lens.model is not None
     return lens.model
 
 
 @pytest.fixture(scope="module")
 def seen():
-    """Return the corners in the pictures of the board in every pose."""
-    found = [corners(picture, BOARD) for picture in views()]
-    assert all(places is not None for places in found)
-    return found
+    """Return the detected corners of the board in every pose."""
+    corner_sets = [corners(picture, BOARD) for picture in views()]
+    assert all(places is not None for places in corner_sets)
+    return corner_sets
 
 
 def bent(lens, points):
-    """Return where (px) the lens puts directions given as x/z, y/z."""
+    """Return the image points (px) of directions given as x/z, y/z."""
     if lens.fisheye:
         return cv2.fisheye.distortPoints(points.reshape(-1, 1, 2), np.array(lens.matrix), np.array(lens.distortion))
     rays3 = np.concatenate([points, np.ones((len(points), 1))], axis=1)
@@ -45,22 +45,22 @@ def bent(lens, points):
 
 
 def test_a_known_lens_is_found_again(seen):
-    found = fit(seen, BOARD, LENS.width, LENS.height)
+    fitted = fit(seen, BOARD, LENS.width, LENS.height)
     for k in (0, 1):
-        assert found.calibration.matrix[k][k] == pytest.approx(LENS.matrix[k][k], rel=0.01)
-        assert found.calibration.matrix[k][2] == pytest.approx(LENS.matrix[k][2], abs=3.0)
-    assert found.calibration.distortion[0] == pytest.approx(LENS.distortion[0], abs=0.02)
+        assert fitted.calibration.matrix[k][k] == pytest.approx(LENS.matrix[k][k], rel=0.01)
+        assert fitted.calibration.matrix[k][2] == pytest.approx(LENS.matrix[k][2], abs=3.0)
+    assert fitted.calibration.distortion[0] == pytest.approx(LENS.distortion[0], abs=0.02)
     directions = np.stack(np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(-0.35, 0.35, 9)), -1).reshape(-1, 2)
-    off_px = np.linalg.norm(bent(found.calibration, directions) - bent(LENS, directions), axis=2)
+    off_px = np.linalg.norm(bent(fitted.calibration, directions) - bent(LENS, directions), axis=2)
     assert off_px.max() < 1.5
-    assert found.calibration.error_px is not None
-    assert found.calibration.error_px < 0.3
-    assert abs(found.calibration.matrix[0][0] / LENS.matrix[0][0] - 1.0) < 5.0 * found.focal_sigma
-    assert model_of(Lens(found.calibration)).hfov_deg == pytest.approx(model_of(Lens(LENS)).hfov_deg, abs=0.3)
+    assert fitted.calibration.error_px is not None
+    assert fitted.calibration.error_px < 0.3
+    assert abs(fitted.calibration.matrix[0][0] / LENS.matrix[0][0] - 1.0) < 5.0 * fitted.focal_sigma
+    assert model_of(Lens(fitted.calibration)).hfov_deg == pytest.approx(model_of(Lens(LENS)).hfov_deg, abs=0.3)
 
 
 def test_a_straightened_picture_is_the_pinholes_that_the_model_says():
-    """Where a pinhole of that width and field of view, its axis in the middle of the picture, would see the corners."""
+    """Corners appear where a centred pinhole of that width and field of view sees them."""
     lens = Lens(LENS)
     model = model_of(lens)
     for pose, picture in zip(POSES[:6], views(), strict=False):
@@ -71,15 +71,15 @@ def test_a_straightened_picture_is_the_pinholes_that_the_model_says():
         ahead = grid @ turn.T + middle
         centre = np.array([model.width / 2 - 0.5, model.height / 2 - 0.5])  # pixel 0 is at 0.5 px
         wanted = ahead[:, :2] / ahead[:, 2:] * model.focal_px + centre
-        found = places.reshape(-1, 2)
-        off = min((found - wanted, found - wanted[::-1]), key=lambda apart: np.abs(apart).max())
+        measured = places.reshape(-1, 2)
+        off = min((measured - wanted, measured - wanted[::-1]), key=lambda apart: np.abs(apart).max())
         assert np.abs(off).max() < 0.6
-        assert np.abs(off.mean(axis=0)).max() < 0.15  # half a pixel of another convention would show here
+        assert np.abs(off.mean(axis=0)).max() < 0.15  # half a pixel from another convention would show here
 
 
 @pytest.mark.parametrize("lens", [LENS, FISHEYE])
 def test_a_straightened_picture_is_the_widest_without_an_empty_corner(lens):
-    """Every ray along its edge was in the camera's picture, and one of them at its very edge."""
+    """Every ray along its edge is in the camera's picture, and one of them is at its very edge."""
     focal_px, size = model_of(Lens(lens)).focal_px, np.array([lens.width, lens.height])
     steps = np.linspace(-1.0, 1.0, 41)
     edge = [(a, b) for s in (-1.0, 1.0) for a, b in [*((s, t) for t in steps), *((t, s) for t in steps)]]
@@ -123,7 +123,7 @@ def test_a_lens_that_cannot_be_undone_is_refused(bend):
         Lens(Calibration(640, 480, LENS.matrix, bend))
 
 
-# -- what is no calibration ----------------------------------------------------------------------------------------
+# -- invalid calibrations ----------------------------------------------------------------------------------------
 
 
 def test_too_few_views_are_refused(seen):
@@ -138,7 +138,7 @@ def test_a_wrong_board_is_refused(seen):
 
 
 def test_a_board_that_was_never_tilted_is_refused():
-    """It fits perfectly, the solver is sure of itself to 0.01 %, and its focal length is a third too short."""
+    """The fit is perfect, the solver reports 0.01 % uncertainty, and the focal length is a third too short."""
     flat = [(0, 0, 2.0 * k, 0.5 * math.cos(k), 0.5 * math.sin(k), 0.33) for k in range(10)]
     with pytest.raises(UsageError, match="angle"):
         fit([corners_of(pose, 0.1) for pose in flat], BOARD, 640, 480)
@@ -169,7 +169,7 @@ def test_a_view_is_new_when_the_board_has_moved(seen):
     assert is_new(seen[1], seen[:1], 640)
 
 
-def test_what_is_no_board_is_refused():
+def test_invalid_boards_are_rejected():
     for size in ["9", "9x", "axb", "2x9", "60x9", "6x6", "", "-9x6"]:
         assert "--board" in refusal(board_of, size, 0.025)
 
@@ -182,7 +182,7 @@ def test_squares_are_in_metres():
 # -- the file ------------------------------------------------------------------------------------------------------
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_a_written_calibration_is_read_back(tmp_path):
     for ending in [".yml", ".yaml", ".json", ".xml"]:
         for lens in [LENS, FISHEYE]:
             save(lens, tmp_path / f"camera{ending}")
@@ -215,7 +215,7 @@ GOOD = {
 }
 
 
-def test_what_is_wrong_in_a_file_is_named(tmp_path):
+def test_errors_in_a_file_are_named(tmp_path):
     changes: list[tuple[dict[str, Any], str]] = [
         ({"image_width": None}, "'image_width'"),
         ({"image_height": "tall"}, "'image_height'"),
@@ -233,7 +233,7 @@ def test_what_is_wrong_in_a_file_is_named(tmp_path):
         assert re.search(words, refusal(load, path)), change
 
 
-def test_what_is_no_file_of_opencvs_is_said(tmp_path):
+def test_files_that_opencv_did_not_write_are_reported(tmp_path):
     path = tmp_path / "camera.yml"
     for content in (b"", b"%YAML:1.0\n---\n: : [", b"camera_matrix:\n  rows: 3\n  cols: 3\n", b"\xff\xfe\x00", b"{"):
         path.write_bytes(content)

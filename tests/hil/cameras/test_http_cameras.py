@@ -81,10 +81,10 @@ def test_motion_jpeg_gives_the_newest_picture_however_long_nobody_asked(serve, l
     camera = open_camera(server.url(), host_us)
     assert isinstance(camera, StreamCamera)
     camera.newest()
-    threading.Event().wait(1.0)  # twenty pictures that nobody asks for: a buffer would now be a second deep
+    threading.Event().wait(1.0)  # twenty unread pictures: a buffer would now be a second deep
     now, asked_us = server.number_now(), host_us()
     frame = camera.newest()
-    # a picture without a length is known to be complete when the next begins
+    # a picture without a length is known to be complete when the next one begins
     assert picture_code.read(frame.image_rgb) >= now - (4 if lengths else 5)
     assert 0 <= asked_us - frame.time_us < 300_000
     after = camera.following(frame.frame_id)
@@ -134,10 +134,10 @@ def stream_of(server):
 
 def test_digest_authentication_which_most_cameras_ask_for(serve):
     def guarded(handler):
-        given = handler.headers.get("Authorization", "")
-        fields = dict(part.strip().split("=", 1) for part in given.removeprefix("Digest ").split(",") if "=" in part)
+        header = handler.headers.get("Authorization", "")
+        fields = dict(part.strip().split("=", 1) for part in header.removeprefix("Digest ").split(",") if "=" in part)
         fields = {name: value.strip('"') for name, value in fields.items()}
-        if given.startswith("Digest ") and fields["response"] == digest("pilot", "hush/@1", fields):
+        if header.startswith("Digest ") and fields["response"] == digest("pilot", "hush/@1", fields):
             return reply(handler, 200, jpeg(3))
         return reply(handler, 401, b"no", WWW_Authenticate='Digest realm="cam", nonce="abc", qop="auth"')
 
@@ -177,7 +177,7 @@ def test_basic_authentication(serve):
         (200, b"", {"Content_Type": "multipart/x-mixed-replace"}, "boundary"),
     ],
 )
-def test_what_is_wrong_is_one_sentence_without_the_password(serve, status, body, headers, word):
+def test_camera_errors_are_one_sentence_without_the_password(serve, status, body, headers, word):
     server = serve(HttpServer(lambda handler: reply(handler, status, body, **headers)))
     with pytest.raises(CameraError, match=word) as caught:
         open_camera(server.url("/x.jpg?channel=1&password=hush2", user="pilot:hush1"), host_us).newest()
@@ -186,7 +186,7 @@ def test_what_is_wrong_is_one_sentence_without_the_password(serve, status, body,
     assert "channel=1" in str(caught.value)
 
 
-def test_nobody_there_is_said_without_the_password():
+def test_an_absent_camera_is_reported_without_the_password():
     for url in ("http://pilot:hush@127.0.0.1:1/x", "rtsp://pilot:hush@127.0.0.1:1/x?token=hush"):
         with pytest.raises(CameraError, match=r"\*\*\*@127\.0\.0\.1:1/x") as caught:
             open_camera(url, host_us)

@@ -1,4 +1,4 @@
-"""RTSP from a real server, with a password. The pictures say when they were born, on the clock that we share."""
+"""RTSP from a real server, with a password. The pictures carry their capture time on the shared clock."""
 
 import subprocess
 import threading
@@ -14,7 +14,7 @@ from tests.hil.cameras.host_clock import host_us
 from tests.needs import SYSTEM_PYTHON, needs
 
 SERVER = Path(__file__).with_name("rtsp_server.py")
-SPAN = 1 << picture_code.BITS  # hundredths of a second after which births repeat
+SPAN = 1 << picture_code.BITS  # hundredths of a second after which capture times repeat
 
 pytestmark = needs("rtsp")
 
@@ -48,7 +48,7 @@ def since_birth_s(frame) -> float:
 
 
 def test_the_newest_picture_from_the_first_one_on_and_however_long_nobody_asked(server):
-    """A second of video is waiting when FFmpeg has opened the stream: it must not be seen."""
+    """FFmpeg opens the stream with a second of buffered video, which must not appear."""
     camera = open_camera(server.url(), host_us)
     assert since_birth_s(camera.newest()) < 0.4
     threading.Event().wait(3.0)
@@ -69,7 +69,7 @@ def test_a_server_that_goes_away_and_comes_back(server):
     started = time.monotonic()
     with pytest.raises(CameraError, match=r"\d\.\d s") as caught:
         camera.newest()
-    assert 4.0 < time.monotonic() - started < 7.0  # it is waited for, the vehicle holding meanwhile
+    assert 4.0 < time.monotonic() - started < 7.0  # the flight waits for it while the vehicle holds
     assert "hush" not in str(caught.value)
     again = Server(port)
     try:

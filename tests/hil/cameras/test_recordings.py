@@ -1,4 +1,4 @@
-"""Video files and folders of pictures, at the pace at which they were taken; what is no camera at all."""
+"""Video files and folders of pictures at their recorded pace, and sources that are not cameras."""
 
 import threading
 
@@ -49,7 +49,7 @@ def test_a_video_is_shown_at_its_own_pace_and_then_it_is_over(video, form):
     assert picture_code.read(first.image_rgb) == 0
     numbers = [picture_code.read(frame.image_rgb) for frame in seen]
     assert numbers == sorted(set(numbers))
-    assert numbers[-1] >= 15  # a busy computer misses some; it is never behind
+    assert numbers[-1] >= 15  # a busy computer misses some pictures, and is never behind
     seconds = (seen[-1].time_us - first.time_us) / 1e6
     assert seconds == pytest.approx((numbers[-1] - numbers[0]) / RATE_HZ, abs=0.25)
     camera.close()
@@ -85,7 +85,7 @@ def test_a_camera_is_one_drones(tmp_path):
     camera.close()
 
 
-def test_what_is_no_camera_is_said_at_once(tmp_path):
+def test_invalid_cameras_are_reported_at_once(tmp_path):
     words = tmp_path / "words.mp4"
     words.write_text("not a video")
     empty = tmp_path / "empty"
@@ -122,6 +122,6 @@ def test_the_size_of_a_camera_is_width_and_height():
 
 def test_a_picture_of_an_impossible_size_is_no_picture():
     data = bytearray(jpeg(1))
-    header = data.index(b"\xff\xc0")  # of the frame: its height and width are five bytes on
+    header = data.index(b"\xff\xc0")  # start of the frame header; height and width are five bytes on
     data[header + 5 : header + 9] = b"\xff\x00\xff\x00"
     assert decoded(bytes(data)) is None

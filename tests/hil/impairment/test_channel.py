@@ -1,4 +1,4 @@
-"""The pure model of a bad wire: nothing is invented, fates belong to the seed, and a line has its speed."""
+"""The pure model of a bad wire: it invents nothing, fates depend on the seed, and a line has a speed."""
 
 from typing import Any
 
@@ -25,7 +25,7 @@ TRAFFIC = st.lists(st.tuples(st.floats(0.0, 0.2), st.integers(12, 280)), max_siz
 
 
 def carried(wire: Impairment, seed: int, traffic: list[tuple[float, int]]) -> tuple[list[tuple[float, bytes]], Channel]:
-    """Return what arrived when, looked at every 10 ms, and the channel. Unit n is made of the byte n."""
+    """Return (arrivals with times, sampled every 10 ms; the channel). Unit n is made of the byte n."""
     channel, t_s, out = Channel(wire, seed), 0.0, []
     for n, (pause_s, length) in enumerate(traffic):
         t_s += pause_s
@@ -86,7 +86,7 @@ def test_a_full_queue_drops_the_newcomer() -> None:
     for _ in range(4):
         channel.put(0.0, bytes(100))
     assert channel.counts.overflowed == 1
-    channel.put(1.0, bytes(100))  # by now a hundred bytes have gone out
+    channel.put(1.0, bytes(100))  # a hundred bytes have left by now
     assert channel.counts.overflowed == 1
     assert len(list(channel.arrived(4.0))) == 4
 
@@ -126,7 +126,7 @@ def test_noise_changes_bytes_and_keeps_lengths() -> None:
     assert sum(set(unit) != {n} for n, (_, unit) in enumerate(out)) == channel.counts.corrupted
 
 
-def test_what_no_wire_can_be_is_refused() -> None:
+def test_invalid_wires_are_rejected() -> None:
     wrong: list[dict[str, Any]] = [
         {"loss": 1.5},
         {"loss": float("nan")},

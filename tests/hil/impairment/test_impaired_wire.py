@@ -30,14 +30,14 @@ def pings(count: int) -> list[bytes]:
 def hear(end: Transport, count: int, seconds: float = 5.0) -> list[int]:
     """Return the sequence numbers of the pings that arrive, in order, until there are `count`."""
     parser, until = Parser(), time.monotonic() + seconds
-    heard: list[int] = []
-    while len(heard) < count and time.monotonic() < until:
-        heard += [m.seq for m in parser.feed(end.receive(0.05))]
-    return heard
+    numbers: list[int] = []
+    while len(numbers) < count and time.monotonic() < until:
+        numbers += [m.seq for m in parser.feed(end.receive(0.05))]
+    return numbers
 
 
 def udp_wire(up: Impairment, down: Impairment = PERFECT, seed: int = 0) -> tuple[ImpairedWire, Transport, Transport]:
-    """Return a wire with an end of ours on either side."""
+    """Return a wire with our ends on both sides."""
     autopilot = listening.udp()
     listener = listening.udp()
     wire = ImpairedWire(listener, connect(f"udpout://127.0.0.1:{autopilot.port}"), up, down, seed)
@@ -53,7 +53,7 @@ def test_cutting_into_frames_neither_loses_nor_invents_bytes(parts: list[bytes],
         at += size
     out += b"".join(frames.feed(data[at:]))
     assert data.startswith(out)
-    assert len(data) - len(out) < 300  # the beginning of a frame whose end has not come
+    assert len(data) - len(out) < 300  # the beginning of a frame without its end
 
 
 def test_frames_are_cut_where_they_begin_whoever_speaks() -> None:
@@ -80,16 +80,16 @@ def test_a_perfect_wire_changes_nothing() -> None:
 
 
 def test_loss_belongs_to_the_seed() -> None:
-    heard = []
+    received = []
     for seed in (1, 1, 2):
         wire, agent, autopilot = udp_wire(Impairment(loss=0.3), seed=seed)
         with wire:
             for frame in pings(100):
                 agent.send(frame)
-            heard.append(hear(autopilot, 100, seconds=0.5))
-            assert len(heard[-1]) == 100 - wire.up.counts.lost
-    assert heard[0] == heard[1] != heard[2]
-    assert 50 <= len(heard[0]) <= 90
+            received.append(hear(autopilot, 100, seconds=0.5))
+            assert len(received[-1]) == 100 - wire.up.counts.lost
+    assert received[0] == received[1] != received[2]
+    assert 50 <= len(received[0]) <= 90
 
 
 def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
@@ -169,14 +169,14 @@ def test_the_command_counts_and_ends_with_ctrl_c() -> None:
     agent = connect(f"udpout://127.0.0.1:{port}")
     for frame in pings(40):
         agent.send(frame)
-    heard = hear(autopilot, 40, seconds=1.0)
+    received = hear(autopilot, 40, seconds=1.0)
     os.kill(process.pid, signal.SIGINT)
-    told, errors = process.communicate(timeout=20)
+    output, errors = process.communicate(timeout=20)
     assert process.returncode == 0, errors
-    counted = re.search(r"taken 40, arrived (\d+), lost (\d+)", told)
-    assert counted is not None, told
-    assert (int(counted[1]), int(counted[2])) == (len(heard), 40 - len(heard))
-    assert "taken 0, arrived 0" in told
+    counted = re.search(r"taken 40, arrived (\d+), lost (\d+)", output)
+    assert counted is not None, output
+    assert (int(counted[1]), int(counted[2])) == (len(received), 40 - len(received))
+    assert "taken 0, arrived 0" in output
 
 
 def test_wrong_options_are_refused(capsys: pytest.CaptureFixture[str]) -> None:

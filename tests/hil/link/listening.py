@@ -1,10 +1,10 @@
-"""Ends that listen on a port of the system's choice."""
+"""Ends that listen on a port chosen by the system."""
 
 from hil.link.transport import TcpListener, UdpTransport, connect
 
 
 def udp() -> UdpTransport:
-    """Return a UDP end that whoever speaks to its port is answered from."""
+    """Return a UDP end that answers every sender."""
     end = connect("udpin://127.0.0.1:0")
     assert isinstance(end, UdpTransport)
     return end

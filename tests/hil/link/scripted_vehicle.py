@@ -1,4 +1,4 @@
-"""A vehicle of a few lines at the other end of a memory wire: it moves as it is told and says what the test wants."""
+"""A small vehicle at the other end of a memory wire. It obeys orders and sends the messages of the test."""
 
 from foundation.mavlink import MODES, Packer, Parser, dialect
 from foundation.setpoints import Velocity
@@ -9,7 +9,7 @@ STEP_MS = 20
 
 
 class ScriptedVehicle:
-    """Obeys body velocities and places at once, sends 50 Hz telemetry and 1 Hz heartbeats on a clock that we pump."""
+    """Obeys body velocities and places at once. Sends 50 Hz telemetry and 1 Hz heartbeats on a pumped clock."""
 
     def __init__(self, *, autopilot=12):
         self.packer, self.parser = Packer(1, 1), Parser()

@@ -1,4 +1,4 @@
-"""The envelope holds for every vehicle that follows its setpoints with a lag, wherever it is sent."""
+"""The envelope holds for every vehicle that follows its setpoints with a lag, whatever its destination."""
 
 import itertools
 import math
@@ -29,11 +29,11 @@ def fly(target, limits, seconds=60.0, yaw=0.0, at=(0.0, 0.0, -2.5)):
     """Return the path (relative to home) of a point whose velocity follows with a first-order lag."""
     velocity, path = [0.0, 0.0, 0.0], [at]
     for _ in range(round(seconds / STEP_S)):
-        flown = admit(target, state(path[-1], yaw), HOME, limits, 0).setpoint
-        if isinstance(flown, PositionSetpoint):
-            wanted = [p - h - a for p, h, a in zip(flown.position_ned, HOME, path[-1], strict=True)]
+        admitted = admit(target, state(path[-1], yaw), HOME, limits, 0).setpoint
+        if isinstance(admitted, PositionSetpoint):
+            wanted = [p - h - a for p, h, a in zip(admitted.position_ned, HOME, path[-1], strict=True)]
         else:
-            f, r, d = flown.velocity_body
+            f, r, d = admitted.velocity_body
             wanted = [math.cos(yaw) * f - math.sin(yaw) * r, math.sin(yaw) * f + math.cos(yaw) * r, d]
         velocity = [v + (w - v) * STEP_S / LAG_S for v, w in zip(velocity, wanted, strict=True)]
         path.append(tuple(p + v * STEP_S for p, v in zip(path[-1], velocity, strict=True)))
@@ -68,7 +68,7 @@ def test_no_place_leads_outside(north, east, down):
     assert not any(contains(SQUARE, (n, e)) for n, e, _ in path)
 
 
-def test_what_is_inside_passes_untouched():
+def test_setpoints_inside_the_envelope_pass_unchanged():
     for target in (VelocitySetpoint((1.2, 0.0, -0.3), 1.0), PositionSetpoint((11.0, -20.0, -1.5), 0.4)):
         admitted = admit(target, state((0.0, 0.0, -2.5)), HOME, Limits(), 0)
         assert admitted.setpoint is target
@@ -107,8 +107,8 @@ def test_exclusions_on_the_globe_are_placed_from_home():
     limits = Limits(exclusions_geodetic=(((47.0, 8.0), (47.0, 8.001), (47.001, 8.0)),))
     with pytest.raises(LinkError, match="no origin"):
         placed(limits, VehicleState())
-    told = VehicleState(origin=(47.0, 8.0, 400.0), home_ned=(10.0, 0.0, 0.0))
-    corners = placed(limits, told).exclusions[0]
+    vehicle_state = VehicleState(origin=(47.0, 8.0, 400.0), home_ned=(10.0, 0.0, 0.0))
+    corners = placed(limits, vehicle_state).exclusions[0]
     assert corners[0] == pytest.approx((-10.0, 0.0), abs=0.01)
     assert corners[1] == pytest.approx((-10.0, 76.0), abs=0.3)
     assert corners[2] == pytest.approx((101.2, 0.0), abs=0.3)
@@ -151,26 +151,26 @@ def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
 
 
 @pytest.mark.parametrize(
-    ("least", "told", "said"),
+    ("least", "remaining", "expected"),
     [(0.3, None, "battery_min = 0.3"), (0.3, 0.2, None), (None, None, None)],
 )
-def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, told, said):
-    what = unwatched(state((0, 0, -2), battery_remaining=told), Limits(battery_min=least))
-    assert what is None if said is None else (what or "").startswith(said)
+def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, remaining, expected):
+    warning = unwatched(state((0, 0, -2), battery_remaining=remaining), Limits(battery_min=least))
+    assert warning is None if expected is None else (warning or "").startswith(expected)
 
 
 @settings(max_examples=200)
 @given(*[st.floats(-10.0, 14.0)] * 4, st.sampled_from([SQUARE, NOOK]))
 def test_no_place_leads_into_the_margin_of_an_exclusion(at_n, at_e, to_n, to_e, polygon):
-    """A vehicle that is outside the margin stays there, and one within it gets no nearer."""
+    """A vehicle outside the margin stays outside; one within it comes no nearer."""
 
     def room(place):
         corners = zip(polygon, (*polygon[1:], polygon[0]), strict=True)
         return -1.0 if contains(polygon, place) else min(_edge(place, a, b)[1] for a, b in corners)
 
     limits = Limits(exclusions=(polygon,), speed=100.0, climb=100.0)
-    asked = PositionSetpoint((to_n + HOME[0], to_e + HOME[1], -2.5 + HOME[2]), 0.0)
-    got = admit(asked, state((at_n, at_e, -2.5)), HOME, limits, 0)
+    wanted = PositionSetpoint((to_n + HOME[0], to_e + HOME[1], -2.5 + HOME[2]), 0.0)
+    got = admit(wanted, state((at_n, at_e, -2.5)), HOME, limits, 0)
     assume(room((at_n, at_e)) > 0.0)
     assert isinstance(got.setpoint, PositionSetpoint)
     to = got.setpoint.position_ned[0] - HOME[0], got.setpoint.position_ned[1] - HOME[1]

@@ -15,7 +15,7 @@ def test_a_file_says_what_differs(tmp_path):
     assert load(path, SIMULATED) == SIMULATED
 
 
-def test_what_is_wrong_is_named(tmp_path):
+def test_errors_in_an_envelope_are_named(tmp_path):
     for text, words in [
         ("ceiling = 3", ("'ceiling'", "ceiling_m")),
         ("ceiling_m = 'high'", ("ceiling_m", "'high'")),

@@ -1,4 +1,4 @@
-"""What is one family's own stands in its file: a second family is a second file, and the link is the same."""
+"""Details of one autopilot family are in its own file. A second family is a second file; the link is the same."""
 
 import pytest
 
@@ -15,7 +15,7 @@ NUMBERS = {"HOLD": 5, "OFFBOARD": 4}
 
 
 class Guided(Px4):
-    """A family that calls offboard otherwise, numbers its modes otherwise, and takes places in another frame."""
+    """A family with another offboard command, other mode numbers, and another frame for places."""
 
     name = "guided"
     autopilot = COPTER
@@ -33,7 +33,7 @@ class Guided(Px4):
 
 
 class Foreign(ScriptedVehicle):
-    """The scripted vehicle, of that family."""
+    """The scripted vehicle of that family."""
 
     def __init__(self):
         super().__init__(autopilot=COPTER)

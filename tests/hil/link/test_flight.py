@@ -1,4 +1,4 @@
-"""What the link sends to a vehicle that is its own, and when that ends."""
+"""The messages that the link sends to its own vehicle, and the end of that control."""
 
 from typing import Any
 
@@ -23,8 +23,8 @@ def test_a_setpoint_is_streamed_before_the_mode_is_asked_for(vehicle):
     link.connect(10.0)
     link.fly(Hold())
     link.start_offboard()
-    asked = next(i for i, c in enumerate(vehicle.commands) if c[0] == 176)
-    assert vehicle.commands[asked][1:] == (1, 6, 0)
+    mode_index = next(i for i, c in enumerate(vehicle.commands) if c[0] == 176)
+    assert vehicle.commands[mode_index][1:] == (1, 6, 0)
     assert vehicle.setpoints, "PX4 refuses offboard without a setpoint"
 
 
@@ -52,7 +52,7 @@ def test_a_gimbal_between_two_reports_of_the_vehicle_is_of_its_own_time(vehicle)
 
 
 def test_telemetry_that_newer_has_overtaken_is_of_its_own_time(vehicle):
-    """On a wire that mixes messages up: it tells where the vehicle was, and nothing of where it is."""
+    """On a wire that reorders messages, an old one reports an earlier position, not the current one."""
     link = flying(vehicle)
     late_ms, (north, east, down) = vehicle.time_ms + 20, vehicle.position
     position = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
@@ -79,15 +79,15 @@ def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle
     assert sum(c[0] == 176 for c in vehicle.commands) > 1
 
 
-@pytest.mark.parametrize(("result", "asked"), [(1, range(3, 20)), (2, range(1, 2))])
-def test_an_offboard_that_stays_refused_is_said_with_the_autopilot_s_words(vehicle, result, asked):
+@pytest.mark.parametrize(("result", "attempts"), [(1, range(3, 20)), (2, range(1, 2))])
+def test_an_offboard_that_stays_refused_is_said_with_the_autopilot_s_words(vehicle, result, attempts):
     vehicle.refuses[176] = (result, "no valid position")
     link = Link(vehicle.transport())
     link.connect(10.0)
     link.fly(Hold())
     with pytest.raises(LinkError, match=r"OFFBOARD.*no valid position"):
         link.start_offboard()
-    assert sum(c[0] == 176 for c in vehicle.commands) in asked
+    assert sum(c[0] == 176 for c in vehicle.commands) in attempts
 
 
 def test_the_stream_runs_at_twenty_hertz_of_vehicle_time(vehicle):
@@ -112,7 +112,7 @@ def test_a_decision_that_is_over_leaves_no_velocity(vehicle):
     link.connect(10.0)
     link.fly(Velocity(1.2, None), 2.5)
     link.start_offboard()
-    link.wait(6.0)  # nobody decides anything new
+    link.wait(6.0)  # no new decisions come
     assert vehicle.setpoints[-1][1].coordinate_frame == 1
     moving = [t for t, m in vehicle.setpoints if m.coordinate_frame == 8]
     assert (moving[-1] - moving[0]) / 1000 <= 2.75
@@ -120,7 +120,7 @@ def test_a_decision_that_is_over_leaves_no_velocity(vehicle):
 
 def test_after_a_gap_nothing_is_sent_until_the_mode_is_known_again(vehicle):
     link = flying(vehicle)
-    vehicle.time_ms += 4010  # a cable that was out: what happened meanwhile nobody knows
+    vehicle.time_ms += 4010  # the cable was out; events of that time are unknown
     vehicle.silent = {dialect.MAVLINK_MSG_ID_HEARTBEAT}
     sent = len(vehicle.setpoints)
     link.wait(2.0)
@@ -150,7 +150,7 @@ def test_a_refusal_has_the_autopilots_words(vehicle):
         link.order("take-off", 22)
 
 
-def test_what_was_said_long_ago_explains_no_refusal(vehicle):
+def test_old_status_texts_do_not_explain_a_refusal(vehicle):
     link = Link(vehicle.transport())
     link.connect(10.0)
     vehicle.say(dialect.MAVLink_statustext_message(2, b"Old trouble"))
@@ -185,16 +185,16 @@ def test_a_mute_link_moves_nothing_and_tells_what_it_would(vehicle):
 
 
 def test_the_envelope_stops_the_vehicle_before_its_limits(vehicle):
-    heard: list[Any] = []
+    limits_hit: list[Any] = []
     link = Link(vehicle.transport(), limits=Limits(radius_m=10.0, ceiling_m=5.0))
-    link.on_limit = heard.append
+    link.on_limit = limits_hit.append
     link.connect(10.0)
     link.fly(Velocity(1.2, 0.8), 60.0)
     link.start_offboard()
     link.wait(30.0)
     assert 8.0 < vehicle.position[0] <= 10.0
     assert 3.5 < -vehicle.position[2] <= 5.0
-    assert {name for names in heard for name in names} == {"radius", "ceiling"}
+    assert {name for names in limits_hit for name in names} == {"radius", "ceiling"}
 
 
 def test_an_empty_battery_ends_the_flight_once(vehicle):
@@ -222,7 +222,7 @@ def test_limits_stay_where_they_are_when_home_is_moved_in_flight(vehicle):
     vehicle.silent = {dialect.MAVLINK_MSG_ID_HOME_POSITION}
     link.fly(Velocity(1.2, None), 60.0)
     link.start_offboard()
-    for _ in range(30):  # a ground station sets home to wherever the vehicle is
+    for _ in range(30):  # a ground station sets home to the vehicle's position
         here = dialect.MAVLink_home_position_message(0, 0, 0, *vehicle.position, [1, 0, 0, 0], 0, 0, 0)
         vehicle.out += vehicle.packer.pack(here)
         link.wait(1.0)

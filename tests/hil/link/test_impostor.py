@@ -1,4 +1,4 @@
-"""Other programs on the machine speak to the link's port with the vehicle's id: the flight goes on, and it is said."""
+"""Other programs on the machine send to the link's port with the vehicle's id. The flight goes on and reports it."""
 
 import pytest
 
@@ -14,7 +14,7 @@ VEHICLE, STRANGER = "127.0.0.1:14580", "127.0.0.1:40404"
 
 
 class SharedPort(MemoryTransport):
-    """A UDP port to which the vehicle sends, and a stranger before each of its messages when there is one."""
+    """A UDP port to which the vehicle sends, and a stranger before each of its messages if there is one."""
 
     def __init__(self, vehicle):
         def step():
@@ -47,15 +47,15 @@ def port(vehicle):
 
 
 def flying(port):
-    """Return a link that has flown the vehicle ahead for a second, and the lines that it has said since."""
+    """Return a link that has flown the vehicle ahead for a second, and its notices since then."""
     link = Link(port)
-    said: list[str] = []
+    notices: list[str] = []
     link.connect(10.0)
     link.fly(Velocity(1.2, None), 60.0)
     link.start_offboard()
     link.wait(1.0)
-    link.on_notice = said.append
-    return link, said
+    link.on_notice = notices.append
+    return link, notices
 
 
 def attitude(time_ms):
@@ -75,8 +75,8 @@ ATTACKS = {
 
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS.keys())
-def test_who_speaks_from_another_address_neither_ends_nor_moves_a_flight(vehicle, port, attack):
-    link, said = flying(port)
+def test_other_senders_neither_end_nor_move_a_flight(vehicle, port, attack):
+    link, notices = flying(port)
     forger = Packer(1, 1)
     port.stranger = b"".join(map(forger.pack, attack))
     sent = len(vehicle.setpoints)
@@ -86,9 +86,9 @@ def test_who_speaks_from_another_address_neither_ends_nor_moves_a_flight(vehicle
     assert link.state.mode == "OFFBOARD"
     assert link.state.position_ned == pytest.approx(vehicle.position, abs=0.2)
     assert len(vehicle.setpoints) > sent + 90
-    assert said  # and not at each of hundreds of messages
-    assert len(said) < 5
-    assert STRANGER in said[0]
+    assert notices  # and not at each of hundreds of messages
+    assert len(notices) < 5
+    assert STRANGER in notices[0]
     assert port.followed == [VEHICLE]
 
 
@@ -101,17 +101,17 @@ def test_half_a_frame_of_a_stranger_costs_the_vehicle_nothing(vehicle, port):
 
 
 def test_a_camera_of_the_same_system_at_another_address_is_no_impostor(vehicle, port):
-    link, said = flying(port)
-    heard, camera = [], Packer(1, 100)
-    link.listeners.append(lambda message: heard.append(message.get_srcComponent()))
+    link, notices = flying(port)
+    components, camera = [], Packer(1, 100)
+    link.listeners.append(lambda message: components.append(message.get_srcComponent()))
     port.stranger = camera.pack(beat("HOLD", armed=False))
     link.wait(1.0)
-    assert said == []
-    assert 100 in heard
+    assert notices == []
+    assert 100 in components
 
 
 def test_a_vehicle_whose_bridge_comes_back_at_another_port_is_followed_there(vehicle, port):
-    link, said = flying(port)
+    link, notices = flying(port)
     streamed, vehicle.silent = vehicle.silent, {30, 32, 0, 1, 245, 242}
     back_ms = vehicle.time_ms + 4000
 
@@ -123,7 +123,7 @@ def test_a_vehicle_whose_bridge_comes_back_at_another_port_is_followed_there(veh
     link.wait(6.0)
     assert link.taken_by is None
     assert port.followed == [VEHICLE, STRANGER]
-    assert len(said) == 1
+    assert len(notices) == 1
 
 
 def test_one_read_of_a_udp_port_is_of_one_address_and_the_followed_one_alone_is_answered():
@@ -191,7 +191,7 @@ def test_a_vehicle_that_has_rebooted_is_noticed_and_told_to_hold(vehicle, port, 
     link.fly(Velocity(1.2, None), 60.0)
     link.start_offboard()
     link.wait(1.0)
-    vehicle.refuses = {dialect.MAV_CMD_COMPONENT_ARM_DISARM: (2, "")}  # it flies
+    vehicle.refuses = {dialect.MAV_CMD_COMPONENT_ARM_DISARM: (2, "")}  # the vehicle flies
     vehicle.time_ms, vehicle.mode = 100, "OFFBOARD"
     with pytest.raises(LinkError, match="rebooted"):
         link.wait(10.0)

@@ -33,7 +33,7 @@ def test_hold_keeps_the_place_where_it_began():
     assert drifted.yaw == pytest.approx(1.0)
     assert drifted.type_mask == 0x9F8
     assert drifted.coordinate_frame == 1
-    stream.fly(Hold())  # said again, as after every step
+    stream.fly(Hold())  # sent again, as after every step
     again = message(stream, (3.5, 4.5, -2.5))
     assert (again.x, again.y, again.z) == pytest.approx((3.0, 4.0, -2.0))
 
@@ -87,12 +87,12 @@ def test_a_turn_leaves_the_heading_that_it_asked_for_and_not_the_one_that_was_re
     for tick in range(20):  # the vehicle lags behind
         message(stream, (0, 0, -2.0), yaw=3.0 + tick * 0.03, time_us=1_050_000 + tick * 50_000)
     stream.fly(after)
-    said = message(stream, (0, 0, -2.0), yaw=3.9, time_us=2_050_000)
-    asked = 3.0 + math.radians(60)
+    sent = message(stream, (0, 0, -2.0), yaw=3.9, time_us=2_050_000)
+    wanted_yaw = 3.0 + math.radians(60)
     if isinstance(after, Hold):
-        assert said.yaw == pytest.approx(asked - 2 * math.pi)
+        assert sent.yaw == pytest.approx(wanted_yaw - 2 * math.pi)
     else:
-        assert said.yaw_rate == pytest.approx(1.5 * (asked - 3.9))
+        assert sent.yaw_rate == pytest.approx(1.5 * (wanted_yaw - 3.9))
         assert message(stream, (0, 0, -2.0), yaw=0.5, time_us=2_100_000).yaw_rate == pytest.approx(-0.5)
 
 
@@ -110,17 +110,17 @@ def test_braking_turn_stops_where_it_can():
     message(stream, (0, 0, -2.0), velocity=(1.2, 0, 0))
     stream.fly(Turn(1.0))
     turning = message(stream, (3.0, 0, -2.0), velocity=(1.2, 0, 0))
-    assert turning.vx > 0  # coasts on to the place where it comes to rest
+    assert turning.vx > 0  # coasts on to its stopping place
 
 
-def test_what_moves_the_vehicle_ends_with_its_time():
+def test_moving_setpoints_end_with_their_duration():
     stream = OffboardStream()
     stream.fly(Velocity(1.2, None), ends_us=3_500_000)
     assert message(stream, (0, 0, -2.0), time_us=3_500_000).vx == pytest.approx(1.2)
     held = message(stream, (3.0, 0, -2.0), velocity=(1.2, 0, 0), time_us=3_700_000)
     assert held.coordinate_frame == 1
     assert 3.0 < held.x < 4.0
-    assert message(stream, (9.0, 0, -2.0), time_us=9_000_000).x == pytest.approx(held.x)  # and so it stays
+    assert message(stream, (9.0, 0, -2.0), time_us=9_000_000).x == pytest.approx(held.x)  # and the vehicle stays there
 
 
 def test_a_move_goes_along_the_heading_that_is_held_and_not_where_the_nose_still_points():
@@ -131,9 +131,9 @@ def test_a_move_goes_along_the_heading_that_is_held_and_not_where_the_nose_still
     for tick in range(30):
         message(stream, (0, 0, -2.0), yaw=tick * 0.045, time_us=1_050_000 + tick * 50_000)
     stream.fly(Velocity(1.2, None), 5_000_000, 2_500_000)
-    said = message(stream, (0, 0, -2.0), yaw=1.4, time_us=2_550_000)
-    assert math.hypot(said.vx, said.vy) == pytest.approx(1.2)
-    assert 1.4 + math.atan2(said.vy, said.vx) == pytest.approx(math.radians(90), abs=1e-6)
+    sent = message(stream, (0, 0, -2.0), yaw=1.4, time_us=2_550_000)
+    assert math.hypot(sent.vx, sent.vy) == pytest.approx(1.2)
+    assert 1.4 + math.atan2(sent.vy, sent.vx) == pytest.approx(math.radians(90), abs=1e-6)
 
 
 @pytest.mark.parametrize("late_us", [0, 20_000, 60_000, 140_000])
@@ -165,14 +165,14 @@ def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
 @pytest.mark.parametrize("angle_deg", [0.1, -0.1, 2.0, -3.0])
 @pytest.mark.parametrize("first_us", [0, 10_000, 50_000])
 def test_a_turn_of_a_tick_or_less_goes_no_further_than_its_angle(angle_deg, first_us):
-    """A nose that turns at once as ordered, at any time of the first tick after the order."""
+    """A nose that turns at once as ordered, at any time in the first tick after the order."""
     stream, nose = OffboardStream(), 0.3
     stream.fly(Hold())
     message(stream, (0, 0, -2.0), yaw=nose, time_us=950_000)
     stream.fly(Turn(math.copysign(math.radians(60), angle_deg), math.radians(angle_deg)), 1_000_000, 1_000_000)
     for tick in range(5):
-        said = message(stream, (0, 0, -2.0), yaw=nose, time_us=1_000_000 + first_us + tick * TICK_US)
-        nose = said.yaw if said.coordinate_frame == 1 else nose + said.yaw_rate * TICK_US / 1e6
+        sent = message(stream, (0, 0, -2.0), yaw=nose, time_us=1_000_000 + first_us + tick * TICK_US)
+        nose = sent.yaw if sent.coordinate_frame == 1 else nose + sent.yaw_rate * TICK_US / 1e6
         assert abs(math.degrees(nose - 0.3)) <= abs(angle_deg) + 1e-3
     assert math.degrees(nose - 0.3) == pytest.approx(angle_deg, abs=1e-3)
 
@@ -180,8 +180,8 @@ def test_a_turn_of_a_tick_or_less_goes_no_further_than_its_angle(angle_deg, firs
 SEEN = Sight((1.0, 2.0, -2.0), 0.5)
 
 
-def flown(setpoint, yaw, position=(0.0, 0.0, -2.0)):
-    """Return what is sent for a setpoint of this sight by a vehicle that has held another heading since."""
+def first_message(setpoint, yaw, position=(0.0, 0.0, -2.0)):
+    """Return (the stream, its first message) for a setpoint of this sight after the vehicle's heading has changed."""
     stream = OffboardStream()
     stream.fly(Hold())
     message(stream, position, yaw=yaw)
@@ -191,24 +191,24 @@ def flown(setpoint, yaw, position=(0.0, 0.0, -2.0)):
 
 @pytest.mark.parametrize("yaw", [0.5, 0.8, -0.4])
 def test_a_move_goes_along_the_ray_of_its_picture_wherever_the_nose_is_now(yaw):
-    _, said = flown(Velocity(1.2, None, bearing=0.1), yaw, SEEN.position_ned)
-    assert yaw + math.atan2(said.vy, said.vx) == pytest.approx(0.6)
-    assert math.hypot(said.vx, said.vy) == pytest.approx(1.2)
+    _, sent = first_message(Velocity(1.2, None, bearing=0.1), yaw, SEEN.position_ned)
+    assert yaw + math.atan2(sent.vy, sent.vx) == pytest.approx(0.6)
+    assert math.hypot(sent.vx, sent.vy) == pytest.approx(1.2)
 
 
 def test_a_move_comes_back_to_the_line_through_the_place_of_its_picture():
     right = (1.0 - math.sin(0.5) * 0.2, 2.0 + math.cos(0.5) * 0.2, -2.0)
-    _, said = flown(Velocity(1.2, None, bearing=0.0), 0.5, right)
-    assert said.vy == pytest.approx(-0.3)
-    assert math.hypot(said.vx, said.vy) == pytest.approx(1.2)
+    _, sent = first_message(Velocity(1.2, None, bearing=0.0), 0.5, right)
+    assert sent.vy == pytest.approx(-0.3)
+    assert math.hypot(sent.vx, sent.vy) == pytest.approx(1.2)
 
 
 def test_a_turn_ends_at_its_angle_from_the_picture_and_is_made_when_the_nose_is_there_and_still():
-    stream, first = flown(Turn(1.0, 0.4), 0.55)
+    stream, first = first_message(Turn(1.0, 0.4), 0.55)
     assert first.yaw_rate == 1.0
     for tick in range(1, 8):
         assert message(stream, (0, 0, -2.0), yaw=0.6, time_us=1_000_000 + tick * 50_000).yaw_rate == 1.0
-    assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # the heading that is wanted has not come to its end yet
+    assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # the wanted heading has not reached its end yet
     last = message(stream, (0, 0, -2.0), yaw=0.8, time_us=1_450_000)
     assert last.yaw == pytest.approx(0.9)
     assert not stream.steady((0, 0, -2.0), 0.85, 0.0)
@@ -217,7 +217,7 @@ def test_a_turn_ends_at_its_angle_from_the_picture_and_is_made_when_the_nose_is_
 
 
 def test_a_turn_before_a_move_holds_a_place_on_the_line_of_the_move():
-    stream, _ = flown(Turn(1.0, 0.4, onto_line=True), 0.5)
+    stream, _ = first_message(Turn(1.0, 0.4, onto_line=True), 0.5)
     held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_000_000)
     held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_200_000)
     held = message(stream, (0, 0, -2.0), yaw=0.9, time_us=9_400_000)
@@ -225,5 +225,5 @@ def test_a_turn_before_a_move_holds_a_place_on_the_line_of_the_move():
     across = math.cos(0.9) * (held.y - 2.0) - math.sin(0.9) * (held.x - 1.0)
     along = math.cos(0.9) * held.x + math.sin(0.9) * held.y
     assert (across, along) == pytest.approx((0.0, 0.0), abs=1e-6)
-    assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # where it is, it is beside the line
+    assert not stream.steady((0, 0, -2.0), 0.9, 0.0)  # the vehicle's position is beside the line
     assert stream.steady((held.x, held.y, -2.0), 0.9, 0.0)

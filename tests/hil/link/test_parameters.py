@@ -1,4 +1,4 @@
-"""The parameter client, against an autopilot that answers, one that keeps silent, and over a wire that loses."""
+"""The parameter client against an autopilot that answers, a silent one, and a lossy wire."""
 
 import struct
 
@@ -35,7 +35,7 @@ def test_a_name_that_nobody_knows_cannot_be_set(meet):
 
 
 @pytest.mark.parametrize(("name", "value"), [("COM_OBL_RC_ACT", 5), ("COM_FLTMODE1", -1), ("COM_OF_LOSS_T", 0.5)])
-def test_what_is_set_is_held(meet, name, value):
+def test_set_parameters_keep_their_value(meet, name, value):
     autopilot, link = meet()
     assert Parameters(link).set(name, value) == value
     assert autopilot.parameters[name] == value
@@ -61,7 +61,7 @@ def test_a_value_that_the_type_cannot_hold_is_refused_before_it_is_sent(meet, na
     autopilot, link = meet()
     with pytest.raises(UsageError, match=name):
         Parameters(link).set(name, value)
-    assert "PARAM_SET" not in autopilot.heard
+    assert "PARAM_SET" not in autopilot.message_types
 
 
 @pytest.mark.parametrize("name", ["", "A_NAME_OF_MORE_THAN_16", "SÜSS"])

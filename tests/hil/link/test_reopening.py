@@ -1,4 +1,4 @@
-"""A pulled cable comes back."""
+"""The link reopens after a pulled cable."""
 
 import os
 import pty
@@ -12,7 +12,7 @@ from hil.link.transport import Reopening, connect
 
 @pytest.fixture(autouse=True)
 def soon(monkeypatch):
-    """Try again after a tenth of a second, where a user's wire takes half of one."""
+    """Retry after a tenth of a second; a user's wire waits half a second."""
     monkeypatch.setattr("hil.link.transport.RETRY_S", 0.1)
 
 
@@ -54,6 +54,6 @@ def test_a_serial_device_that_is_plugged_in_again_is_used_again(tmp_path):
     wire.close()
 
 
-def test_what_cannot_be_opened_at_first_is_said():
+def test_a_wire_that_does_not_open_at_first_is_reported():
     with pytest.raises(LinkError, match=r"127\.0\.0\.1:1"):
         Reopening(lambda: connect("tcp://127.0.0.1:1"))

@@ -1,4 +1,4 @@
-"""How often setpoints are sent: thinned to a rate on the ticks that there are, and ticks made more frequent."""
+"""Setpoint rate: fewer setpoints than ticks, or more frequent ticks."""
 
 import itertools
 
@@ -28,14 +28,14 @@ def test_without_a_rate_every_tick_sends_and_a_restarted_clock_is_no_reason_to_w
     assert not seldom.due(90_400_000)
     assert seldom.due(1_000_000)  # the vehicle has rebooted
     assert not seldom.due(1_400_000)
-    assert seldom.due(60_000_000)  # after a pause one is due, and not all that were missed
+    assert seldom.due(60_000_000)  # after a pause one setpoint is due, not all that were missed
     assert not seldom.due(60_050_000)
 
 
 def test_quicker_telemetry_is_asked_for_and_then_counted_anew() -> None:
     streams = Streams()
     streams.check(1_000_000)
-    asked = streams.quicken(20_000)
-    assert [(each.message_id, each.interval_us) for each in asked] == [(i, 20_000) for i in FAST]
+    requests = streams.quicken(20_000)
+    assert [(request.message_id, request.interval_us) for request in requests] == [(i, 20_000) for i in FAST]
     assert streams.check(5_000_000) == []
     assert {streams.wanted[i] for i in FAST} == {20_000}

@@ -1,4 +1,4 @@
-"""A link with a key: it signs with MAVLink 2 signing, and believes only what is signed with the same key."""
+"""A link with a key signs with MAVLink 2 signing, and accepts only messages signed with the same key."""
 
 import pytest
 
@@ -13,12 +13,12 @@ from tests.hil.link.test_impostor import ATTACKS
 from vehicles import airframe
 
 KEY, OTHER = bytes(range(1, 33)), bytes(range(2, 34))
-NO_KEY = bytes(32)  # PX4 1.17 signs with it until it is given one, and hears everybody
+NO_KEY = bytes(32)  # PX4 1.17 signs with it until it gets a key, and accepts every sender
 UNIX_S = 1_790_000_000.0
 
 
 class SigningVehicle(ScriptedVehicle):
-    """Signs and checks as pymavlink does, whose signing is not ours."""
+    """Signs and checks with pymavlink, independent of our signing."""
 
     def __init__(self, key=KEY):
         super().__init__()
@@ -59,7 +59,7 @@ def test_a_vehicle_that_signs_is_flown_and_hears_only_signed_messages():
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS.keys())
 @pytest.mark.parametrize("key", [None, OTHER])
-def test_what_is_not_signed_with_the_key_is_not_believed(attack, key):
+def test_messages_not_signed_with_the_key_are_ignored(attack, key):
     vehicle = SigningVehicle()
     link = link_to(vehicle)
     link.connect(10.0)
@@ -108,7 +108,7 @@ def test_one_forged_time_does_not_shut_the_vehicle_out():
 
 
 @pytest.mark.parametrize(
-    ("vehicle", "key", "said"),
+    ("vehicle", "key", "expected"),
     [
         (ScriptedVehicle(), KEY, "does not sign"),
         (SigningVehicle(key=NO_KEY), KEY, "does not sign"),
@@ -116,8 +116,8 @@ def test_one_forged_time_does_not_shut_the_vehicle_out():
     ],
     ids=["no key", "PX4 without a key", "another key"],
 )
-def test_why_nothing_is_believed_is_said_without_the_key(vehicle, key, said):
-    with pytest.raises(LinkError, match=said) as refusal:
+def test_why_nothing_is_believed_is_said_without_the_key(vehicle, key, expected):
+    with pytest.raises(LinkError, match=expected) as refusal:
         link_to(vehicle, key).connect(5.0)
     assert all(str(part) not in str(refusal.value) for part in (KEY, KEY.hex(), OTHER.hex()))
 

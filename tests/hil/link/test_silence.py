@@ -1,4 +1,4 @@
-"""A vehicle that goes quiet, wholly or in what matters, is noticed."""
+"""The link notices a vehicle that stops sending, wholly or in its important messages."""
 
 import threading
 import time
@@ -15,7 +15,7 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 class Peer(threading.Thread):
-    """Sends heartbeats, and positions until told to stop."""
+    """Sends heartbeats while `beating`, and positions while `positions`."""
 
     def __init__(self, url):
         super().__init__(daemon=True)
@@ -66,7 +66,7 @@ def test_heartbeats_without_telemetry_are_noticed(flying):
 
 
 class Stopping(Transport):
-    """A vehicle at the end of a memory wire that may be stopped, and the clock that goes on meanwhile."""
+    """A vehicle at the end of a memory wire that can be stopped, and a clock that goes on meanwhile."""
 
     def __init__(self):
         self.vehicle = ScriptedVehicle()
@@ -90,7 +90,7 @@ class Stopping(Transport):
         self.away_s = 0.0
         return b"" if passed_s else self.wire.receive(timeout_s)
 
-    def flown(self, **options):
+    def flying_link(self, **options):
         link = Link(self, **options)
         link.connect(10.0)
         link.fly(Velocity(1.2, None), 60.0)
@@ -102,7 +102,7 @@ class Stopping(Transport):
 def test_a_vehicle_that_was_stopped_is_told_with_the_time_lost():
     wire = Stopping()
     silences: list[float] = []
-    link = wire.flown()
+    link = wire.flying_link()
     link.on_silence = silences.append
     wire.stopped_s = 3.0
     link.wait(2.0)
@@ -112,7 +112,7 @@ def test_a_vehicle_that_was_stopped_is_told_with_the_time_lost():
 def test_a_pause_of_our_own_is_not_the_vehicles():
     wire = Stopping()
     silences: list[float] = []
-    link = wire.flown()
+    link = wire.flying_link()
     link.on_silence = silences.append
     wire.away_s = 3.0
     link.wait(2.0)
@@ -121,7 +121,7 @@ def test_a_pause_of_our_own_is_not_the_vehicles():
 
 def test_a_vehicle_that_is_gone_is_not_waited_for_again_with_every_order():
     wire = Stopping()
-    link = wire.flown(silence_s=8.0)
+    link = wire.flying_link(silence_s=8.0)
     wire.stopped_s, begun_s = 1e9, wire.wall_s
     with pytest.raises(LinkError, match="silent"):
         link.wait(60.0)
@@ -131,7 +131,7 @@ def test_a_vehicle_that_is_gone_is_not_waited_for_again_with_every_order():
     assert wire.wall_s - begun_s < 12.0
 
 
-def test_nobody_there_is_said_after_the_patience():
+def test_an_absent_vehicle_is_reported_after_the_patience():
     transport = connect("udpin://127.0.0.1:0")
     link = Link(transport)
     with pytest.raises(LinkError, match="heartbeat"):

@@ -12,16 +12,16 @@ def pieces(text, text_id, severity=2):
 
 @given(st.lists(st.text("abcdefgh ", min_size=1, max_size=180).filter(str.strip), min_size=1, max_size=5))
 def test_texts_in_pieces_come_out_whole_and_in_order(texts):
-    said = StatusTexts()
+    status_texts = StatusTexts()
     for number, text in enumerate(texts, 1):
         for piece in pieces(text, number):
-            said.take(piece, 7)
-    said.since(0)
-    assert [one.text for one in said.newest] == [" ".join(text.split()) for text in texts]
+            status_texts.take(piece, 7)
+    status_texts.since(0)
+    assert [entry.text for entry in status_texts.newest] == [" ".join(text.split()) for text in texts]
 
 
 def test_only_warnings_and_worse_since_then():
-    said = StatusTexts()
+    status_texts = StatusTexts()
     for time_us, severity, text in ((1, 2, b"old"), (5, 6, b"chatter"), (5, 4, b"warning\t"), (6, 4, b"warning")):
-        said.take(dialect.MAVLink_statustext_message(severity, text), time_us)
-    assert said.since(5) == "warning"
+        status_texts.take(dialect.MAVLink_statustext_message(severity, text), time_us)
+    assert status_texts.since(5) == "warning"

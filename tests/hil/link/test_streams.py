@@ -1,4 +1,4 @@
-"""What a flight asks to be sent is asked for again until it comes, and made to fit the wire."""
+"""Telemetry requests of a flight are repeated until the messages come, and reduced to fit the wire."""
 
 from foundation.mavlink import MODES, dialect
 from hil.link.link import Link
@@ -10,7 +10,7 @@ ODOMETRY = dialect.MAVLINK_MSG_ID_ODOMETRY
 
 
 def receive(streams, share, begin_us, seconds=3.0, foreign=0):
-    """Let everything that is wanted arrive at `share` of its rate, and say what is asked for afterwards."""
+    """Let all wanted messages arrive at `share` of their rate, and return the following requests."""
     streams.check(begin_us)
     for message_id, interval_us in streams.wanted.items():
         for _ in range(round(share * seconds * 1e6 / interval_us)):
@@ -24,7 +24,7 @@ def test_nothing_is_asked_for_while_all_is_well():
     assert receive(Streams(), 1.0, 1_000_000) == []
 
 
-def test_what_does_not_come_is_asked_for_again():
+def test_missing_messages_are_requested_again():
     streams = Streams()
     streams.check(0)
     for message_id, interval_us in WATCHED.items():
@@ -52,7 +52,7 @@ def test_single_messages_are_asked_for_until_they_have_come():
 
 
 class LateFix(ScriptedVehicle):
-    """Streams all that a link wants. It takes a request for its origin at any time, and has none to send before 5 s."""
+    """Streams everything a link wants. It accepts requests for its origin at any time, and has none before 5 s."""
 
     def step(self):
         super().step()
@@ -62,8 +62,11 @@ class LateFix(ScriptedVehicle):
 
     def command(self, message):
         super().command(message)
-        asked = (message.command, message.param1)
-        if asked == (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN) and self.time_ms > 5000:
+        request = (message.command, message.param1)
+        if (
+            request == (dialect.MAV_CMD_REQUEST_MESSAGE, dialect.MAVLINK_MSG_ID_GPS_GLOBAL_ORIGIN)
+            and self.time_ms > 5000
+        ):
             self.say(dialect.MAVLink_gps_global_origin_message(474000000, 85000000, 488000))
 
 
@@ -86,7 +89,7 @@ def test_a_clock_that_begins_anew_begins_a_new_count():
     assert streams.check(1_000_000) == []
 
 
-def test_what_is_crowded_out_for_good_relieves_the_wire():
+def test_a_crowded_out_message_stops_unwanted_streams():
     streams = Streams()
     for begin_us in (0, 3_000_000):
         streams.check(begin_us)
@@ -96,8 +99,8 @@ def test_what_is_crowded_out_for_good_relieves_the_wire():
                     streams.saw(message_id, 40)
         for _ in range(100):
             streams.saw(ODOMETRY, 240)
-    asked = streams.check(6_000_000)
-    assert {(r.message_id, r.interval_us) for r in asked} == {
+    requests = streams.check(6_000_000)
+    assert {(r.message_id, r.interval_us) for r in requests} == {
         (dialect.MAVLINK_MSG_ID_SYS_STATUS, 500_000),
         (ODOMETRY, -1),
     }
@@ -117,13 +120,13 @@ def test_a_link_that_closes_gives_every_stream_back_to_the_autopilot():
 def test_a_message_that_an_autopilot_does_not_have_slows_nothing_down():
     streams = Streams()
     for begin_us in range(0, 30_000_000, 3_000_000):
-        asked = streams.check(begin_us)
-        assert {r.message_id for r in asked} <= {dialect.MAVLINK_MSG_ID_CURRENT_MODE}
+        requests = streams.check(begin_us)
+        assert {r.message_id for r in requests} <= {dialect.MAVLINK_MSG_ID_CURRENT_MODE}
         for message_id, interval_us in WATCHED.items():
             if message_id != dialect.MAVLINK_MSG_ID_CURRENT_MODE:
                 for _ in range(3_000_000 // interval_us):
                     streams.saw(message_id, 40)
     assert streams.slowed == 0
-    for begin_us in (40_000_000, 43_000_000, 46_000_000):  # and a full wire is still seen
+    for begin_us in (40_000_000, 43_000_000, 46_000_000):  # and a full wire is still detected
         receive(streams, 0.4, begin_us)
     assert streams.slowed > 0

@@ -1,4 +1,4 @@
-"""Who has the vehicle: hand-over, takeover, and what is never sent against a person."""
+"""Control of the vehicle: hand-over, takeover, and messages that are never sent against a person."""
 
 import pytest
 
@@ -23,7 +23,7 @@ def test_nothing_is_sent_after_the_heartbeat_that_shows_another_hand(vehicle, mo
     with pytest.raises(TakeoverError, match=mode):
         link.wait(5.0)
     assert len(vehicle.setpoints) == sent
-    for _ in range(3):  # and it stays that way, whatever is tried
+    for _ in range(3):  # and it stays so, whatever is tried
         with pytest.raises(TakeoverError):
             link.tick()
     link.fly(Velocity(1.0, None), 2.0)
@@ -57,7 +57,7 @@ def test_a_person_arms_takes_off_and_hands_over(vehicle):
     link.on_wait = person
     link.await_handover()
     assert vehicle.mode == "HOLD"
-    assert {c[0] for c in vehicle.commands} <= {511, 512}  # nothing was ordered
+    assert {c[0] for c in vehicle.commands} <= {511, 512}  # no order was sent
 
 
 @pytest.mark.parametrize("mode", ["HOLD", "OFFBOARD"])
@@ -68,7 +68,7 @@ def test_a_hand_over_high_up_holds_high_up(vehicle, mode):
 
     def person():
         if vehicle.landed and vehicle.time_ms > 4000:
-            assert vehicle.setpoints == []  # on the ground there is no Offboard to be armed in
+            assert vehicle.setpoints == []  # no setpoints on the ground: Offboard cannot be armed there
             vehicle.landed = False
             vehicle.say(dialect.MAVLink_extended_sys_state_message(0, 2))
         elif not vehicle.landed and vehicle.position[2] > -8.0:
@@ -100,7 +100,7 @@ def test_nothing_is_sent_after_a_takeover_that_was_read_between_two_ticks(vehicl
     vehicle.say(vehicle.heartbeat())
     link.listen()
     sent = len(vehicle.setpoints)
-    link.fly(Velocity(1.2, None), 2.5)  # the agent's next action, decided before anybody asked
+    link.fly(Velocity(1.2, None), 2.5)  # the agent's next action, decided before the takeover
     with pytest.raises(TakeoverError):
         link.tick()
     assert len(vehicle.setpoints) == sent
@@ -122,7 +122,7 @@ def test_a_takeover_during_the_take_off_is_not_landed_by_us(vehicle):
     link.connect(10.0)
     link.arm()
     vehicle.mode, vehicle.landed = "TAKEOFF", True
-    link.wait(2.0)  # which is no other hand
+    link.wait(2.0)  # TAKEOFF is no takeover
     vehicle.mode = "ALTCTL"
     with pytest.raises(TakeoverError, match="ALTCTL"):
         link.wait_for(lambda state: False, 5.0, "reaching take-off height")
@@ -151,11 +151,11 @@ def test_an_order_whose_answer_is_lost_is_not_repeated_against_a_pilot(vehicle):
 
 def test_a_takeover_between_the_hold_and_the_landing_is_not_landed(vehicle):
     link = flying(vehicle)
-    given: list[str] = []
+    taken_from: list[str] = []
 
     def pilot():
-        if vehicle.mode == "HOLD" and not given:
-            given.append(vehicle.mode)
+        if vehicle.mode == "HOLD" and not taken_from:
+            taken_from.append(vehicle.mode)
             vehicle.mode = "POSCTL"
             vehicle.say(vehicle.heartbeat())
 
@@ -198,7 +198,7 @@ def test_neither_a_failsafes_hold_nor_a_passing_switch_hands_over(vehicle):
 def test_a_landing_that_ends_in_the_mode_before_it_is_no_takeover(vehicle):
     link = flying(vehicle)
     link.set_mode("LAND")
-    vehicle.mode = "OFFBOARD"  # as a PX4 tells, just before it tells that it is disarmed
+    vehicle.mode = "OFFBOARD"  # a PX4 sends it just before it reports that it is disarmed
     vehicle.say(vehicle.heartbeat())
     vehicle.armed = False
     link.wait_for(lambda state: not state.armed, 5.0, "landing")
@@ -232,12 +232,12 @@ def test_a_failsafe_of_a_real_vehicle_ends_the_flight_and_is_not_taken_for_a_per
 
 
 @pytest.mark.parametrize(("before_s", "whose"), [(0.1, "failsafe"), (20.0, "person")])
-def test_what_was_said_long_ago_is_no_reason_of_a_change_of_mode(vehicle, before_s, whose):
+def test_old_status_texts_do_not_explain_a_mode_change(vehicle, before_s, whose):
     link = flying(vehicle)
     vehicle.say(dialect.MAVLink_statustext_message(2, b"Failsafe: offboard signal lost"))
     link.wait(before_s)
     vehicle.mode = "POSCTL"
-    vehicle.say(vehicle.heartbeat())  # which tells of no failsafe yet
+    vehicle.say(vehicle.heartbeat())  # no failsafe is reported yet
     with pytest.raises(TakeoverError, match=whose):
         link.wait(2.0)
 
@@ -248,7 +248,7 @@ def test_a_failsafe_of_a_simulated_vehicle_is_part_of_its_flight(vehicle):
     vehicle.say(vehicle.heartbeat())
     sent = len(vehicle.setpoints)
     link.wait(3.0)
-    assert len(vehicle.setpoints) > sent + 50  # PX4 comes back to a stream that goes on
+    assert len(vehicle.setpoints) > sent + 50  # PX4 returns to a stream that goes on
     vehicle.mode, vehicle.system_status = "OFFBOARD", 4
     link.wait(2.0)
     vehicle.mode, vehicle.armed, vehicle.system_status = "HOLD", False, 3  # and then it crashes for good
@@ -265,7 +265,7 @@ def test_a_person_takes_over_a_simulated_vehicle_too(vehicle):
 
 @pytest.mark.parametrize("simulated", [False, True])
 def test_a_takeover_is_noticed_within_a_second(vehicle, simulated):
-    """With CURRENT_MODE, which a flight asks for at 10 Hz; the next heartbeat says that it was no failsafe."""
+    """With CURRENT_MODE, requested by a flight at 10 Hz; the next heartbeat shows that it was no failsafe."""
     link = flying(vehicle, simulated=simulated)
     vehicle.mode, changed_us = "POSCTL", vehicle.time_ms * 1000
     vehicle.say(dialect.MAVLink_current_mode_message(0, MODES["POSCTL"].custom_mode, MODES["POSCTL"].custom_mode))
@@ -286,7 +286,7 @@ def test_on_a_bad_wire_a_failsafe_of_a_simulated_vehicle_may_go_untold_for_long(
 
 
 class LateHold(ScriptedVehicle):
-    """Acknowledges a hold before it shows it, and shows it when the next order has come, as a PX4 may."""
+    """Acknowledges a hold before it shows it, and shows it with the next order, as a PX4 may."""
 
     def __init__(self):
         super().__init__()

@@ -71,15 +71,15 @@ def test_a_vehicle_that_comes_back_after_minutes_has_its_clock_again():
 
 def test_a_message_is_of_its_own_time_however_late_it_comes():
     clock = VehicleClock()
-    assert clock.of(90) == 0  # nobody has told the time yet
+    assert clock.of(90) == 0  # no time has arrived yet
     for stamp in ((1 << 32) - 50, 30):
         clock.see(stamp, 0.0)
     now_us = ((1 << 32) + 30) * 1000
     assert [clock.of(stamp) for stamp in (30, 10, (1 << 32) - 10)] == [now_us, now_us - 20_000, now_us - 40_000]
-    assert [clock.of(stamp) for stamp in (40, (1 << 32) - 6_000)] == [now_us, now_us]  # a damaged stamp tells nothing
+    assert [clock.of(stamp) for stamp in (40, (1 << 32) - 6_000)] == [now_us, now_us]  # a damaged stamp has no effect
 
 
-def test_what_was_overtaken_is_passed_over():
+def test_overtaken_messages_are_skipped():
     place = dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0)
     angles = dialect.MAVLink_attitude_message(1, 0, 0, 1, 0, 0, 0)
     older = dialect.MAVLink_local_position_ned_message(0, 9, 9, 9, 0, 0, 0)
@@ -89,7 +89,7 @@ def test_what_was_overtaken_is_passed_over():
     assert update(state, older, mode_name, 2000).position_ned == (9.0, 9.0, 9.0)
 
 
-def test_what_is_no_number_has_not_been_told():
+def test_messages_with_nan_or_infinity_are_ignored():
     state = update(VehicleState(), dialect.MAVLink_local_position_ned_message(1, 1, 2, 3, 0, 0, 0), mode_name, 1000)
     nan = float("nan")
     for bad in (

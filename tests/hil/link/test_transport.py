@@ -59,7 +59,7 @@ def test_one_thread_receives_while_another_sends():
     while data := client.receive(0.1):
         sent += len(data)
     assert faults == []
-    assert sent == 20_000  # none was without a peer to go to
+    assert sent == 20_000  # every message had a peer
     server.close()
     client.close()
 
@@ -183,7 +183,7 @@ def test_a_serial_device_that_goes_away_is_noticed():
 
 
 def test_a_network_that_is_down_loses_datagrams_and_raises_nothing():
-    wire = connect("udpout://255.255.255.255:9")  # the kernel refuses to send there, as it does without a network
+    wire = connect("udpout://255.255.255.255:9")  # the kernel refuses to send there, as without a network
     wire.send(b"lost")
     assert wire.receive(0.0) == b""
     wire.close()

@@ -1,4 +1,4 @@
-"""How long a link waits is read from a clock, however many pieces the bytes come in."""
+"""The duration of a link's wait comes from a clock, independent of the number of reads."""
 
 import pytest
 
@@ -10,14 +10,14 @@ from tests.hil.link.scripted_vehicle import ScriptedVehicle
 
 
 class SerialLine(Transport):
-    """A line at 57,600 baud on which a camera speaks and no autopilot: one small piece every 3 ms of its clock."""
+    """A 57,600 baud line with a camera and no autopilot: one small piece every 3 ms of its clock."""
 
     url, PIECE_S = "serial:///dev/test:57600", 0.003
 
     def __init__(self):
         self.now_s = 100.0
         camera = Packer(1, 100)
-        self.said = camera.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3))
+        self.packet = camera.pack(dialect.MAVLink_heartbeat_message(30, 8, 0, 0, 4, 3))
         self.at = 0
 
     def time_s(self):
@@ -25,8 +25,8 @@ class SerialLine(Transport):
 
     def receive(self, timeout_s):
         self.now_s += self.PIECE_S
-        self.at = (self.at + 3) % len(self.said)
-        return self.said[self.at : self.at + 3]
+        self.at = (self.at + 3) % len(self.packet)
+        return self.packet[self.at : self.at + 3]
 
     def send(self, data):
         pass
@@ -46,7 +46,7 @@ def test_small_pieces_do_not_shorten_the_wait_for_a_heartbeat(patience_s):
 
 
 class BootsAnew(ScriptedVehicle):
-    """Has no position, boots anew after two seconds, and then has one."""
+    """Has no position, reboots after two seconds, then has a position."""
 
     def __init__(self):
         super().__init__()

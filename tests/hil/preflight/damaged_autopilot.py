@@ -1,4 +1,4 @@
-"""A PX4 with whatever is wrong with it that a test wants: speaks the protocol, flies nothing."""
+"""A PX4 with configurable faults: it speaks the protocol and flies nothing."""
 
 import struct
 import threading
@@ -19,7 +19,7 @@ PARAMETERS = {
 
 
 class Autopilot(threading.Thread):
-    """Answers on UDP, its clock `PACE` times as fast as the wall's. The constructor's keywords say what is wrong."""
+    """Answers on UDP, its clock `PACE` times as fast as the wall clock. Its faults are the constructor's keywords."""
 
     def __init__(
         self, url, *,
@@ -38,7 +38,7 @@ class Autopilot(threading.Thread):
         self.texts, self.version, self.withholds = texts, version, withholds
         self.parameters = dict(PARAMETERS if parameters is None else parameters)
         self.mode, self.received, self.modes_asked, self.commands = "HOLD", 0, [], []
-        self.heard: list[str] = []  # the type of every message that came through
+        self.message_types: list[str] = []  # the type of every message that came through
         self._transport, self._packer, self._parser = connect(url), Packer(1, 1), Parser()
         self._running, self._ms, self._setpoint_ms = True, 1000, -10_000
 
@@ -93,7 +93,7 @@ class Autopilot(threading.Thread):
 
     def _take(self, message):
         kind = message.get_type()
-        self.heard.append(kind)
+        self.message_types.append(kind)
         if kind in self.deaf_to:
             return
         match kind:

@@ -1,4 +1,4 @@
-"""A vehicle on which something is broken fails in the row of what is broken, and nothing is done to it."""
+"""A vehicle with a fault fails in the row of that fault. The check changes nothing on it."""
 
 import pytest
 
@@ -8,38 +8,38 @@ from hil.preflight.check import check, mend
 from hil.preflight.failsafes import read_failsafe
 from tests.hil.preflight.damaged_autopilot import HEALTHY, PREARM, STICKS
 
-FINE = {"COM_OBL_RC_ACT = 0"}  # what every autopilot of these tests fails in: PX4's own default
+FINE = {"COM_OBL_RC_ACT = 0"}  # every autopilot of these tests fails in these rows: PX4's own default
 
 
 def looked_at(link, folder):
     return check(link, seconds=1.0, folder=folder)
 
 
-def failed(found):
-    return {row.name for row in found.rows if row.passed is False}
+def failed(result):
+    return {row.name for row in result.rows if row.passed is False}
 
 
-def row(found, name):
-    return next(row for row in found.rows if row.name == name)
+def row(result, name):
+    return next(row for row in result.rows if row.name == name)
 
 
 def test_a_whole_one_fails_in_nothing_but_its_default_failsafe(meet, tmp_path):
     autopilot, link = meet()
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE
     assert autopilot.modes_asked[0] == "OFFBOARD"
     assert autopilot.mode == "HOLD"
     assert dialect.MAV_CMD_COMPONENT_ARM_DISARM not in autopilot.commands
-    assert "PARAM_SET" not in autopilot.heard
+    assert "PARAM_SET" not in autopilot.message_types
     assert link.listeners == []
 
 
 @pytest.mark.slow
 def test_no_gps(meet, tmp_path):
     _, link = meet(fix=1, health=HEALTHY & ~0x20 & ~PREARM, refuses=("OFFBOARD",), texts=("Preflight Fail: no GPS",))
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE | {"sensors", "pre-arm check", "estimator", "GPS", "offboard rehearsal"}
-    assert "Preflight Fail: no GPS" in row(found, "pre-arm check").why
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE | {"sensors", "pre-arm check", "estimator", "GPS", "offboard rehearsal"}
+    assert "Preflight Fail: no GPS" in row(result, "pre-arm check").why
 
 
 @pytest.mark.slow
@@ -59,9 +59,9 @@ def test_a_mode_that_is_accepted_but_not_taken(meet, tmp_path):
         autopilot.mode = "HOLD"
 
     autopilot._take = taken
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE | {"offboard rehearsal"}
-    assert "HOLD" in row(found, "offboard rehearsal").why
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE | {"offboard rehearsal"}
+    assert "HOLD" in row(result, "offboard rehearsal").why
 
 
 @pytest.mark.slow
@@ -72,9 +72,9 @@ def test_a_stream_that_does_not_come_through_is_asked_for_as_single_messages(mee
 
 def test_setpoints_that_do_not_arrive(meet, tmp_path):
     autopilot, link = meet(deaf_to=("SET_POSITION_TARGET_LOCAL_NED",))
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE | {"offboard rehearsal"}
-    assert "arm" in row(found, "offboard rehearsal").why
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE | {"offboard rehearsal"}
+    assert "arm" in row(result, "offboard rehearsal").why
     assert autopilot.mode == "HOLD"
 
 
@@ -87,53 +87,53 @@ def test_no_way_back_from_offboard(meet, tmp_path):
 @pytest.mark.slow
 def test_an_armed_vehicle_is_left_alone(meet, tmp_path):
     autopilot, link = meet(armed=True)
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE | {"disarmed", "offboard rehearsal"}
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE | {"disarmed", "offboard rehearsal"}
     assert autopilot.modes_asked == []
-    assert "SET_POSITION_TARGET_LOCAL_NED" not in autopilot.heard
+    assert "SET_POSITION_TARGET_LOCAL_NED" not in autopilot.message_types
     with pytest.raises(UsageError, match="armed"):
-        mend(link, found, found.changes)
-    assert "PARAM_SET" not in autopilot.heard
+        mend(link, result, result.changes)
+    assert "PARAM_SET" not in autopilot.message_types
 
 
 @pytest.mark.slow
 def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, tmp_path):
     _, link = meet(parameters={}, tells_unknown=False)
-    found = looked_at(link, tmp_path)
-    assert failed(found) == {"COM_OBL_RC_ACT", "COM_OF_LOSS_T"}
-    assert found.changes == []
+    result = looked_at(link, tmp_path)
+    assert failed(result) == {"COM_OBL_RC_ACT", "COM_OF_LOSS_T"}
+    assert result.changes == []
 
 
 @pytest.mark.slow
 def test_an_old_firmware_and_one_that_is_not_told(meet, tmp_path):
     _, link = meet(version=1 << 24 | 12 << 16 | 3 << 8 | 255)
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE | {"firmware", "COM_RCL_EXCEPT = 0"}
-    assert "1.12.3" in row(found, "firmware").why
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE | {"firmware", "COM_RCL_EXCEPT = 0"}
+    assert "1.12.3" in row(result, "firmware").why
 
 
 @pytest.mark.slow
 def test_with_sticks_the_pilot_is_asked_for_switches(meet, tmp_path):
     _, link = meet(health=HEALTHY | STICKS)
-    found = looked_at(link, tmp_path)
-    assert failed(found) == FINE | {"COM_RC_OVERRIDE = 1"}
-    assert row(found, "sticks").passed
-    assert {"mode switch", "kill switch"} <= {row.name for row in found.rows}
+    result = looked_at(link, tmp_path)
+    assert failed(result) == FINE | {"COM_RC_OVERRIDE = 1"}
+    assert row(result, "sticks").passed
+    assert {"mode switch", "kill switch"} <= {row.name for row in result.rows}
 
 
 @pytest.mark.slow
-def test_what_is_mended_is_read_back_and_nothing_else_is_touched(meet, tmp_path):
+def test_mended_parameters_are_read_back_and_others_stay_unchanged(meet, tmp_path):
     autopilot, link = meet()
     before = dict(autopilot.parameters)
-    found = looked_at(link, tmp_path)
-    mended = mend(link, found, found.changes)
+    result = looked_at(link, tmp_path)
+    mended = mend(link, result, result.changes)
     assert failed(mended) == set()
     assert mended.changes == []
     assert autopilot.parameters == {**before, "COM_OBL_RC_ACT": 5, "COM_OF_LOSS_T": 0.5}
-    assert autopilot.heard.count("PARAM_SET") == 2
+    assert autopilot.message_types.count("PARAM_SET") == 2
 
 
-def test_what_follows_lost_setpoints_is_read_from_the_vehicle(meet):
+def test_the_action_after_lost_setpoints_is_read_from_the_vehicle(meet):
     autopilot, link = meet()
     assert read_failsafe(link) == "COM_OBL_RC_ACT = 0 (Position), after COM_OF_LOSS_T = 1 s"
     autopilot.parameters.clear()

@@ -1,4 +1,4 @@
-"""The advice on parameters: every value of the small ones, with sticks and without."""
+"""Advice on parameters: all values of the small ones, with sticks and without."""
 
 import itertools
 
@@ -19,7 +19,7 @@ PX4_DEFAULTS = {
 
 
 def judged(name, value, *, sticks=False, version=(1, 15), station=False):
-    """Return (passed, what would be set) of one parameter; None when nothing would."""
+    """Return (passed, proposed value) of one parameter; None for no proposal."""
     finding = RULES[name](Situation({name: value}, sticks, version, station), value)
     assert finding.row.name == f"{name} = {value:g}"
     assert finding.change is None or (finding.change.name, finding.change.old) == (name, value)
@@ -28,10 +28,10 @@ def judged(name, value, *, sticks=False, version=(1, 15), station=False):
 
 def test_a_sane_vehicle_passes_everywhere():
     for sticks in (False, True):
-        found = failsafe_findings(Situation(SANE, sticks, (1, 15), station=True))
-        assert [f.change for f in found if f.change] == []
-        assert [f.row for f in found if f.row.passed is False] == []
-    assert all(f.row.passed for f in found)
+        findings = failsafe_findings(Situation(SANE, sticks, (1, 15), station=True))
+        assert [f.change for f in findings if f.change] == []
+        assert [f.row for f in findings if f.row.passed is False] == []
+    assert all(f.row.passed for f in findings)
 
 
 def test_only_what_keeps_it_in_the_air_or_brings_it_down_softly_may_follow_our_loss():
@@ -79,8 +79,8 @@ def test_a_lost_link_must_not_stop_the_motors_and_whose_choice_it_is_is_left_alo
                 assert new is None, (name, sticks, value)
                 stops = value in (5, 6) or (name == "NAV_RCL_ACT" and sticks and value in (0, 4))
                 assert (passed is False) == stops, (name, sticks, value)
-    assert judged("NAV_DLL_ACT", 0)[0] is None  # nobody could take over: for a person to judge
-    assert judged("NAV_DLL_ACT", 2)[0] is None  # it would wait for a station that nobody hears
+    assert judged("NAV_DLL_ACT", 0)[0] is None  # no takeover is possible: a person has to judge
+    assert judged("NAV_DLL_ACT", 2)[0] is None  # it would wait for a station that never answers
 
 
 def test_a_low_battery_must_have_a_consequence():
@@ -102,7 +102,7 @@ def test_a_lost_place_must_count():
         assert judged("COM_POS_FS_EPH", value) == (passed, None), value
 
 
-def test_what_is_vital_must_be_told():
+def test_vital_parameters_must_be_known():
     rows = {f.row.name: f.row.passed for f in failsafe_findings(Situation(dict.fromkeys(SANE)))}
     assert [name for name, passed in rows.items() if passed is False] == ["COM_OBL_RC_ACT", "COM_OF_LOSS_T"]
 
@@ -112,8 +112,8 @@ def test_a_proposal_leaves_nothing_to_propose():
         values = {**PX4_DEFAULTS, "GF_ACTION": 4, "GF_MAX_HOR_DIST": 0.0, "GF_MAX_VER_DIST": 0.0}
 
         def changes(values, sticks=sticks, points=points):
-            found = failsafe_findings(Situation(values, sticks, (1, 13))) + failsafes.fence_findings(values, points)
-            return [f.change for f in found if f.change]
+            findings = failsafe_findings(Situation(values, sticks, (1, 13))) + failsafes.fence_findings(values, points)
+            return [f.change for f in findings if f.change]
 
         proposed = changes(values)
         assert proposed
@@ -131,21 +131,21 @@ def test_a_pilot_with_sticks_needs_a_switch_to_a_mode_flown_by_hand():
 
 
 def test_the_fence():
-    def found(points=0, **changed):
+    def fence_result(points=0, **changed):
         values = {"GF_ACTION": 2, "GF_MAX_HOR_DIST": 100.0, "GF_MAX_VER_DIST": 100.0, "RTL_RETURN_ALT": 60.0, **changed}
         rows = failsafes.fence_findings(values, points)
         return [f.row.name.split()[0] for f in rows if f.row.passed is False], {
             f.change.name: f.change.new for f in rows if f.change
         }
 
-    assert found() == ([], {})
-    assert found(GF_ACTION=4) == (["GF_ACTION"], {"GF_ACTION": 2})
-    assert found(GF_MAX_HOR_DIST=0.0) == (["GF_MAX_HOR_DIST"], {"GF_MAX_HOR_DIST": 150.0})
-    assert found(GF_MAX_HOR_DIST=0.0, points=5) == ([], {})
-    assert found(RTL_RETURN_ALT=120.0) == (["RTL_RETURN_ALT"], {})
-    assert found(GF_MAX_VER_DIST=0.0) == (["GF_MAX_VER_DIST"], {"GF_MAX_VER_DIST": 120.0})
-    # a ceiling below the height of a return would hold the vehicle in the air: no such thing is proposed
-    assert found(GF_MAX_VER_DIST=0.0, RTL_RETURN_ALT=130.0) == (["GF_MAX_VER_DIST"], {})
+    assert fence_result() == ([], {})
+    assert fence_result(GF_ACTION=4) == (["GF_ACTION"], {"GF_ACTION": 2})
+    assert fence_result(GF_MAX_HOR_DIST=0.0) == (["GF_MAX_HOR_DIST"], {"GF_MAX_HOR_DIST": 150.0})
+    assert fence_result(GF_MAX_HOR_DIST=0.0, points=5) == ([], {})
+    assert fence_result(RTL_RETURN_ALT=120.0) == (["RTL_RETURN_ALT"], {})
+    assert fence_result(GF_MAX_VER_DIST=0.0) == (["GF_MAX_VER_DIST"], {"GF_MAX_VER_DIST": 120.0})
+    # a ceiling below the return height would hold the vehicle in the air, so it is not proposed
+    assert fence_result(GF_MAX_VER_DIST=0.0, RTL_RETURN_ALT=130.0) == (["GF_MAX_VER_DIST"], {})
 
 
 def test_every_rule_is_read_from_the_vehicle():

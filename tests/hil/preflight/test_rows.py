@@ -1,4 +1,4 @@
-"""Rows that are made of what was heard: one message changed at a time."""
+"""Rows from received messages, with one message changed at a time."""
 
 import re
 
@@ -70,7 +70,7 @@ def test_every_estimate_counts():
         assert passed(vehicle.health_rows(observed(estimator(0x37 & ~bit))), "estimator") is False, bit
 
 
-def test_what_makes_an_estimate_doubtful():
+def test_doubtful_estimates_fail():
     for message, ratios, expected in [
         (estimator(0x37 | 1024), {}, False), (estimator(0x37 | 2048), {}, False), (estimator(0x37 | 128), {}, True),
         (estimator(accuracy=5.1), {}, False), (estimator(accuracy=float("nan")), {}, False),
@@ -118,7 +118,7 @@ def test_telemetry_rates():
 
 
 def trips(length_s, drift, count=10):
-    """Return round trips a second apart of a clock that runs `drift` seconds a second faster than ours."""
+    """Return round trips, one a second, of a clock that runs `drift` seconds a second faster than ours."""
     return tuple(
         RoundTrip(
             sent_ns=i * 10**9,
@@ -130,16 +130,16 @@ def trips(length_s, drift, count=10):
 
 
 def test_round_trips():
-    for length_s, asked, expected in [(0.01, 10, True), (0.01, 16, False), (0.6, 10, False), (0.01, 15, True)]:
-        told = observed(round_trips=trips(length_s, 0.0), sync_requests=asked)
-        assert passed(ground_side.wire_rows(told), "round trip") is expected, (length_s, asked)
+    for length_s, sync_requests, expected in [(0.01, 10, True), (0.01, 16, False), (0.6, 10, False), (0.01, 15, True)]:
+        observation = observed(round_trips=trips(length_s, 0.0), sync_requests=sync_requests)
+        assert passed(ground_side.wire_rows(observation), "round trip") is expected, (length_s, sync_requests)
 
 
 def test_a_clock_that_is_not_a_quartz_is_noticed():
     for drift, expected in [(0.0, True), (1e-4, True), (1.0, None), (-0.1, None)]:
-        told = observed(round_trips=trips(0.005, drift), sync_requests=10)
-        assert passed(ground_side.wire_rows(told), "clocks") is expected, drift
-        assert all(trip.offset_ns > 0 for trip in told.round_trips), drift
+        observation = observed(round_trips=trips(0.005, drift), sync_requests=10)
+        assert passed(ground_side.wire_rows(observation), "clocks") is expected, drift
+        assert all(trip.offset_ns > 0 for trip in observation.round_trips), drift
 
 
 def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
@@ -151,8 +151,8 @@ def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
         (CALENDAR_START_US + 60_000_000, True),
     ]:
         message = dialect.MAVLink_system_time_message(calendar, 60_000)
-        told = observed(message, round_trips=trips(0.005, 0.0), sync_requests=10, unix_s=now * 1e-6)
-        assert passed(ground_side.wire_rows(told), "clocks") is expected, calendar
+        observation = observed(message, round_trips=trips(0.005, 0.0), sync_requests=10, unix_s=now * 1e-6)
+        assert passed(ground_side.wire_rows(observation), "clocks") is expected, calendar
 
 
 def test_nothing_heard_is_never_a_pass():
@@ -177,10 +177,10 @@ def test_the_table_has_the_fix_of_what_did_not_pass():
 def test_a_simulators_defaults_fail_as_expected_and_a_real_vehicles_do_not():
     def failed(calendar_us, **values):
         calendar = dialect.MAVLink_system_time_message(calendar_us, 0)
-        found = Check(
+        result = Check(
             observed(calendar), {**dict.fromkeys(PX4_DEFAULTS, 0.0), **values}, 0, Row("rehearsal", True, ""), ()
         )
-        return {row.name.split()[0]: row.why for row in found.rows if row.passed is False and "=" in row.name}
+        return {row.name.split()[0]: row.why for row in result.rows if row.passed is False and "=" in row.name}
 
     for calendar_us, is_expected in ((CALENDAR_START_US + 1, True), (CALENDAR_START_US - 1, False)):
         rows = failed(calendar_us)

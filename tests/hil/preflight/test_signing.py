@@ -1,4 +1,4 @@
-"""Whether a vehicle that has our key insists on it."""
+"""Checks that a vehicle with our key rejects unsigned messages."""
 
 import pytest
 

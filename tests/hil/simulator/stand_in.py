@@ -1,4 +1,4 @@
-"""A client that speaks PX4's end of the simulator interface and nothing else: for what only the wire can show."""
+"""A client with only PX4's end of the simulator interface, for effects that are visible only on the wire."""
 
 import contextlib
 import json
@@ -18,7 +18,7 @@ Answer = Callable[[dialect.MAVLink_message], bytes]
 
 
 class StandIn:
-    """Connects as PX4 does, keeps every message it gets, and answers a HIL_SENSOR with what `answer` returns."""
+    """Connects like PX4, keeps every received message, and answers a HIL_SENSOR with the result of `answer`."""
 
     def __init__(self, port: int, answer: Answer) -> None:
         self.got: list[dialect.MAVLink_message] = []
@@ -33,7 +33,7 @@ class StandIn:
         return [message for message in self.got if message.get_type() == name]
 
     def close(self) -> None:
-        """Go away as a process does that is killed."""
+        """Close the connection like a killed process."""
         with contextlib.suppress(OSError):  # gone already
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(10.0)
@@ -74,7 +74,7 @@ def always(*outputs: float, armed: bool = True) -> Answer:
 
 
 def silent(sensor: dialect.MAVLink_message) -> bytes:
-    """Answer nothing, as a PX4 does that is still booting."""
+    """Answer nothing, like a PX4 that is still booting."""
     return b""
 
 
@@ -93,7 +93,7 @@ class Replay:
 
 
 def recorded(name: str) -> list[dialect.MAVLink_message]:
-    """Return the messages of a recorded stretch of a real PX4's speech."""
+    """Return the messages of a recorded stretch of a real PX4's output."""
     parser = Parser()
     messages = parser.feed((RECORDED / name).read_bytes())
     assert parser.bad == 0

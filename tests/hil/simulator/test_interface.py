@@ -68,7 +68,7 @@ def test_a_group_is_marked_whole_or_not_at_all(imu, mag, baro):
     assert updated == (ACCEL | GYRO) * imu + MAG * mag + BARO * baro
     for group, bits in ((ACCEL, (0, 1, 2)), (GYRO, (3, 4, 5)), (MAG, (6, 7, 8)), (BARO, (9, 11, 12))):
         assert group == sum(1 << bit for bit in bits)  # as PX4's SimulatorMavlink tests them
-    assert read(sensor_message(sensors, 8000, sent_now(sensors))).fields_updated == 0  # nothing is told twice
+    assert read(sensor_message(sensors, 8000, sent_now(sensors))).fields_updated == 0  # nothing is sent twice
 
 
 @given(st.floats(-90, 90), st.floats(-180, 180), st.floats(-400, 9000), vectors, st.floats(0, 2000), st.floats(0, 2000))
@@ -130,7 +130,7 @@ def test_pressure_altitude_of_the_standard_atmosphere():
     assert pressure_altitude(701.08) == pytest.approx(3000.0, abs=1.0)
 
 
-def test_what_a_real_px4_says_when_it_boots():
+def test_a_booting_real_px4_sends_disarmed_lockstep_outputs():
     messages = recorded("px4-boot.bin")
     assert [m.get_type() for m in messages[:2]].count("HEARTBEAT") == 1
     answers = [m for m in messages if m.get_type() == "HIL_ACTUATOR_CONTROLS"]
@@ -139,7 +139,7 @@ def test_what_a_real_px4_says_when_it_boots():
     assert np.diff([m.time_usec for m in answers]).tolist() == [4000] * (len(answers) - 1)
 
 
-def test_what_a_real_px4_does_with_the_rotors_when_it_takes_off():
+def test_a_real_px4_spins_the_rotors_together_at_take_off():
     answers = recorded("px4-takeoff.bin")
     armed = [is_armed(m) for m in answers]
     assert armed == sorted(armed)  # it armed once

@@ -1,4 +1,4 @@
-"""Random flights of one drone and of fleets, as rows of the logs and as a JudgedFlight. Times are sixteenths of a s."""
+"""Random flights of one drone and of fleets, as rows of the logs and as a JudgedFlight. Times are in 1/16 s."""
 
 import math
 from pathlib import Path
@@ -36,7 +36,7 @@ box = st.tuples(*[st.sampled_from([0.0, 100.0, 300.0, 480.0])] * 2, *[st.sampled
 
 
 def away(here: tuple[float, float, float]) -> float:
-    """Return how far a place is from the target, as it is logged."""
+    """Return the distance of a place from the target, rounded as in the logs."""
     return round(math.dist(here, TARGET), 4)
 
 
@@ -70,7 +70,7 @@ def resets(draw: Any, drone: int) -> list[dict[str, Any]]:
 @st.composite
 def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None]:
     """Return (decisions, truth, record)."""
-    drones, commanding, whole = draw(st.integers(1, 3)), draw(st.booleans()), draw(maybe)
+    drones, commanding, is_complete = draw(st.integers(1, 3)), draw(st.booleans()), draw(maybe)
     decisions, truth = [], [BEGIN]
     t = 0.0
     for step in range(draw(st.integers(0, 8))):
@@ -81,19 +81,19 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
             "finish": draw(st.sampled_from(["length", "refusal", "filtered", "eos"])),
         }  # fmt: skip
         for drone in range(drones):
-            told = draw(action)
-            decisions.append({**decision(step, 10 * step + drone, t, None, drone), **costs, "action": told})
-            seen = draw(st.booleans() if whole else st.sampled_from([True, False, None]))
+            drawn_action = draw(action)
+            decisions.append({**decision(step, 10 * step + drone, t, None, drone), **costs, "action": drawn_action})
+            seen = draw(st.booleans() if is_complete else st.sampled_from([True, False, None]))
             here = draw(place)
             row = frame(
-                10 * step + drone, t - (0.5 if whole or draw(maybe) else 0.75), away(here), seen, drone,
+                10 * step + drone, t - (0.5 if is_complete or draw(maybe) else 0.75), away(here), seen, drone,
                 position_ned=here, target_ned=TARGET,
                 bearing_deg=draw(st.sampled_from([0.0, 44.0, 46.0, -45.0, 170.0])),
                 distance_box_m=draw(st.none() | st.integers(0, 9).map(float)),
                 oracle_depth_m=draw(st.sampled_from([2.0, 9.0])) if seen else None,
                 target_frd=draw(st.none() | known_frd), target_box=draw(st.none() | box),
             )  # fmt: skip
-            if whole or draw(maybe):
+            if is_complete or draw(maybe):
                 truth.append(row)
     for drone in range(drones):
         at = 0.0
@@ -108,8 +108,10 @@ def flights(draw: Any) -> tuple[list[dict[str, Any]], list[dict[str, Any]], dict
     return decisions, truth, record
 
 
-def flown(rows: tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None], end: Any) -> JudgedFlight:
-    """Return the episode that these rows are of."""
+def judged_flight(
+    rows: tuple[list[dict[str, Any]], list[dict[str, Any]], dict[str, Any] | None], end: Any
+) -> JudgedFlight:
+    """Return the judged flight made of these rows."""
     decisions, truth, record = rows
-    told = logs(decisions, truth, begin=BEGIN, end=end, record=record)
-    return JudgedFlight(Path("somewhere"), {"id": "e", **(record or {})}, told, 5.0, CAP_S)
+    flight_logs = logs(decisions, truth, begin=BEGIN, end=end, record=record)
+    return JudgedFlight(Path("somewhere"), {"id": "e", **(record or {})}, flight_logs, 5.0, CAP_S)

@@ -1,4 +1,4 @@
-"""Every metric once more, from the rows as they stand in the files, in the plainest way that there is."""
+"""A second implementation of every metric, computed from the rows of the log files in the simplest way."""
 
 import math
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ class Episode:
     decisions: list[Row]
     truth: list[Row]
     record: Row | None
-    flown: JudgedFlight
+    judged: JudgedFlight
     delta_m: float = 5.0
     cap_s: float = 30.0
 
@@ -28,14 +28,14 @@ class Episode:
 
     @property
     def samples(self):
-        """All that was measured until the cap, a frame after it too if it was acted on in time."""
+        """All rows measured until the cap, and later frames that were acted on before the cap."""
         acted = {(d["drone"], d["frame_id"]) for d in self.decisions if d["t_decided"] <= self.cap_s}
         poses = [row for row in self.truth if row["kind"] == "pose" and row["t"] <= self.cap_s]
         return poses + [f for f in self.frames if f["t"] <= self.cap_s or (f["drone"], f["frame_id"]) in acted]
 
     def frame(self, d):
-        found = [f for f in self.frames if f["frame_id"] == d["frame_id"] and f["drone"] == d["drone"]]
-        return found[0] if found and abs(found[0]["t"] - d["t_frame"]) < 1e-3 else None
+        matches = [f for f in self.frames if f["frame_id"] == d["frame_id"] and f["drone"] == d["drone"]]
+        return matches[0] if matches and abs(matches[0]["t"] - d["t_frame"]) < 1e-3 else None
 
     @property
     def counted(self):
@@ -46,8 +46,8 @@ class Episode:
 
     @property
     def claims(self):
-        told = [d for d in self.counted if self.kind(d) == "finished"]
-        return sorted(told, key=lambda d: (d["t_decided"], d["step"], d["drone"]))
+        declarations = [d for d in self.counted if self.kind(d) == "finished"]
+        return sorted(declarations, key=lambda d: (d["t_decided"], d["step"], d["drone"]))
 
     def good(self, d):
         f = self.frame(d)
@@ -65,17 +65,17 @@ class Episode:
     def outcome(self):
         if self.won:
             return "success"
-        if any(self.good(d) is None for d in self.claims) or not self.decisions or not self.samples_told:
+        if any(self.good(d) is None for d in self.claims) or not self.decisions or not self.measured_rows:
             return "error"
         return "failure"
 
     @property
-    def samples_told(self):
+    def measured_rows(self):
         return [r for r in self.truth if r["kind"] not in ("begin", "hit", "clear", "reset")]
 
     @cached_property
     def figures(self):
-        return [Naive(self.flown.logs, drone, self.delta_m, self.cap_s).figures() for drone in self.drones()]
+        return [Naive(self.judged.logs, drone, self.delta_m, self.cap_s).figures() for drone in self.drones()]
 
     def drones(self):
         return sorted({row["drone"] for row in self.samples})
@@ -87,13 +87,13 @@ class Episode:
         return (*d["action"]["point"], d["action"]["depth_m"]) if self.kind(d) == "go" else None
 
     def questions(self, key):
-        """Of each question, once."""
-        told, asked = [], set()
+        """Return the value of a key at each question, once per question."""
+        values, seen_steps = [], set()
         for d in self.decisions:
-            elsewhere = "confirmed_by" in d or d["step"] in asked or d["t_decided"] > self.cap_s
-            told.append(None if elsewhere else d[key])
-            asked.add(d["step"])
-        return told
+            elsewhere = "confirmed_by" in d or d["step"] in seen_steps or d["t_decided"] > self.cap_s
+            values.append(None if elsewhere else d[key])
+            seen_steps.add(d["step"])
+        return values
 
     def every(self, value):
         return [None if d["t_decided"] > self.cap_s else value(d) for d in self.decisions]
@@ -109,10 +109,10 @@ def scored(of):
 
 def within(count):
     def of(e):
-        told = [e.good(d) for d in e.claims][:count]
-        if True in told:
+        verdicts = [e.good(d) for d in e.claims][:count]
+        if True in verdicts:
             return True
-        return None if None in told or e.outcome == "error" else False
+        return None if None in verdicts or e.outcome == "error" else False
 
     return scored(of)
 
@@ -176,17 +176,17 @@ def depth(e, d):
 
 
 def rescaled(e):
-    told: list[bool | None] = []
+    flags: list[bool | None] = []
     for k, d in enumerate(e.decisions):
         own = [p for p in e.decisions[:k] if p["drone"] == d["drone"] and p["action"]][-5:]
         before = [e.gos(p) for p in own if e.gos(p)]
         if not e.gos(d) or not before or d["t_decided"] > e.cap_s:
-            told.append(None)
+            flags.append(None)
             continue
         (x, y, _), (u, v, _) = before[-1], e.gos(d)
         same = abs(1.28 * x - x) <= 0.5 and abs(0.72 * y - y) <= 0.5
-        told.append(None if same else abs(1.28 * x - u) <= 0.5 and abs(0.72 * y - v) <= 0.5)
-    return told
+        flags.append(None if same else abs(1.28 * x - u) <= 0.5 and abs(0.72 * y - v) <= 0.5)
+    return flags
 
 
 def wide(e):
@@ -198,62 +198,62 @@ def numbers(values):
 
 
 def middle(values):
-    told = numbers(values)
-    return float(np.median(told)) if told else None
+    floats = numbers(values)
+    return float(np.median(floats)) if floats else None
 
 
 def average(values):
-    told = numbers(values)
-    return float(np.mean(told)) if told else None
+    floats = numbers(values)
+    return float(np.mean(floats)) if floats else None
 
 
 def share_of(values, at):
-    told = numbers(values)
-    return float(np.quantile(told, at)) if told else None
+    floats = numbers(values)
+    return float(np.quantile(floats, at)) if floats else None
 
 
 def total(values):
-    told = numbers(values)
-    return sum(told) if told else None
+    floats = numbers(values)
+    return sum(floats) if floats else None
 
 
 def outcomes(e):
-    """By drone."""
+    """Return the outcome of each drone, or None if one of them is unknown."""
     if not e.record or e.record["cell"] != "commanding" or not e.drones():
         return None
-    told = dict.fromkeys(e.drones(), "silent")
+    by_drone = dict.fromkeys(e.drones(), "silent")
     unknown = False
-    for k in {d["drone"] for d in e.claims} | set(told):
+    for k in {d["drone"] for d in e.claims} | set(by_drone):
         own = [d for d in e.claims if d["drone"] == k]
         if any(e.good(d) for d in own):
-            told[k] = "found"
+            by_drone[k] = "found"
             continue
         unknown |= any(e.good(d) is None or e.frame(d) is None for d in own)
         foes = [[*c["position_ned"][:2], -0.5] for c in e.record["candidates"]]
         near = [math.dist(e.frame(d)["position_ned"], foe) <= 5.0 for d in own if e.frame(d) for foe in foes]
-        told[k] = "silent" if not own else "beside" if any(near) else "elsewhere"
-    return None if unknown else told
+        by_drone[k] = "silent" if not own else "beside" if any(near) else "elsewhere"
+    return None if unknown else by_drone
 
 
-def how_many(what):
-    return lambda e: None if outcomes(e) is None else sum(v == what for v in outcomes(e).values())
+def count_drones(outcome):
+    return lambda e: None if outcomes(e) is None else sum(v == outcome for v in outcomes(e).values())
 
 
-def of_commanding(name):
-    """Which `tests/judge/test_commanding.py` holds to a second implementation."""
+def commanding_metric(name):
+    """Return a metric of commanding. `tests/judge/test_commanding.py` checks it with a second implementation."""
 
     def of(e):
-        told = e.flown.verdict.commanding
-        return getattr(told, name) if told else None
+        commanding = e.judged.verdict.commanding
+        return getattr(commanding, name) if commanding else None
 
     return of
 
 
 def one_candidate(e):
-    told = e.flown.verdict.commanding
-    if not told or not told.all_go_steps:
+    commanding = e.judged.verdict.commanding
+    if not commanding or not commanding.all_go_steps:
         return None
-    steps = [s for s in told.steps if s.identical_point is not None]
+    steps = [s for s in commanding.steps if s.identical_point is not None]
     return sum(len(set(s.nears)) == 1 and s.nears[0] is not None for s in steps) / len(steps)
 
 
@@ -333,12 +333,12 @@ METRICS = {
     "median_depth_error_abs_m": lambda e: middle(abs(v) for v in numbers(e.every(lambda d: depth(e, d)))),
     "rescaled_share": lambda e: average(rescaled(e)),
     "wide_rotations": lambda e: sum(v is True for v in wide(e)),
-    "drones_found": how_many("found"),
-    "drones_beside": how_many("beside"),
-    "drones_elsewhere": how_many("elsewhere"),
-    "drones_silent": how_many("silent"),
-    "identical_share": of_commanding("identical_share"),
+    "drones_found": count_drones("found"),
+    "drones_beside": count_drones("beside"),
+    "drones_elsewhere": count_drones("elsewhere"),
+    "drones_silent": count_drones("silent"),
+    "identical_share": commanding_metric("identical_share"),
     "one_candidate_share": one_candidate,
-    "candidates_neared": of_commanding("candidates_neared"),
-    "spread_m": of_commanding("spread_m"),
+    "candidates_neared": commanding_metric("candidates_neared"),
+    "spread_m": commanding_metric("spread_m"),
 }

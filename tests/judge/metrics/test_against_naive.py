@@ -13,38 +13,38 @@ from dronecats.judge.metrics.judging import METRICS
 from foundation.run_folder.results import Contacts
 from tests.judge.episode_logs import logs
 from tests.judge.metrics import naive
-from tests.judge.metrics.episodes import CAP_S, flights, flown
+from tests.judge.metrics.episodes import CAP_S, flights, judged_flight
 
 END = {"kind": "end", "t": CAP_S, "reason": "cap", "error": None}
-ROUNDED = 2e-3  # what verdict.json holds is rounded to a thousandth, of each drone
+ROUNDED = 2e-3  # values of verdict.json are rounded to a thousandth, per drone
 
 
-def test_each_has_a_second_implementation():
+def test_every_metric_has_a_second_implementation():
     assert set(naive.METRICS) == set(METRICS)
 
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights())
-def test_every_metric_is_as_its_definition_has_it(rows):
-    episode = flown(rows, END)
+def test_every_metric_matches_its_definition(rows):
+    episode = judged_flight(rows, END)
     plainly = naive.Episode(rows[0], rows[1], rows[2], episode)
     assert episode.verdict.outcome == plainly.outcome
     for name, metric in METRICS.items():
-        told, expected = metric.of(episode), naive.METRICS[name](plainly)
+        computed, expected = metric.of(episode), naive.METRICS[name](plainly)
         if metric.level == "step":
-            assert isinstance(told, list)
-            assert len(told) == len(rows[0]), name
-            assert told == [v if v is None else pytest.approx(v, abs=2e-5) for v in expected], name
+            assert isinstance(computed, list)
+            assert len(computed) == len(rows[0]), name
+            assert computed == [v if v is None else pytest.approx(v, abs=2e-5) for v in expected], name
         else:
-            assert told == (expected if expected is None else pytest.approx(expected, abs=ROUNDED)), name
-        for value in told if isinstance(told, list) else [told]:
+            assert computed == (expected if expected is None else pytest.approx(expected, abs=ROUNDED)), name
+        for value in computed if isinstance(computed, list) else [computed]:
             assert value is None or type(value) is bool or metric.unit != "share", name
 
 
 INCIDENTS = ("hits", "crashes", "hardest_hit_mps", "contact_s", "estimator_resets")
 
 
-def test_where_no_hits_and_no_resets_were_written_none_is_told():
+def test_logs_without_hits_and_resets_have_no_counts_of_them():
     begin = {"kind": "begin", "t": 0.0, "t0_us": 5, "cap_s": CAP_S}
     episode = JudgedFlight(Path("somewhere"), {}, logs(begin=begin, end=END), 5.0, CAP_S)
     assert [METRICS[name].of(episode) for name in INCIDENTS] == [None] * len(INCIDENTS)
@@ -58,7 +58,9 @@ def test_hits_and_resets_never_change_a_verdict(rows):
     crash = {"kind": "hit", "t": 0.1, "drone": 0, "what": "the ground", "closing_speed": None, "crash": True}
     reset = {"kind": "reset", "t": 0.2, "drone": 0, "count": 3, "quantities": ["position"], "yaw_deg": 0.0,
              "position_m": 60.0, "height_m": 0.0, "velocity_mps": 0.0}  # fmt: skip
-    calm, rough = (flown((decisions, told, record), END).verdict for told in (quiet, [*truth, crash, reset]))
+    calm, rough = (
+        judged_flight((decisions, truth_rows, record), END).verdict for truth_rows in (quiet, [*truth, crash, reset])
+    )
     assert isinstance(rough.contacts, Contacts)
     assert rough.contacts.crashes >= 1
     assert calm != rough
@@ -67,8 +69,8 @@ def test_hits_and_resets_never_change_a_verdict(rows):
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 @given(flights(), st.sampled_from([END, {**END, "t": 9.0, "reason": "decided"}, None]))
-def test_the_modes_partition_what_is_scored(rows, end):
-    episode = flown(rows, end)
+def test_the_modes_partition_the_scored_flights(rows, end):
+    episode = judged_flight(rows, end)
     mode = failure_mode(episode)
     assert (mode is not None) == (episode.verdict.outcome in ("success", "failure"))
     assert (mode == "success") == (episode.verdict.outcome == "success")

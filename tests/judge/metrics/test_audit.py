@@ -1,4 +1,4 @@
-"""The paper's audit cases as scripted flights, each with its verdict and what every other rule would make of it."""
+"""The paper's audit cases as scripted flights, each with its verdict under every rule."""
 
 from pathlib import Path
 
@@ -22,14 +22,14 @@ def scripted(declared, entered=False, end=END, cell="approaching", trace=()):
 
 
 def held(seconds, broken_at=None):
-    """Poses within the radius and in view for so long."""
+    """Return poses within the radius and in view for a number of seconds."""
     return [pose(100 + k / 2, 4.0, k / 2 != broken_at) for k in range(int(2 * seconds))] + [
         pose(100 + seconds, 9.0, True)
     ]
 
 
 BURST = [(502.0 + 5 * k, INSIDE) for k in range(7)]
-Case = tuple[JudgedFlight, bool, dict[str, bool | None]]  # flight, success, and what another rule would make of it
+Case = tuple[JudgedFlight, bool, dict[str, bool | None]]  # flight, success, and other results by rule
 CASES: dict[str, Case] = {
     "declares 0.2 s after the cap": (scripted([(300.2, INSIDE)]), False, {"no_cap": True, "proximity": True}),
     "declares on the cap": (scripted([(300.0, INSIDE)]), True, {}),
@@ -50,67 +50,71 @@ CASES: dict[str, Case] = {
 }  # fmt: skip
 
 
-def test_a_case_has_its_verdict_and_that_of_every_rule():
+def test_a_case_has_its_verdict_under_every_rule():
     for name in CASES:
         flight, success, otherwise = CASES[name]
-        told = audit_of(flight)
-        assert told.success is success, name
+        audited = audit_of(flight)
+        assert audited.success is success, name
         dwell = success if flight.cell == "tracking" else None
-        assert told.rules == {**dict.fromkeys(RULES, success), "dwell": dwell, **otherwise}, name
+        assert audited.rules == {**dict.fromkeys(RULES, success), "dwell": dwell, **otherwise}, name
 
 
 def test_the_cases_together():
-    told = audit(audit_of(flight) for flight, *_ in CASES.values())
-    assert (told.episodes, told.scored, told.successes) == (13, 13, 5)
-    assert (told.late_declarations, told.late_episodes) == (8, 2)
-    assert (told.declarations, told.false_declarations) == (9, 4)
-    assert (told.silent_failures, told.silent_entered) == (7, 5)
-    turned = {name: (flip.decided, flip.successes, flip.lost, flip.gained) for name, flip in told.flips.items()}
+    summary = audit(audit_of(flight) for flight, *_ in CASES.values())
+    assert (summary.episodes, summary.scored, summary.successes) == (13, 13, 5)
+    assert (summary.late_declarations, summary.late_episodes) == (8, 2)
+    assert (summary.declarations, summary.false_declarations) == (9, 4)
+    assert (summary.silent_failures, summary.silent_entered) == (7, 5)
+    turned = {name: (flip.decided, flip.successes, flip.lost, flip.gained) for name, flip in summary.flips.items()}
     assert turned == {
         "first": (13, 5, 2, 0), "last": (12, 4, 1, 0), "dwell": (3, 1, 1, 1), "proximity": (13, 5, 0, 6),
         "no_cap": (13, 5, 0, 2),
     }  # fmt: skip
 
 
-def test_what_is_nobodys_score_turns_nothing():
+def test_unscored_flights_flip_no_rule():
     broken = audit_of(scripted([], entered=True, end=None))
     assert set(broken.rules.values()) == {None}
     assert (audit([broken, None]).episodes, audit([broken, None]).scored) == (2, 0)
     assert flips([(None, True), (True, None)]).decided == 0
 
 
-def steps(told):
-    """A flight of (action, distance, in view) per step."""
-    decisions = [decision(k, k, 2.0 + 2.5 * k, action) for k, (action, *_) in enumerate(told)]
-    truth = [frame(k, 1.5 + 2.5 * k, *where) for k, (_, *where) in enumerate(told)]
+def steps(rows):
+    """Return a flight with one row (action, distance, in view) per step."""
+    decisions = [decision(k, k, 2.0 + 2.5 * k, action) for k, (action, *_) in enumerate(rows)]
+    truth = [frame(k, 1.5 + 2.5 * k, *where) for k, (_, *where) in enumerate(rows)]
     return JudgedFlight(Path("somewhere"), {}, logs(decisions, truth))
 
 
-def test_the_three_steps_after_a_think_are_compared_with_steps_that_closed_alike():
+def test_the_three_steps_after_a_think_are_compared_with_steps_that_closed_equally():
     # both the think (step 1) and the go (step 7) closed 1 m; after them 2 m and 1 m a step are closed
     away = [21.0, 20.0, 20.0, 18.0, 16.0, 14.0, 13.0, 12.0, 11.0, 10.0, 9.0, 8.0]
     flight = steps([("think" if k == 1 else "go", m, True) for k, m in enumerate(away)])
-    told = outlooks(flight)
-    assert (told[1].think, told[1].closing_m, told[1].gained_m) == (True, 1.0, 2.0)
-    assert (told[0].closing_m, told[9].gained_m) == (None, None)
-    alike = [each.gained_m for each in told if not each.think and each.closing_m == 1.0 and each.gained_m is not None]
-    assert alike == [1.0, 1.0]  # steps 6 and 7
-    thought = deliberation(told)
+    by_step = outlooks(flight)
+    assert (by_step[1].think, by_step[1].closing_m, by_step[1].gained_m) == (True, 1.0, 2.0)
+    assert (by_step[0].closing_m, by_step[9].gained_m) == (None, None)
+    gains = [
+        outlook.gained_m
+        for outlook in by_step
+        if not outlook.think and outlook.closing_m == 1.0 and outlook.gained_m is not None
+    ]
+    assert gains == [1.0, 1.0]  # steps 6 and 7
+    thought = deliberation(by_step)
     assert (thought.thinks, thought.matched, thought.gain_m_per_step) == (1, 1, 1.0)
     assert deliberation([]).gain_m_per_step is None
 
 
-def test_stalls_are_broken_and_targets_seen_again_or_not():
+def test_broken_stalls_and_regained_targets_are_counted():
     still = [("go", 10.0, True)] * 3
     broken = steps([*still, ("think", 10.0, True), ("go", 10.0, True), ("go", 9.5, True), ("go", 9.0, True),
                     ("go", 9.0, True)])  # fmt: skip
-    assert [each.stalled for each in outlooks(broken)][:4] == [None, None, None, True]
+    assert [outlook.stalled for outlook in outlooks(broken)][:4] == [None, None, None, True]
     assert deliberation(outlooks(broken)).stalls == Followed(think=1, of_thinks=1, other=0, of_others=0)
     less = steps([*still, ("go", 10.0, True), ("go", 10.0, True), ("go", 9.5, True), ("go", 9.0, True),
                   ("go", 9.01, True)])  # fmt: skip
     assert deliberation(outlooks(less)).stalls == Followed(think=0, of_thinks=0, other=0, of_others=1)
     lost = steps([("think", 9.0, False), ("go", 9.0, False), ("go", 9.0, False), ("go", 9.0, True), ("go", 9.0, False)])
-    # the think sees it again at the third frame; so do the two gos after it; of the last nobody knows
+    # the think sees it again at the third frame; so do the two gos after it; the last is unknown
     assert deliberation(outlooks(lost)).losses == Followed(think=1, of_thinks=1, other=2, of_others=2)
     gone = steps([("think", 9.0, False)] + [("go", 9.0, False)] * 3)
     assert deliberation(outlooks(gone)).losses == Followed(think=0, of_thinks=1, other=0, of_others=0)
@@ -126,21 +130,21 @@ FENCED, QUOTED = '```json\n{"action": "finished"}\n```', "{'action': 'finished'}
 def test_mended_declarations_are_lost_under_strict_parsing(reply, mended, changed, success):
     more = {"reply": reply, **({"mended": mended} if mended else {})}
     flight = JudgedFlight(Path("x"), {}, logs([decision(0, 0, 5.0, **more)], [frame(0, 4.5, 4.0)]))
-    told = audit_of(flight).strict
-    assert (told.steps, told.mended, told.changed, told.declarations) == (1, bool(mended), changed, changed)
-    assert told.success is success
+    strict = audit_of(flight).strict
+    assert (strict.steps, strict.mended, strict.changed, strict.declarations) == (1, bool(mended), changed, changed)
+    assert strict.success is success
     assert audit([audit_of(flight)]).strict.lost == changed
 
 
 def test_a_flight_that_ended_at_its_mended_declaration_is_not_lost():
-    """Nobody knows how it would have gone on."""
+    """The rest of such a flight is unknown, so strict parsing gives no result."""
     end = {**END, "reason": "decided", "t": 5.5}
     row = decision(0, 0, 5.0, reply=QUOTED, mended=["single_quotes"])
     strict = audit_of(JudgedFlight(Path("x"), {}, logs([row], [frame(0, 4.5, 4.0)], end=end))).strict
     assert (strict.changed, strict.success) == (1, None)
 
 
-def test_the_verb_tells_it_of_runs(tmp_path, capsys):
+def test_the_command_prints_the_audit_of_runs(tmp_path, capsys):
     write(tmp_path / "run" / "e", [{**decision(0, 0, 5.0), "reply": '{"action": "finished"}'}],
           [BEGIN, frame(0, 4.5, 4.0), END])  # fmt: skip
     (tmp_path / "run" / "run.json").write_text("{}")

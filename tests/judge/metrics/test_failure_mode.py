@@ -1,4 +1,4 @@
-"""The paper's failure modes, each at its threshold; and the pilots that fail on purpose, each in its own."""
+"""The paper's failure modes, each at its threshold."""
 
 import math
 from itertools import product
@@ -16,16 +16,31 @@ FAR_M = 20.0
 
 
 def episode(
-    told=None, ahead=1.0, nearest_m=FAR_M, to_and_fro=0, turned_deg=0.0, way_m=8.0, strides=10, drones=1, **more
+    middle_action=None,
+    ahead=1.0,
+    nearest_m=FAR_M,
+    to_and_fro=0,
+    turned_deg=0.0,
+    way_m=8.0,
+    strides=10,
+    drones=1,
+    **more,
 ):
     """Return a flight of a hundred steps to its cap, of drones that all do the same.
 
-    `ahead`: share of the steps with the target ahead; `to_and_fro`: m flown beside the `way_m` that the drone comes.
+    `middle_action`: of step 50; `ahead`: share of the steps with the target ahead; `to_and_fro`: m flown sideways,
+    beside the `way_m` forwards.
     """
     decisions, truth = [], []
     for drone in range(drones):
         for step in range(100):
-            action = {"action": told} if told and step == 50 else STRIDE if step < strides else {"action": "think"}
+            action = (
+                {"action": middle_action}
+                if middle_action and step == 50
+                else STRIDE
+                if step < strides
+                else {"action": "think"}
+            )
             bearing_deg = 45.0 if step < round(100 * ahead) else -45.1
             number = 1000 * drone + step
             decisions.append({**decision(step, number, 2.0 + 2.5 * step, None, drone), "action": action})
@@ -43,14 +58,14 @@ def episode(
 
 def test_a_flight_is_in_the_first_mode_that_holds():
     flights: list[tuple[str, dict[str, Any]]] = [
-        ("success", {"told": "finished", "nearest_m": 4.0}),
-        ("declared", {"told": "finished"}),
-        ("declared", {"told": "finished", "ahead": 0.0, "way_m": 1.0}),
+        ("success", {"middle_action": "finished", "nearest_m": 4.0}),
+        ("declared", {"middle_action": "finished"}),
+        ("declared", {"middle_action": "finished", "ahead": 0.0, "way_m": 1.0}),
         ("arrived", {"nearest_m": 5.0}),
         ("arrived", {"nearest_m": 4.9, "ahead": 0.0, "way_m": 1.0}),
         ("did not move", {"way_m": 4.9}),
         ("did not move", {"way_m": 4.9, "ahead": 0.0, "turned_deg": 1000.0}),
-        ("never closed", {"way_m": 4.9, "strides": 1}),  # who is told nothing is not stuck
+        ("never closed", {"way_m": 4.9, "strides": 1}),  # a flight without strides is not stuck
         ("never grounded", {"ahead": 0.09}),
         ("never closed", {"ahead": 0.10}),
         ("never grounded", {"ahead": 0.09, "to_and_fro": 90.0, "turned_deg": 800.0}),
@@ -65,38 +80,39 @@ def test_a_flight_is_in_the_first_mode_that_holds():
         assert failure_mode(episode(**flight, drones=drones)) == mode, (flight, drones)
 
 
-def test_what_is_nobodys_score_is_in_none():
+def test_unscored_flights_have_no_mode():
     assert failure_mode(episode(end={**END, "reason": "error", "error": "x"})) is None
     assert failure_mode(episode(end=None)) is None
 
 
-def test_the_papers_bars_have_who_could_not_move_among_the_timed_out():
+def test_the_papers_bars_count_immobile_flights_as_timed_out():
     assert band("did not move") == "timed out"
     assert band("oscillated") == "oscillated"
 
 
-def test_a_fleet_has_grounded_when_one_drone_has():
-    one, other = episode(ahead=0.0), episode(ahead=0.5)
+def test_a_fleet_has_grounded_if_one_drone_has():
+    first, second = episode(ahead=0.0), episode(ahead=0.5)
     both = JudgedFlight(
         Path("x"), {}, logs(
-            [*rows_of(one, 0), *rows_of(other, 1)], [*frames_of(one, 0), *frames_of(other, 1)],
+            [*rows_of(first, 0), *rows_of(second, 1)], [*frames_of(first, 0), *frames_of(second, 1)],
         ),
     )  # fmt: skip
     assert share_ahead(both) == 0.5
 
 
-def rows_of(flown, drone):
+def rows_of(judged, drone):
     return [
-        {**decision(d.step, d.frame_id, d.t_decided, None, drone), "t_frame": d.t_frame} for d in flown.logs.decisions
+        {**decision(d.step, d.frame_id, d.t_decided, None, drone), "t_frame": d.t_frame} for d in judged.logs.decisions
     ]
 
 
-def frames_of(flown, drone):
+def frames_of(judged, drone):
     return [
-        frame(f.frame_id, f.t, f.distance_m, True, drone, bearing_deg=f.bearing_deg) for f in flown.logs.frames.values()
+        frame(f.frame_id, f.t, f.distance_m, True, drone, bearing_deg=f.bearing_deg)
+        for f in judged.logs.frames.values()
     ]
 
 
-def test_a_stride_is_as_long_as_the_controller_flies_it():
+def test_strides_have_the_length_that_the_controller_flies():
     for depth_m, flown_m in [(1.9, 0.0), (2.0, 1.2), (4.9, 1.8), (5.0, 3.0), (40.0, 3.0)]:
         assert stride(depth_m) == pytest.approx(flown_m), depth_m

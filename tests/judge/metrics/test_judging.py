@@ -1,4 +1,4 @@
-"""Many episodes judged at once: the same whoever does it, in their order; and a user's own metric, or why not."""
+"""Judging of many episodes: the same results for any number of processes, in order; and a user's own metrics."""
 
 import json
 import re
@@ -37,26 +37,28 @@ def runs(tmp_path_factory):
     return out
 
 
-def told(episodes):
-    return [(each.folder, as_json(each.judged.verdict), each.mode, dict(each.values)) for each in episodes]
+def summaries(episodes):
+    return [
+        (episode.folder, as_json(episode.judged.verdict), episode.mode, dict(episode.values)) for episode in episodes
+    ]
 
 
-def test_processes_tell_what_one_process_tells_in_the_same_order(runs):
+def test_several_processes_give_the_results_of_one_in_the_same_order(runs):
     folders = sorted(runs.glob("*/e-*"), reverse=True)
-    how = Judging(measured=True)
-    alone = told(judged_episodes(folders, how, processes=1))
+    judging = Judging(measured=True)
+    alone = summaries(judged_episodes(folders, judging, processes=1))
     assert [folder for folder, *_ in alone] == folders
-    assert told(judged_episodes(folders, how, processes=2)) == alone
+    assert summaries(judged_episodes(folders, judging, processes=2)) == alone
     for folder, verdict, _, values in alone:
         assert verdict == as_json(judge_folder(folder, 5.0, reread).verdict)
         assert list(values) == list(METRICS)
 
 
-def test_several_runs_a_cap_and_what_differs(runs, tmp_path, capsys):
+def test_several_runs_a_cap_and_differences(runs, tmp_path, capsys):
     assert main(["judge", str(runs), "--json"]) == 0
     episodes = json.loads(capsys.readouterr().out)["episodes"]
     assert list(episodes) == ["one/e-0", "one/e-1", "one/e-2", "one/e-3", "two/e-4", "two/e-5"]
-    assert all(each["stored_agrees"] and set(each["metrics"]) == set(METRICS) for each in episodes.values())
+    assert all(episode["stored_agrees"] and set(episode["metrics"]) == set(METRICS) for episode in episodes.values())
     assert main(["judge", str(runs / "one"), str(runs / "two" / "e-4"), "--cap", "100"]) == 0
     assert re.findall(r"\d+", capsys.readouterr().out.splitlines()[-1]) == ["5", "0"]
     write_episode(tmp_path / "r" / "e-1", 1)
@@ -70,10 +72,10 @@ def test_a_damaged_episode_spoils_no_other(runs, tmp_path):
     write_episode(tmp_path / "r" / "e-1", 1)
     write_episode(tmp_path / "r" / "e-2", 2)
     (tmp_path / "r" / "e-1" / "truth.jsonl").write_text("[]\n{}\n")
-    damaged, whole = judged_episodes([tmp_path / "r" / "e-1", tmp_path / "r" / "e-2"], Judging(measured=True))
+    damaged, intact = judged_episodes([tmp_path / "r" / "e-1", tmp_path / "r" / "e-2"], Judging(measured=True))
     assert "line 1" in (damaged.judged.verdict.error or "")
     assert (damaged.mode, damaged.values) == (None, {})
-    assert whole.judged.verdict.outcome == "failure"
+    assert intact.judged.verdict.outcome == "failure"
 
 
 def test_an_own_metric_is_measured(runs, tmp_path, capsys):
@@ -85,8 +87,8 @@ def test_an_own_metric_is_measured(runs, tmp_path, capsys):
     assert f"{values['last_yaw_deg']:g}" in capsys.readouterr().out
 
 
-def test_an_own_metric_that_is_none_is_refused_in_a_sentence(runs, tmp_path, capsys):
-    refused = [
+def test_invalid_own_metrics_are_rejected(runs, tmp_path, capsys):
+    cases = [
         (("METRICS", "MEASURES"), "METRICS"),
         (("import Metric", "import Metrik"), "ImportError"),
         (("def last_yaw", "def"), "SyntaxError"),
@@ -101,7 +103,7 @@ def test_an_own_metric_that_is_none_is_refused_in_a_sentence(runs, tmp_path, cap
         (("of=last_yaw", "of=3"), "`of`"),
         (("METRICS = (", "METRICS = 2 * ("), "two metrics"),
     ]  # fmt: skip
-    for number, (change, word) in enumerate(refused):
+    for number, (change, word) in enumerate(cases):
         assert change[0] in OWN, change
         file = tmp_path / f"own_{number}.py"
         file.write_text(OWN.replace(*change))
@@ -109,11 +111,11 @@ def test_an_own_metric_that_is_none_is_refused_in_a_sentence(runs, tmp_path, cap
         assert word in capsys.readouterr().err, change
 
 
-def test_no_file_no_cap_and_no_radius_are_refused(tmp_path):
-    for how, word in (
+def test_invalid_files_caps_and_radii_are_rejected(tmp_path):
+    for judging, word in (
         (Judging(own=(tmp_path / "none.py",)), "none.py"),
         (Judging(cap_s=0.0), "--cap"),
         (Judging(cap_s=float("nan")), "--cap"),
         (Judging(delta_m=-1.0), "--delta"),
     ):
-        assert word in refusal(next, judged_episodes([], how)), how
+        assert word in refusal(next, judged_episodes([], judging)), judging

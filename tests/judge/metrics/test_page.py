@@ -1,4 +1,4 @@
-"""The page of the metrics says what the registry says, and its example is a metric."""
+"""docs/metrics.md agrees with the registry, and its example is a valid metric."""
 
 import re
 from pathlib import Path
@@ -30,7 +30,7 @@ def test_the_example_is_a_metric(tmp_path):
     assert [metric.name for metric in own_metrics(tmp_path / "own.py")] == ["height_m"]
 
 
-def test_each_says_what_it_is():
+def test_every_metric_has_a_name_a_title_a_unit_and_a_definition():
     for metric in METRICS.values():
         assert metric.name.isidentifier(), metric.name
         assert metric.title, metric.name

@@ -1,4 +1,4 @@
-"""The mixed logit against statsmodels, against brute quadrature, and against data whose truth is known."""
+"""The mixed logit against statsmodels, against brute quadrature, and against simulated data."""
 
 import numpy as np
 import pytest
@@ -26,81 +26,81 @@ def simulated(seed, half=1.2, slope=-1.5, scatter=1.5, groups=40, flights=2):
     return Trials(rng.binomial(flights, special.expit(odds)).astype(float), trials)
 
 
-def rows(told):
+def rows(trials):
     """Return (outcomes, levels, groups) of every single trial."""
-    found = [(y, LEVELS[j], g) for (g, j), n in np.ndenumerate(told.trials.astype(int))
-             for y in [1] * int(told.successes[g, j]) + [0] * (n - int(told.successes[g, j]))]  # fmt: skip
-    return (np.array(column) for column in zip(*found, strict=True))
+    triples = [(y, LEVELS[j], g) for (g, j), n in np.ndenumerate(trials.trials.astype(int))
+             for y in [1] * int(trials.successes[g, j]) + [0] * (n - int(trials.successes[g, j]))]  # fmt: skip
+    return (np.array(column) for column in zip(*triples, strict=True))
 
 
 def test_the_likelihood_is_that_of_brute_quadrature():
-    told = simulated(1, groups=5)
+    trials = simulated(1, groups=5)
 
     def group(z, k):
         odds = 1.1 - 0.9 * LEVELS + 2.0 * z
-        each = told.successes[k] * odds - told.trials[k] * np.logaddexp(0, odds)
-        return np.exp(each.sum()) * stats.norm.pdf(z)
+        terms = trials.successes[k] * odds - trials.trials[k] * np.logaddexp(0, odds)
+        return np.exp(terms.sum()) * stats.norm.pdf(z)
 
     brute = sum(np.log(integrate.quad(group, -9, 9, args=(k,), epsabs=1e-14, limit=400)[0]) for k in range(5))
-    assert log_likelihood(DESIGN, told, np.array([1.1, -0.9]), 2.0) == pytest.approx(brute, abs=1e-7)
+    assert log_likelihood(DESIGN, trials, np.array([1.1, -0.9]), 2.0) == pytest.approx(brute, abs=1e-7)
 
 
 def test_without_scatter_it_is_statsmodels_logit():
     import statsmodels.api as sm
 
-    told = simulated(2, scatter=0.0, groups=30, flights=4)
-    made = fit(DESIGN, told)
-    outcomes, levels, _ = rows(told)
+    trials = simulated(2, scatter=0.0, groups=30, flights=4)
+    made = fit(DESIGN, trials)
+    outcomes, levels, _ = rows(trials)
     theirs = sm.Logit(outcomes, sm.add_constant(levels)).fit(disp=0)
-    assert log_likelihood(DESIGN, told, theirs.params, 0.0) == pytest.approx(theirs.llf)
+    assert log_likelihood(DESIGN, trials, theirs.params, 0.0) == pytest.approx(theirs.llf)
     assert made.log_likelihood >= theirs.llf - 1e-6  # it may have a scatter besides
     if made.scatter < 1e-3:
         assert made.coefficients == pytest.approx(theirs.params, rel=1e-3)
 
 
 def test_the_slope_is_near_that_of_a_conditional_logit():
-    """Which does without any assumption about the groups, and so has the same slope of enough of them."""
+    """The conditional logit assumes nothing about the groups, so with enough groups both slopes agree."""
     from statsmodels.discrete.conditional_models import ConditionalLogit
 
-    told = simulated(3, groups=400)
-    outcomes, levels, groups = rows(told)
+    trials = simulated(3, groups=400)
+    outcomes, levels, groups = rows(trials)
     theirs = ConditionalLogit(outcomes, levels[:, None], groups=groups).fit(disp=0)
-    assert fit(DESIGN, told).coefficients[1] == pytest.approx(theirs.params[0], rel=0.05)
+    assert fit(DESIGN, trials).coefficients[1] == pytest.approx(theirs.params[0], rel=0.05)
 
 
 def test_it_is_near_statsmodels_bayesian_fit_with_wide_priors():
     import statsmodels.api as sm
     from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
 
-    told = simulated(4, groups=150, flights=4)
-    outcomes, levels, groups = rows(told)
+    trials = simulated(4, groups=150, flights=4)
+    outcomes, levels, groups = rows(trials)
     design = sm.add_constant(levels)
     one_hot = (groups[:, None] == np.arange(150)).astype(float)
     model = BinomialBayesMixedGLM(outcomes, design, one_hot, np.zeros(150, int), vcp_p=2.0, fe_p=20.0)
-    theirs, made = model.fit_vb(), fit(DESIGN, told)
+    theirs, made = model.fit_vb(), fit(DESIGN, trials)
     assert made.coefficients == pytest.approx(theirs.fe_mean, abs=0.25)
     assert made.scatter == pytest.approx(float(np.exp(theirs.vcp_mean[0])), rel=0.15)
 
 
-def test_what_was_put_in_comes_out_and_the_covariance_tells_how_well():
+def test_the_simulated_values_are_recovered_within_the_covariance():
     made = [fit(DESIGN, simulated(seed, groups=60)) for seed in range(60)]
-    told = np.array([[*each.coefficients, each.scatter] for each in made])
-    assert told.mean(axis=0) == pytest.approx([1.8, -1.5, 1.5], abs=0.1)
+    estimates = np.array([[*model.coefficients, model.scatter] for model in made])
+    assert estimates.mean(axis=0) == pytest.approx([1.8, -1.5, 1.5], abs=0.1)
     spread = covariance(DESIGN, simulated(0, groups=60), made[0])
     assert spread is not None
-    assert np.sqrt(np.diag(spread)) == pytest.approx(told.std(axis=0), rel=0.35)
+    assert np.sqrt(np.diag(spread)) == pytest.approx(estimates.std(axis=0), rel=0.35)
 
 
 def test_a_scatter_at_its_least_is_no_parameter_and_the_rest_have_statsmodels_covariance():
-    """Groups that are all alike: the scatter is 0, and nothing is told of how far it may be from there."""
+    """With equal groups the scatter is 0, and its covariance is 0 too."""
     import statsmodels.api as sm
 
-    told = Trials(np.tile([9.0, 7, 6, 5, 3, 1], (12, 1)), np.full((12, 6), 10.0))
-    made = fit(DESIGN, told)
+    trials = Trials(np.tile([9.0, 7, 6, 5, 3, 1], (12, 1)), np.full((12, 6), 10.0))
+    made = fit(DESIGN, trials)
     assert made.scatter == pytest.approx(0.0, abs=1e-3)
-    spread = covariance(DESIGN, told, made)
+    spread = covariance(DESIGN, trials, made)
     assert spread is not None
-    outcomes, levels, _ = rows(told)
+    outcomes, levels, _ = rows(trials)
     theirs = sm.Logit(outcomes, sm.add_constant(levels)).fit(disp=0).cov_params()
     assert spread[:2, :2] == pytest.approx(theirs, rel=1e-2)
     assert not spread[2].any()
@@ -109,70 +109,70 @@ def test_a_scatter_at_its_least_is_no_parameter_and_the_rest_have_statsmodels_co
 
 @pytest.mark.parametrize("seed", range(3))
 def test_neither_order_nor_names_nor_units_matter(seed):
-    told, made = simulated(seed), fit(DESIGN, simulated(seed))
+    trials, made = simulated(seed), fit(DESIGN, simulated(seed))
     order, columns = np.random.default_rng(seed).permutation(40), [3, 1, 5, 0, 2, 4]
-    mixed = Trials(told.successes[order][:, columns], told.trials[order][:, columns])
+    mixed = Trials(trials.successes[order][:, columns], trials.trials[order][:, columns])
     again = fit(DESIGN[columns], mixed)
     assert again.coefficients == pytest.approx(made.coefficients, rel=1e-3)
-    in_ms = fit(DESIGN * [1.0, 1000.0], told)
+    in_ms = fit(DESIGN * [1.0, 1000.0], trials)
     assert in_ms.coefficients == pytest.approx(made.coefficients / [1.0, 1000.0], rel=1e-3)
-    swapped = fit(DESIGN, Trials(told.trials - told.successes, told.trials))  # failures counted: all signs turn round
+    swapped = fit(DESIGN, Trials(trials.trials - trials.successes, trials.trials))  # failures counted: all signs change
     assert swapped.coefficients == pytest.approx(-made.coefficients, rel=1e-3, abs=1e-3)
 
 
-def test_a_group_that_was_not_tried_tells_nothing():
-    told = simulated(5)
-    more = Trials(np.pad(told.successes, ((0, 3), (0, 0))), np.pad(told.trials, ((0, 3), (0, 0))))
-    assert fit(DESIGN, more).log_likelihood == pytest.approx(fit(DESIGN, told).log_likelihood)
+def test_a_group_without_trials_changes_nothing():
+    trials = simulated(5)
+    more = Trials(np.pad(trials.successes, ((0, 3), (0, 0))), np.pad(trials.trials, ((0, 3), (0, 0))))
+    assert fit(DESIGN, more).log_likelihood == pytest.approx(fit(DESIGN, trials).log_likelihood)
 
 
-def test_an_offset_is_a_coefficient_that_is_known():
-    told = simulated(6)
-    made = fit(DESIGN, told)
-    held = fit(DESIGN[:, :1], told, offset=made.coefficients[1] * LEVELS)
+def test_an_offset_is_a_fixed_coefficient():
+    trials = simulated(6)
+    made = fit(DESIGN, trials)
+    held = fit(DESIGN[:, :1], trials, offset=made.coefficients[1] * LEVELS)
     assert held.log_likelihood == pytest.approx(made.log_likelihood, abs=1e-5)
 
 
-def test_what_a_line_parts_without_a_mistake_is_said_to_be_so():
-    told = Trials(np.tile([2.0, 2, 2, 0, 0, 0], (10, 1)), np.full((10, 6), 2.0))
-    made = fit(DESIGN, told)
-    assert covariance(DESIGN, told, made) is None
+def test_perfectly_separated_data_have_no_covariance():
+    trials = Trials(np.tile([2.0, 2, 2, 0, 0, 0], (10, 1)), np.full((10, 6), 2.0))
+    made = fit(DESIGN, trials)
+    assert covariance(DESIGN, trials, made) is None
     assert made.log_likelihood == pytest.approx(0.0, abs=0.01)
 
 
 def test_a_scatter_beyond_the_widest_is_at_its_bound_and_has_no_covariance():
-    told = simulated(1, scatter=20.0, slope=-10.0, groups=200, flights=1)
-    made = fit(DESIGN, told)
+    trials = simulated(1, scatter=20.0, slope=-10.0, groups=200, flights=1)
+    made = fit(DESIGN, trials)
     assert made.scatter == pytest.approx(WIDEST, abs=0.01)
-    assert at_widest(DESIGN, told, made)
-    assert covariance(DESIGN, told, made) is None
+    assert at_widest(DESIGN, trials, made)
+    assert covariance(DESIGN, trials, made) is None
 
 
-def test_a_scatter_without_an_end_is_at_its_bound_wherever_the_search_stops():
-    """Each group turns once and for all: beyond some scatter all are as likely."""
+def test_an_unbounded_scatter_is_at_its_bound_wherever_the_search_stops():
+    """Each group turns once: beyond some scatter all values are equally likely."""
     won = np.array([[1.0] * k + [0.0] * (6 - k) for k in [3] * 5 + [4] * 8 + [5] * 6 + [6]])
-    told = Trials(won, np.ones_like(won))
+    trials = Trials(won, np.ones_like(won))
     for begin in (8.0, 10.0, 11.5):
-        made = fit(DESIGN, told, begin=MixedLogit(np.array([15.0, -10.0]), begin, 0.0))
-        assert at_widest(DESIGN, told, made)
+        made = fit(DESIGN, trials, begin=MixedLogit(np.array([15.0, -10.0]), begin, 0.0))
+        assert at_widest(DESIGN, trials, made)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_large_scatter_that_is_told_is_not_at_its_widest(seed):
-    told = simulated(seed, scatter=7.0, groups=100, flights=20, slope=-4.0)
-    made = fit(DESIGN, told)
+def test_a_large_scatter_is_not_at_its_bound(seed):
+    trials = simulated(seed, scatter=7.0, groups=100, flights=20, slope=-4.0)
+    made = fit(DESIGN, trials)
     assert made.scatter > WIDEST / 2.1
-    assert not at_widest(DESIGN, told, made)
-    assert covariance(DESIGN, told, made) is not None
+    assert not at_widest(DESIGN, trials, made)
+    assert covariance(DESIGN, trials, made) is not None
 
 
-def test_a_share_over_all_groups_is_a_half_where_the_middle_one_is():
+def test_a_share_over_all_groups_is_a_half_if_that_of_the_middle_one_is():
     for scatter in (0.0, 1.0, 8.0):
         assert share(np.array([0.0]), scatter) == pytest.approx([0.5])
     assert share(np.array([2.0]), 3.0)[0] < special.expit(2.0)
 
 
-def test_counts_that_are_none_are_refused():
+def test_invalid_counts_are_rejected():
     with pytest.raises(ValueError, match="successes"):
         Trials(np.ones((1, 1)), np.zeros((1, 1)))
     with pytest.raises(ValueError, match="column"):

@@ -21,19 +21,24 @@ def test_mcnemar_is_statsmodels_own(b, c):
 def test_pairs_are_counted_by_episode():
     first = [[True], [True], [False], [True]]
     second = [[False], [True], [True], [False]]
-    told = paired(first, second)
-    assert (told.episodes, told.only_first, told.only_second, told.difference) == (4, 2, 1, 0.25)
-    assert told.p == mcnemar(2, 1) == 1.0
+    comparison = paired(first, second)
+    assert (comparison.episodes, comparison.only_first, comparison.only_second, comparison.difference) == (
+        4,
+        2,
+        1,
+        0.25,
+    )
+    assert comparison.p == mcnemar(2, 1) == 1.0
 
 
 def test_flights_of_one_episode_are_no_evidence_of_their_own():
-    """Three flights each: the episode goes to whoever solved it more often, and an even one to nobody."""
+    """An episode counts for the side that solved it in more of three flights, and a tie for neither."""
     first = [[True, True, False], [True, True, True], [False, True, False]]
     second = [[False, True, False], [True, True, True], [True, True, False]]
-    told = paired(first, second)
-    assert (told.episodes, told.only_first, told.only_second) == (3, 1, 1)
-    assert told.difference == pytest.approx(0.0)
-    assert paired([[True] * 50] * 3, [[False] * 50] * 3).p == 0.25  # of three episodes, however often flown
+    comparison = paired(first, second)
+    assert (comparison.episodes, comparison.only_first, comparison.only_second) == (3, 1, 1)
+    assert comparison.difference == pytest.approx(0.0)
+    assert paired([[True] * 50] * 3, [[False] * 50] * 3).p == 0.25  # from three episodes, for any number of flights
 
 
 def test_different_or_unflown_episodes_are_refused():
@@ -44,12 +49,12 @@ def test_different_or_unflown_episodes_are_refused():
 
 
 @pytest.mark.parametrize(("episodes", "difference", "discordant"), [(20, 0.4, 0.4), (80, 0.2, 0.3), (100, 0.05, 0.5)])
-def test_the_power_is_what_a_simulation_finds(episodes, difference, discordant):
-    rng, flown = np.random.default_rng(11), 4000
+def test_the_power_agrees_with_a_simulation(episodes, difference, discordant):
+    rng, simulations = np.random.default_rng(11), 4000
     b_share, c_share = (discordant + difference) / 2, (discordant - difference) / 2
-    draws = rng.multinomial(episodes, [b_share, c_share, 1 - discordant], flown)
-    found = sum(stats.binomtest(int(b), int(b + c)).pvalue <= 0.05 if b + c else False for b, c, _ in draws)
-    assert detected(episodes, difference, discordant) == pytest.approx(found / flown, abs=0.02)
+    draws = rng.multinomial(episodes, [b_share, c_share, 1 - discordant], simulations)
+    detections = sum(stats.binomtest(int(b), int(b + c)).pvalue <= 0.05 if b + c else False for b, c, _ in draws)
+    assert detected(episodes, difference, discordant) == pytest.approx(detections / simulations, abs=0.02)
 
 
 def test_the_smallest_difference_is_found_with_the_power_and_a_smaller_one_is_not():
@@ -60,8 +65,8 @@ def test_the_smallest_difference_is_found_with_the_power_and_a_smaller_one_is_no
         assert detected(episodes, least - 2e-4, max(discordant, least - 2e-4)) < 0.8
 
 
-def test_in_the_favourable_case_six_discordant_pairs_are_wanted():
-    """Of the binomial alone: all discordant pairs go one way, and 2 · 2^-6 is the first p below 0.05."""
+def test_the_favourable_case_needs_six_discordant_pairs():
+    """From the binomial alone: all discordant pairs go one way, and 2 · 2^-6 is the first p below 0.05."""
     least = smallest_difference(20)
     assert least == pytest.approx(optimize.brentq(lambda share: stats.binom(20, share).sf(5) - 0.8, 0.1, 0.9), abs=1e-4)
     assert smallest_difference(5) is None

@@ -1,4 +1,4 @@
-"""What flights scatter by, beside chance."""
+"""The spread of flights beside chance."""
 
 import math
 
@@ -14,9 +14,9 @@ def of_totals(totals, episodes):
 
 
 def test_the_papers_three_flights():
-    """Table "Three full-suite flights": 46, 50 and 35 of 80, told as 43.7 ± 7.8; 1.7 to 2.5 a cell."""
-    whole = spread(of_totals([46, 50, 35], 80))
-    assert (whole.mean, whole.deviation) == pytest.approx((43.7, 7.8), abs=0.05)
+    """Table "Three full-suite flights": 46, 50 and 35 of 80, reported as 43.7 ± 7.8; 1.7 to 2.5 a cell."""
+    suite = spread(of_totals([46, 50, 35], 80))
+    assert (suite.mean, suite.deviation) == pytest.approx((43.7, 7.8), abs=0.05)
     cells = [[13, 13, 10], [8, 7, 4], [16, 19, 14], [9, 11, 7]]
     deviations = [spread(of_totals(totals, 20)).deviation for totals in cells]
     assert deviations == pytest.approx([1.7, 2.1, 2.5, 2.0], abs=0.05)
@@ -39,11 +39,11 @@ def test_the_interval_of_a_deviation_is_by_chi_square():
     assert 0.94 < held / 2000 < 0.96
 
 
-def test_the_interval_of_a_deviation_holds_only_what_it_can_be():
-    told = spread(of_totals([14, 15], 20))  # by chi-square alone: up to 22.6 of 20 episodes
-    assert told.low is not None
-    assert told.high is not None
-    assert 0 < told.low < math.sqrt(0.5) < told.high <= 10
+def test_the_interval_of_a_deviation_holds_only_possible_values():
+    two_flights = spread(of_totals([14, 15], 20))  # by chi-square alone: up to 22.6 of 20 episodes
+    assert two_flights.low is not None
+    assert two_flights.high is not None
+    assert 0 < two_flights.low < math.sqrt(0.5) < two_flights.high <= 10
 
 
 def test_episodes_of_their_own_difficulty_scatter_less_than_coins_of_one_share():
@@ -52,11 +52,11 @@ def test_episodes_of_their_own_difficulty_scatter_less_than_coins_of_one_share()
     assert always.binomial == pytest.approx(math.sqrt(5))
     rng = np.random.default_rng(5)
     chances = np.tile([0.1, 0.5, 0.9], 400)
-    flown = spread((rng.random((4, 1200)) < chances).tolist())
-    assert flown.binomial_by_episode == pytest.approx(math.sqrt((chances * (1 - chances)).sum()), rel=0.05)
+    simulated = spread((rng.random((4, 1200)) < chances).tolist())
+    assert simulated.binomial_by_episode == pytest.approx(math.sqrt((chances * (1 - chances)).sum()), rel=0.05)
 
 
-def test_one_flight_has_no_spread_and_different_episodes_none_that_means_anything():
+def test_one_flight_has_no_spread_and_different_episodes_are_rejected():
     alone = spread([[True, False]])
     assert (alone.deviation, alone.low, alone.binomial_by_episode) == (None, None, None)
     different: list[list[list[bool]]] = [[], [[]], [[True], [True, False]]]

@@ -17,7 +17,7 @@ PATCH = color_detector.SIDE * color_detector.SIDE * color_detector.CHANNELS
 
 
 def two_looks(count=500):
-    """Return examples of two looks that noise covers, one of which is the target and half as far again."""
+    """Return noisy examples of two looks. One look is the target, half as far again."""
     rng = np.random.default_rng(3)
     is_target = rng.integers(0, 2, count).astype(np.float32)
     looks = rng.normal(0.0, 0.3, (2, color_detector.LENGTH))
@@ -25,7 +25,7 @@ def two_looks(count=500):
     return colors.PatchExamples(seen.astype(np.float16), is_target, is_target * np.float32(np.log(1.5)))
 
 
-def test_the_fit_learns_what_can_be_learnt_and_learns_it_again():
+def test_the_fit_learns_the_examples_and_is_reproducible():
     examples = two_looks()
     once, again = colors.fit(examples, 25, 1), colors.fit(examples, 25, 1)
     probability, factor = once.classify(examples.inputs.astype(np.float32))
@@ -56,28 +56,28 @@ def test_the_gradients_are_those_of_the_cost():
         weights[which][at] -= step
 
 
-def test_a_mirror_shows_the_other_side_and_turned_twice_what_is_there():
+def test_a_mirrored_input_shows_the_other_side_and_twice_mirrored_the_same():
     picture = np.random.default_rng(1).integers(0, 256, (36, 64, 3), dtype=np.uint8)
     there = Range(6.0, 6.6, 0.5, 0.8)
 
-    def one(image, left, right):
+    def input_of(image, left, right):
         layers = color_detector.picture_layers(image, image[:, :, 0] > 128)
         return color_detector.network_input(layers, BoundingBox(left, -0.1, right, 0.2), there, "suv", "red")[None]
 
-    seen = one(picture, -0.25, 0.0)
+    seen = input_of(picture, -0.25, 0.0)
     other = colors.mirrored(seen)
-    assert np.allclose(other[:, PATCH:], one(picture[:, ::-1], 0.0, 0.25)[:, PATCH:])
+    assert np.allclose(other[:, PATCH:], input_of(picture[:, ::-1], 0.0, 0.25)[:, PATCH:])
     assert np.array_equal(colors.mirrored(other), seen)
 
 
 def test_no_record_has_a_seed_of_the_fit():
-    flown = {catalogue.load(name).map_seed for name in catalogue.ids() if name.startswith("residential")}
-    assert flown
-    assert not flown & set(range(colors.FIT_SEED, colors.FIT_SEED + colors.SCENES))
-    assert not flown & set(range(colors.CHECK_SEED, colors.CHECK_SEED + colors.CHECK_SCENES))
+    map_seeds = {catalogue.load(name).map_seed for name in catalogue.ids() if name.startswith("residential")}
+    assert map_seeds
+    assert not map_seeds & set(range(colors.FIT_SEED, colors.FIT_SEED + colors.SCENES))
+    assert not map_seeds & set(range(colors.CHECK_SEED, colors.CHECK_SEED + colors.CHECK_SCENES))
 
 
-def test_rectangles_share_what_they_have_in_common():
+def test_the_overlap_of_rectangles_is_their_common_share():
     for true, union, inside in (
         ((320, 180, 384, 212), 1.0, 1.0),
         ((352, 180, 416, 212), 1 / 3, 0.5),

@@ -17,14 +17,14 @@ SIZE = shape_detector.WINDOW[0] * shape_detector.WINDOW[1] * shape_detector.CHAN
 
 
 def patterns(count=600):
-    """Return windows of three kinds that noise covers."""
+    """Return noisy windows of three kinds."""
     rng = np.random.default_rng(3)
     kinds = rng.integers(0, 3, count).astype(np.int8)
-    each = rng.normal(0.0, 0.3, (3, SIZE))
-    return shapes.WindowExamples((each[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
+    means = rng.normal(0.0, 0.3, (3, SIZE))
+    return shapes.WindowExamples((means[kinds] + rng.normal(0.0, 0.3, (count, SIZE))).astype(np.float16), kinds)
 
 
-def test_the_fit_learns_what_can_be_learnt_and_learns_it_again():
+def test_the_fit_learns_the_examples_and_is_reproducible():
     examples = patterns()
     once, again = shapes.fit(examples, 12, 1), shapes.fit(examples, 12, 1)
     kinds = once.probabilities(examples.windows.astype(np.float32)).argmax(axis=1)
@@ -52,14 +52,14 @@ def test_the_gradients_are_those_of_the_cross_entropy():
         weights[which][at] -= step
 
 
-def test_a_mirror_turned_twice_shows_what_is_there():
+def test_twice_mirrored_windows_are_the_same():
     windows = patterns(5).windows.astype(np.float32)
     assert np.array_equal(shapes.mirrored(shapes.mirrored(windows)), windows)
     assert not np.array_equal(shapes.mirrored(windows), windows)
 
 
-def test_nothing_stands_where_the_records_campus_has_it():
-    """What is learnt is how things look: no fixture of the map that is flown is where it is there."""
+def test_training_campuses_place_no_fixture_as_the_flown_campus_does():
+    """The detector must learn the look of fixtures, not their places on the flown map."""
     there = {(i.kind, i.position_ned[:2]) for i in maps.build("campus", 1).instances if i.kind in shape_detector.KINDS}
     for seed in (200, 201):
         ours = {(i.kind, i.position_ned[:2]) for i in campuses.build(seed).instances}
@@ -67,7 +67,7 @@ def test_nothing_stands_where_the_records_campus_has_it():
         assert not there & ours
 
 
-def test_a_window_holds_what_stands_in_its_middle_at_its_distance():
+def test_a_window_holds_the_thing_in_its_middle_at_its_distance():
     for depth, right, below, holds in ((1.0, 0.0, 0.0, True), (1.5, 0.0, 0.0, False), (1.0, 2.0, 0.0, False)):
         strip = shape_detector.strips(np.zeros((360, 640, 3), np.uint8))[8]
         foot_m = shape_detector.HEIGHTS_M[1] + below

@@ -1,4 +1,4 @@
-"""What the fit of the noisy pilot's errors makes of decisions, and that it writes what that pilot reads."""
+"""The fit of the noisy pilot's errors from decisions, and the file that this pilot reads."""
 
 import json
 import math
@@ -29,18 +29,18 @@ def decided(step, kind, **more):
 
 
 def pictured(step, target_frd, visible=True):
-    """Return the truth of a step's picture; of the target's distance only what the camera's axes tell."""
+    """Return the truth of a step's picture. The distance is computed from the camera's axes."""
     return {"kind": "frame", "frame_id": step, "t": 2.0 * step, "drone": 0, "distance_m": math.hypot(*target_frd),
             "visible": visible, "target_frd": list(target_frd), "oracle_depth_m": target_frd[0] - 1.0}  # fmt: skip
 
 
-def flown(folder: Path, decisions, truth):
+def write_flight(folder: Path, decisions, truth):
     write(folder, decisions, [BEGIN, *truth, END])
     (folder / "episode.json").write_text(json.dumps({"id": folder.name, "instruction": PAINT}))
     return folder
 
 
-def test_a_decision_is_held_against_its_picture(tmp_path):
+def test_a_decision_is_compared_with_its_picture(tmp_path):
     x, y = 500.0 + 500.0 * 0.25, 500.0 + 1000.0 * 640.0 / 720.0 * 0.05  # of a target at (20, 5, 1) m
     rows: list[tuple[str, dict[str, Any], tuple[float, float, float], bool, str]] = [
         ("go", {"point": [x, y], "depth_m": 22.0}, (20.0, 5.0, 1.0), True, "target"),
@@ -51,26 +51,26 @@ def test_a_decision_is_held_against_its_picture(tmp_path):
         ("finished", {}, (5.5, 0.0, 1.0), True, "target"),
         ("finished", {}, (20.0, 0.0, 1.0), True, "claim"),
     ]
-    folder = flown(
+    folder = write_flight(
         tmp_path / "run" / "e",
         [decided(k, kind, **more) for k, (kind, more, *_) in enumerate(rows)],
         [pictured(k, at, seen) for k, (_, _, at, seen, _) in enumerate(rows)],
     )
     decisions = [vision_errors.label(step) for step in JudgedFlight.read(folder).steps]
-    assert [one.taken for one in decisions if one] == [taken for *_, taken in rows]
+    assert [row.taken for row in decisions if row] == [taken for *_, taken in rows]
     assert decisions[0] is not None
     assert decisions[0].depth == pytest.approx(math.log(22.0 / 20.0))
     assert decisions[0].error_px == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
-def test_shares_are_counted_by_what_was_taken_before():
-    found = OneDroneFlight(True, tuple(map(labelled, ("nothing", "target", "target", "else", "else", "claim"))))
-    told = vision_errors.attention([found] * 200)
-    assert told.found[1] == pytest.approx(1 / 4, abs=0.01)  # of four steps that had no target before, one found it
-    assert told.kept[1] == pytest.approx(1 / 2, abs=0.01)
-    assert told.strays == pytest.approx(1 / 2, abs=0.01)  # the first step, and the one after the target
-    assert (told.stays, told.claims) == pytest.approx((1 / 2, 1 / 2), abs=0.01)
-    assert told.found[0] == pytest.approx(told.found[1], abs=0.01)  # nothing was seen near: as at all distances
+def test_shares_are_counted_by_the_previous_choice():
+    flight = OneDroneFlight(True, tuple(map(labelled, ("nothing", "target", "target", "else", "else", "claim"))))
+    attention = vision_errors.attention([flight] * 200)
+    assert attention.found[1] == pytest.approx(1 / 4, abs=0.01)  # one of four steps without a target before found it
+    assert attention.kept[1] == pytest.approx(1 / 2, abs=0.01)
+    assert attention.strays == pytest.approx(1 / 2, abs=0.01)  # the first step, and the one after the target
+    assert (attention.stays, attention.claims) == pytest.approx((1 / 2, 1 / 2), abs=0.01)
+    assert attention.found[0] == pytest.approx(attention.found[1], abs=0.01)  # not seen near: the overall share
 
 
 def test_spreads_are_between_flights_and_within_them():
@@ -78,17 +78,17 @@ def test_spreads_are_between_flights_and_within_them():
         OneDroneFlight(True, tuple(labelled("target", 20.0, depth=0.1 + between + d) for d in (-0.04, 0.0, 0.04)))
         for between in (-0.2, -0.1, 0.0, 0.1, 0.2)
     ]
-    told = vision_errors.errors_of([*flights, OneDroneFlight(False, (labelled("else"),))])
-    assert told.depth == pytest.approx(0.1, abs=1e-6)
-    assert told.depth_step == pytest.approx(0.04, abs=0.01)
-    assert told.depth_flight == pytest.approx(0.136, abs=0.02)
-    assert told.mistaken == pytest.approx(1 / 6, abs=1e-3)
-    assert told.lost.strays > told.sure.strays
+    errors = vision_errors.errors_of([*flights, OneDroneFlight(False, (labelled("else"),))])
+    assert errors.depth == pytest.approx(0.1, abs=1e-6)
+    assert errors.depth_step == pytest.approx(0.04, abs=0.01)
+    assert errors.depth_flight == pytest.approx(0.136, abs=0.02)
+    assert errors.mistaken == pytest.approx(1 / 6, abs=1e-3)
+    assert errors.lost.strays > errors.sure.strays
 
 
-def test_it_writes_what_the_pilot_reads(tmp_path):
+def test_the_command_writes_the_file_that_the_pilot_reads(tmp_path):
     steps = range(6)
-    flown(
+    write_flight(
         tmp_path / "run" / "e",
         [decided(k, "go", point=[500.0 + k, 500.0], depth_m=11.0 + k) for k in steps],
         [pictured(k, (20.0 - k, 0.0, 0.5)) for k in steps],

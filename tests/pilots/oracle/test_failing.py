@@ -1,4 +1,4 @@
-"""The pilots that fail on purpose: each flown, and its failure found in what the logger wrote of the truth."""
+"""Each pilot that fails on purpose shows its failure in the logged truth of a flight."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from foundation.run_folder.results import Verdict
 from foundation.run_folder.rows import FrameTruth
 
 ALONE, FLEET = "residential-approaching-03", "residential-commanding-02"
-SECONDS = {  # enough for each to show what it does
+SECONDS = {  # enough for each to show its failure
     "declares-at-once": 6, "declares-early": 45, "never-declares": 60, "oscillates": 45, "never-grounds": 60,
     "never-closes": 15, "one-point": 20, "leaves-the-protocol": 30,
 }  # fmt: skip
@@ -29,8 +29,8 @@ NAMES = sorted(failing.FAILURES)
 
 
 @dataclass(frozen=True)
-class Failed:
-    """A flight of one of them."""
+class FailedFlight:
+    """A flight of a failing pilot."""
 
     logs: Logs
     verdict: Verdict
@@ -41,7 +41,7 @@ class Failed:
         return [d.kind for d in self.logs.decisions]
 
     def truth(self, step: int, drone: int = 0) -> FrameTruth:
-        """Return what was true at the frame of a step."""
+        """Return the truth at the frame of a step."""
         return next(
             self.logs.frames[drone, d.frame_id] for d in self.logs.decisions if (d.step, d.drone) == (step, drone)
         )
@@ -53,11 +53,11 @@ class Failed:
 
 
 @pytest.fixture(scope="module")
-def flown(fly_once):
-    """Fly one of them in lockstep, undrawn; each flies once."""
-    flights: dict[str, Failed] = {}
+def failed_flight(fly_once):
+    """Return a function (name) → flight of the failing pilot, in lockstep without rendering. Each flies once."""
+    flights: dict[str, FailedFlight] = {}
 
-    def of(name: str) -> Failed:
+    def of(name: str) -> FailedFlight:
         if name not in flights:
             episode = FLEET if name == "one-point" else ALONE
             spec = FlightSpec(
@@ -66,35 +66,35 @@ def flown(fly_once):
             )  # fmt: skip
             folder = fly_once(spec).run / episode
             logs = read(folder)
-            flights[name] = Failed(logs, outcome(logs), folder)
+            flights[name] = FailedFlight(logs, outcome(logs), folder)
         return flights[name]
 
     return of
 
 
 def turned_away(bearing_deg: float | None, x: float) -> float:
-    """Return how far apart a target's bearing and a commanded point are, 0–1000 across the picture."""
+    """Return the distance between a target's bearing and a commanded point, 0–1000 across the picture."""
     return abs(500.0 + 500.0 * math.tan(math.radians(bearing_deg or 0.0)) - x)
 
 
-def test_one_declares_at_once(flown):
-    flight = flown("declares-at-once")
+def test_declares_at_once_declares_in_its_first_step(failed_flight):
+    flight = failed_flight("declares-at-once")
     assert flight.kinds[0] == FINISHED
     assert set(flight.kinds[1:]) == {THINK}
     assert min(flight.distances()) > 3.0 * RADIUS_M
     assert (flight.verdict.outcome, flight.verdict.declarations, flight.verdict.false_declarations) == ("failure", 1, 1)
 
 
-def test_one_declares_at_1_3_of_the_start_distance(flown):
-    flight = flown("declares-early")
+def test_declares_early_declares_at_1_3_of_the_start_distance(failed_flight):
+    flight = failed_flight("declares-early")
     first = flight.kinds.index(FINISHED)
     assert 1.25 <= flight.distances()[first] / flight.distances()[0] <= 1.35
     assert flight.kinds.count(FINISHED) == 1
     assert flight.verdict.outcome == "failure"
 
 
-def test_one_arrives_and_never_declares(flown):
-    flight = flown("never-declares")
+def test_never_declares_arrives_without_a_declaration(failed_flight):
+    flight = failed_flight("never-declares")
     assert min(flight.distances()) <= RADIUS_M
     assert flight.distances()[-1] <= RADIUS_M
     assert flight.truth(len(flight.kinds) - 1).visible
@@ -104,11 +104,11 @@ def test_one_arrives_and_never_declares(flown):
     assert flight.verdict.outcome == "failure"
 
 
-def test_one_oscillates(flown):
-    flight = flown("oscillates")
-    told = flight.verdict.diagnostics
-    assert told is not None
-    assert told.path_m > 5.0 * (flight.distances()[0] - min(flight.distances()))
+def test_oscillates_flies_to_and_fro(failed_flight):
+    flight = failed_flight("oscillates")
+    diagnostics = flight.verdict.diagnostics
+    assert diagnostics is not None
+    assert diagnostics.path_m > 5.0 * (flight.distances()[0] - min(flight.distances()))
     assert all(abs(m - flight.distances()[0]) < 4.0 for m in flight.distances())
     strides = [flight.truth(step).position_ned for step, kind in enumerate(flight.kinds) if kind == GO]
     assert len(strides) > 6
@@ -119,8 +119,8 @@ def test_one_oscillates(flown):
     )
 
 
-def test_one_never_points_near_the_target(flown):
-    flight = flown("never-grounds")
+def test_never_grounds_never_points_near_the_target(failed_flight):
+    flight = failed_flight("never-grounds")
     seen = 0
     for decision in flight.logs.decisions:
         truth, action = flight.truth(decision.step), decision.action or {}
@@ -132,8 +132,8 @@ def test_one_never_points_near_the_target(flown):
     assert flight.verdict.declarations == 0
 
 
-def test_one_points_at_the_target_and_never_closes(flown):
-    flight = flown("never-closes")
+def test_never_closes_points_at_the_target_and_stays_away(failed_flight):
+    flight = failed_flight("never-closes")
     for decision in flight.logs.decisions:
         assert decision.action is not None
         assert turned_away(flight.truth(decision.step).bearing_deg, decision.action["point"][0]) < 40.0
@@ -141,29 +141,29 @@ def test_one_points_at_the_target_and_never_closes(flown):
     assert flight.verdict.declarations == 0
 
 
-def test_one_gives_four_drones_one_point(flown):
-    flight = flown("one-point")
+def test_one_point_gives_four_drones_one_point(failed_flight):
+    flight = failed_flight("one-point")
     steps: dict[int, list[object]] = {}
     for decision in flight.logs.decisions:
         steps.setdefault(decision.step, []).append(decision.action)
-    whole = [actions for actions in steps.values() if len(actions) == 4]
-    assert len(whole) > 5
-    assert all(actions == [actions[0]] * 4 for actions in whole)
+    complete = [actions for actions in steps.values() if len(actions) == 4]
+    assert len(complete) > 5
+    assert all(actions == [actions[0]] * 4 for actions in complete)
     going = [step for step in steps if flight.logs.decisions[4 * step].kind == GO]
     assert len(going) > 5
-    true = [[flight.truth(step, drone).bearing_deg for drone in range(4)] for step in going[:3]]
-    assert all(max(b or 0.0 for b in bearings) - min(b or 0.0 for b in bearings) > 5.0 for bearings in true)
+    true_bearings = [[flight.truth(step, drone).bearing_deg for drone in range(4)] for step in going[:3]]
+    assert all(max(b or 0.0 for b in bearings) - min(b or 0.0 for b in bearings) > 5.0 for bearings in true_bearings)
 
 
-def test_one_leaves_the_protocol(flown):
-    flight = flown("leaves-the-protocol")
+def test_leaves_the_protocol_never_gives_an_action(failed_flight):
+    flight = failed_flight("leaves-the-protocol")
     assert set(flight.kinds) == {None}
     assert all(decision.error for decision in flight.logs.decisions)
     assert len({decision.reply for decision in flight.logs.decisions}) == len(failing.NO_ACTIONS)
     assert flight.verdict.steps == len(flight.kinds) > 6
     for parser in ("strict", "lenient"):
         for text in failing.NO_ACTIONS:
-            assert [one.action for drones in (1, 4) for one in reading(text, drones, "xy", parser)] == [None] * 5
+            assert [parsed.action for drones in (1, 4) for parsed in reading(text, drones, "xy", parser)] == [None] * 5
 
 
 @pytest.mark.parametrize(
@@ -173,13 +173,13 @@ def test_one_leaves_the_protocol(flown):
         ("oscillates", "oscillated"), ("never-closes", "never closed"), ("leaves-the-protocol", "never closed"),
     ],
 )  # fmt: skip
-def test_each_is_in_its_own_failure_mode(flown, name, mode):
-    flight = flown(name)
+def test_every_failing_pilot_has_its_failure_mode(failed_flight, name, mode):
+    flight = failed_flight(name)
     assert failure_mode(JudgedFlight(flight.folder, {}, flight.logs)) == mode
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_each_says_what_it_is_and_wants_the_truth(name):
+def test_every_failing_pilot_is_registered_and_needs_the_truth(name):
     assert roster.check(f"failing:{name}") == f"failing:{name}"
     assert not roster.looks(f"failing:{name}")
     assert roster.needs_truth(f"failing:{name}")
@@ -193,14 +193,14 @@ def test_each_says_what_it_is_and_wants_the_truth(name):
         fly(spec, None, print)
 
 
-def test_an_unknown_one_is_refused_and_the_nearest_is_suggested():
+def test_an_unknown_name_is_rejected_and_the_nearest_is_suggested():
     near = NAMES[0]
     with pytest.raises(UsageError, match=f"'failing:{near}'"):
         roster.check(f"failing:{near[:-1]}")
 
 
-def test_a_failing_flight_is_never_a_models(flown):
-    flight = flown("declares-at-once")
-    told = json.loads((flight.folder.parent / "run.json").read_text(encoding="utf-8"))["flight"]
-    assert (told["pilot"], told["model"]) == ("failing:declares-at-once", None)
+def test_a_failing_flight_is_never_a_models(failed_flight):
+    flight = failed_flight("declares-at-once")
+    fields = json.loads((flight.folder.parent / "run.json").read_text(encoding="utf-8"))["flight"]
+    assert (fields["pilot"], fields["model"]) == ("failing:declares-at-once", None)
     assert ROTATE not in flight.kinds

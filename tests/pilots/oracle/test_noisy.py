@@ -1,4 +1,4 @@
-"""The oracle with vision's errors: what it sees, what it is drawn from, and that it errs as much as it was told to."""
+"""The oracle with vision's errors: its sight, its random draws, and the size of its errors."""
 
 import json
 import math
@@ -41,12 +41,12 @@ def sight(target, *, step=0, drone=0, visible=True, yaw=0.0) -> TrueState:
     return TrueState((0.0, 0.0, -1.5), yaw, attitude, target, (0.0, 0.0, 0.0), CameraModel(), drone, step, visible)
 
 
-def action(told: str):
-    return json.loads(told)
+def action(reply: str):
+    return json.loads(reply)
 
 
 @given(north=st.floats(8.0, 40.0), aside=st.floats(-0.9, 0.9))
-def test_without_errors_it_says_what_the_oracle_says_on_the_way(north, aside):
+def test_without_errors_it_replies_like_the_oracle_on_the_way(north, aside):
     seen = sight((north, aside * north, -0.8))
     assert pilot()([seen]) == oracle.next_action(seen.position_ned, 0.0, seen.attitude, seen.camera, seen.target_ned)
 
@@ -54,31 +54,31 @@ def test_without_errors_it_says_what_the_oracle_says_on_the_way(north, aside):
 def test_it_declares_by_the_distance_that_it_judges():
     at = sight((4.9, 0.0, -1.4))
     assert action(pilot()([at]))["action"] == GO
-    assert action(pilot(replace(SURE, depth=-0.3))([at]))["action"] == FINISHED  # taken to be nearer
+    assert action(pilot(replace(SURE, depth=-0.3))([at]))["action"] == FINISHED  # judged to be nearer
     near = sight((4.2, 0.0, -1.4))
     assert action(pilot()([near]))["action"] == FINISHED
     assert action(pilot(replace(SURE, depth=0.3))([near]))["action"] == GO
 
 
 @given(here=st.tuples(st.floats(-40, 40), st.floats(-40, 40)), there=st.tuples(st.floats(-40, 40), st.floats(-40, 40)))
-def test_of_a_target_that_the_picture_does_not_show_it_knows_nothing(here, there):
-    """Same draws, two places of the target: the same replies for a whole search, strays and claims among them."""
+def test_it_knows_nothing_of_a_target_outside_the_picture(here, there):
+    """Same draws, two places of the target: the same replies for a full search, with strays and claims."""
     eye = replace(SURE, sure=replace(PERFECT, strays=0.3, stays=0.7, claims=0.1))
-    one, other = pilot(eye), pilot(eye)
+    first, second = pilot(eye), pilot(eye)
     for step in range(20):
-        told = [p([sight((*at, -0.8), step=step, visible=False)]) for p, at in ((one, here), (other, there))]
-        assert told[0] == told[1]
+        replies = [p([sight((*at, -0.8), step=step, visible=False)]) for p, at in ((first, here), (second, there))]
+        assert replies[0] == replies[1]
 
 
-def test_it_looks_all_around_and_then_from_somewhere_else():
+def test_it_looks_all_around_and_then_from_another_place():
     kinds = []
-    one = pilot()
+    noisy_pilot = pilot()
     for step in range(8):
-        kinds.append(action(one([sight((10.0, 0.0, -0.8), step=step, visible=False)]))["action"])
+        kinds.append(action(noisy_pilot([sight((10.0, 0.0, -0.8), step=step, visible=False)]))["action"])
     assert kinds == [ROTATE] * 5 + [GO] * 3
 
 
-def test_a_draw_is_of_seed_step_and_drone_and_of_nothing_else():
+def test_a_draw_depends_on_seed_step_and_drone_only():
     eye = replace(SURE, aside_px=30.0, depth_step=0.3)
     far = (25.0, 2.0, -0.8)
     late = pilot(eye)
@@ -93,24 +93,24 @@ def test_a_draw_is_of_seed_step_and_drone_and_of_nothing_else():
 
 
 @pytest.mark.parametrize(("distance_m", "band"), [(6.5, 0), (12.0, 1), (30.0, 2)])
-def test_it_misses_as_often_as_it_was_told_to(distance_m, band):
-    found = (0.2, 0.5, 0.8)
-    eye = replace(SURE, sure=replace(PERFECT, found=found))
-    told = [pilot(eye, (k, 0))([sight((distance_m, 0.0, -0.8))]) for k in range(1500)]
-    share = sum(action(t)["action"] != ROTATE for t in told) / len(told)
-    assert share == pytest.approx(found[band], abs=3.0 * math.sqrt(0.25 / len(told)))
+def test_it_misses_as_often_as_configured(distance_m, band):
+    shares_found = (0.2, 0.5, 0.8)
+    eye = replace(SURE, sure=replace(PERFECT, found=shares_found))
+    replies = [pilot(eye, (k, 0))([sight((distance_m, 0.0, -0.8))]) for k in range(1500)]
+    share = sum(action(reply)["action"] != ROTATE for reply in replies) / len(replies)
+    assert share == pytest.approx(shares_found[band], abs=3.0 * math.sqrt(0.25 / len(replies)))
 
 
-def test_it_is_off_as_far_as_it_was_told_to_be():
+def test_its_errors_have_the_configured_spread():
     eye = replace(SURE, aside_px=20.0, depth=0.1, depth_flight=0.12, depth_step=0.05)
     x, depth = [], []
     for flight in range(300):
-        one, told = pilot(eye, (flight, 3)), []
+        noisy_pilot, flight_depths = pilot(eye, (flight, 3)), []
         for step in range(4):
-            go = action(one([sight((20.5, 0.0, -1.4), step=step)]))
+            go = action(noisy_pilot([sight((20.5, 0.0, -1.4), step=step)]))
             x.append(1.28 * go["point"][0] - 640.0)
-            told.append(math.log(go["depth_m"] / 20.0))
-        depth.append(told)
+            flight_depths.append(math.log(go["depth_m"] / 20.0))
+        depth.append(flight_depths)
     assert (sum(v * v for v in x) / len(x)) ** 0.5 == pytest.approx(20.0, rel=0.08)
     means = [sum(t) / 4 for t in depth]
     mean = sum(means) / len(means)
@@ -121,56 +121,56 @@ def test_it_is_off_as_far_as_it_was_told_to_be():
     assert within == pytest.approx(0.05, rel=0.08)
 
 
-def test_a_flight_is_mistaken_as_a_whole_and_as_often_as_it_was_told_to():
+def test_a_flight_is_mistaken_throughout_and_as_often_as_configured():
     eye = replace(SURE, mistaken=0.3)
     saw = []
     for flight in range(600):
-        one = pilot(eye, (flight, 0))
-        kinds = {action(one([sight((20.0, 0.0, -0.8), step=step)]))["action"] == GO for step in range(4)}
+        noisy_pilot = pilot(eye, (flight, 0))
+        kinds = {action(noisy_pilot([sight((20.0, 0.0, -0.8), step=step)]))["action"] == GO for step in range(4)}
         assert len(kinds) == 1
         saw.append(kinds.pop())
     assert saw.count(False) / len(saw) == pytest.approx(0.3, abs=0.06)
 
 
 def test_after_a_claim_in_vain_it_comes_nearer_and_then_claims_again():
-    one = pilot()
-    kinds = [action(one([sight((4.2, 0.0, -1.4), step=step)]))["action"] for step in range(4)]
+    noisy_pilot = pilot()
+    kinds = [action(noisy_pilot([sight((4.2, 0.0, -1.4), step=step)]))["action"] for step in range(4)]
     assert kinds == [FINISHED, GO, FINISHED, GO]
 
 
-def test_something_else_is_gone_to_and_claimed():
+def test_a_wrong_target_is_approached_and_claimed():
     eye = replace(SURE, sure=replace(BLIND, strays=1.0, stays=0.0, claims=1.0))
-    one = pilot(eye)
-    kinds = [action(one([sight((20.0, 0.0, -0.8), step=step)]))["action"] for step in range(3)]
+    noisy_pilot = pilot(eye)
+    kinds = [action(noisy_pilot([sight((20.0, 0.0, -0.8), step=step)]))["action"] for step in range(3)]
     assert kinds == [GO, FINISHED, ROTATE]
 
 
-def test_of_a_fleet_the_nearest_flies():
-    told = json.loads(pilot()([sight((30.0, 0.0, -0.8)), sight((20.0, 0.0, -0.8), drone=1)]))
-    assert [one["action"] for one in told] == [THINK, GO]
+def test_only_the_nearest_drone_of_a_fleet_flies():
+    replies = json.loads(pilot()([sight((30.0, 0.0, -0.8)), sight((20.0, 0.0, -0.8), drone=1)]))
+    assert [reply["action"] for reply in replies] == [THINK, GO]
 
 
-def test_a_command_says_how_vision_would_look_for_it():
+def test_a_command_selects_the_eye_of_vision():
     assert noisy.named_by(PAINT) == "paint"
     assert noisy.named_by("go to the bench left of the fountain") == "place"
     assert noisy.named_by("go to the sign that reads WEST") == "inscription"
 
 
-def test_the_numbers_that_ship_are_shares_and_spreads():
+def test_the_shipped_numbers_are_shares_and_spreads():
     shipped = noisy.shipped_errors()
     assert set(shipped.eyes) == {"paint", "place", "inscription"}
     assert sum(eye.flights for eye in shipped.eyes.values()) == 100
     for eye in shipped.eyes.values():
         shares = [eye.mistaken]
-        for one in (eye.sure, eye.lost):
-            shares += [*one.found, *one.kept, one.strays, one.stays, one.claims]
-            assert one.stays + one.claims <= 1.0
+        for attention in (eye.sure, eye.lost):
+            shares += [*attention.found, *attention.kept, attention.strays, attention.stays, attention.claims]
+            assert attention.stays + attention.claims <= 1.0
         assert all(0.0 <= share <= 1.0 for share in shares)
         assert min(eye.sure.kept) > max(eye.lost.found)
         assert all(0.0 < spread < 1.0 for spread in (eye.depth_step, eye.depth_flight))
 
 
-def test_it_is_a_built_in_pilot_and_says_so():
+def test_noisy_is_a_built_in_pilot():
     assert roster.check("noisy") == "noisy"
     assert roster.needs_truth("noisy")
     assert not roster.looks("noisy")
@@ -179,7 +179,7 @@ def test_it_is_a_built_in_pilot_and_says_so():
         roster.check("noisi")
 
 
-def test_a_flight_of_it_repeats_and_another_seed_is_another(tmp_path):
+def test_a_flight_repeats_with_its_seed_and_changes_with_another(tmp_path):
     from dronecats.flight.run.fly import fly
 
     logs = []

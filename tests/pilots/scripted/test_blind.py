@@ -1,4 +1,4 @@
-"""The blind pilots: what they say depends on no pixel, and is the pattern that each says it flies."""
+"""The blind pilots: their replies depend on no pixel and follow the declared pattern."""
 
 import itertools
 import json
@@ -35,10 +35,10 @@ def first(name: str, steps: int, prompt: str = PROMPT, pictures: tuple[bytes, ..
 def walked(name: str, steps: int) -> list[tuple[float, float, float, bool]]:
     """Return (north, east, heading in rad, whether it declares) at each step of a flight that starts northwards."""
     north = east = heading = 0.0
-    found = []
+    track = []
     for text in first(name, steps):
         action = parse(text)
-        found.append((north, east, heading, isinstance(action, Finished)))
+        track.append((north, east, heading, isinstance(action, Finished)))
         for segment in plan(action, CameraModel()):
             match segment.setpoint:
                 case Turn():
@@ -46,18 +46,18 @@ def walked(name: str, steps: int) -> list[tuple[float, float, float, bool]]:
                 case Velocity():
                     ahead = segment.setpoint.forward * segment.duration_s
                     north, east = north + ahead * math.cos(heading), east + ahead * math.sin(heading)
-    return found
+    return track
 
 
 @pytest.mark.parametrize("name", NAMES)
 @given(pictures=st.lists(st.lists(st.binary(max_size=40), min_size=2, max_size=2), min_size=2, max_size=2))
 @settings(max_examples=10, deadline=None)
 def test_no_reply_changes_with_the_picture(name: str, pictures: list[list[bytes]]) -> None:
-    flown = []
+    replies = []
     for frames in pictures:
         fly = roster.answer(f"blind:{name}")
-        flown.append([fly(PROMPT, [frame]) for frame in itertools.islice(itertools.cycle(frames), 60)])
-    assert flown[0] == flown[1] == first(name, 60)
+        replies.append([fly(PROMPT, [frame]) for frame in itertools.islice(itertools.cycle(frames), 60)])
+    assert replies[0] == replies[1] == first(name, 60)
 
 
 def test_no_reply_changes_with_the_history_or_the_words_of_a_later_step() -> None:
@@ -74,23 +74,23 @@ def test_every_reply_is_an_action_for_one_drone_and_for_a_fleet() -> None:
             assert not isinstance(action, Rotate) or abs(action.angle_deg) <= 90.0, name
             assert not isinstance(action, Go) or action.depth_m >= 2.0, name  # below it a drone brakes
         for text in first(name, 30, pictures=(b"",) * 4):
-            assert not any(isinstance(one, ActionError) for one in parse_fleet(text, 4)), name
+            assert not any(isinstance(parsed, ActionError) for parsed in parse_fleet(text, 4)), name
 
 
-def test_each_says_what_it_is() -> None:
+def test_every_pattern_has_its_description_and_name() -> None:
     for name in NAMES:
         assert blind.PATTERNS[name].description in roster.owner(f"blind:{name}"), name
         assert roster.check(f"blind:{name}") == f"blind:{name}", name
 
 
-def test_an_unknown_one_is_refused_and_the_nearest_is_suggested() -> None:
+def test_an_unknown_name_is_rejected_and_the_nearest_is_suggested() -> None:
     with pytest.raises(UsageError, match="spiral'"):
         roster.check("blind:spirall")
     with pytest.raises(UsageError):
         roster.check("spiral")
 
 
-def test_only_those_that_do_not_look_fly_without_pictures() -> None:
+def test_only_pilots_that_do_not_look_fly_without_pictures() -> None:
     for pilot in ("oracle", "blind", "blind:straight"):
         assert look_up(FlightSpec(pilot=pilot, simulated=UNDRAWN)).camera is None
     model = ModelSpec(provider="local", name="blind:straight", base_url="http://127.0.0.1:9/v1")
@@ -105,22 +105,22 @@ def test_random_is_the_same_for_the_same_words_and_another_for_others() -> None:
 
 
 def test_straight_goes_straight_and_declares_after_every_stride() -> None:
-    flown = walked("straight", 40)
-    assert all(east == pytest.approx(0.0) for _, east, _, _ in flown)
-    assert [declares for *_, declares in flown] == [k % 2 == 1 for k in range(40)]
-    assert flown[-1][0] == pytest.approx(20 * 1.2)
+    track = walked("straight", 40)
+    assert all(east == pytest.approx(0.0) for _, east, _, _ in track)
+    assert [declares for *_, declares in track] == [k % 2 == 1 for k in range(40)]
+    assert track[-1][0] == pytest.approx(20 * 1.2)
 
 
-def test_what_knows_the_distance_declares_only_where_a_target_can_be() -> None:
+def test_patterns_with_a_distance_declare_only_at_possible_targets() -> None:
     for name in ("straight-16", "right-90-16", "back-16", "arc", "ring"):
         claims = [math.hypot(n, e) for n, e, _, declares in walked(name, 20) if declares]
         assert claims
         assert all(blind.START_M - RADIUS_M <= far <= blind.START_M + RADIUS_M for far in claims)
 
 
-def test_three_claims_of_the_arc_see_the_picture_of_the_first_frame() -> None:
-    """What stands 16 m off within 35° of the nose is within 5 m and in view at one of them, but for a gap or two."""
-    claims = [one for one in walked("arc", 40) if one[3]][:3]
+def test_three_claims_of_the_arc_cover_the_view_of_the_first_frame() -> None:
+    """A target 16 m off within 35° of the nose is within 5 m and in view at one claim, except in small gaps."""
+    claims = [step for step in walked("arc", 40) if step[3]][:3]
     assert len(claims) == 3
     missed = []
     for bearing in range(-35, 36):
@@ -134,13 +134,13 @@ def test_three_claims_of_the_arc_see_the_picture_of_the_first_frame() -> None:
     assert len(missed) <= 12
 
 
-def test_a_ring_comes_round() -> None:
-    flown = walked("ring", 100)
-    around = [math.degrees(math.atan2(e, n)) % 360.0 for n, e, _, _ in flown if math.hypot(n, e) > 10.0]
+def test_a_ring_closes() -> None:
+    track = walked("ring", 100)
+    around = [math.degrees(math.atan2(e, n)) % 360.0 for n, e, _, _ in track if math.hypot(n, e) > 10.0]
     assert len({int(a // 30) for a in around}) == 12
-    assert all(13.0 < math.hypot(n, e) < 17.0 for n, e, _, declares in flown if declares)
+    assert all(13.0 < math.hypot(n, e) < 17.0 for n, e, _, declares in track if declares)
 
 
 def test_a_fleet_fans_out() -> None:
-    headings = [json.loads(text)[k] for text in first("straight", 1, pictures=(b"",) * 4) for k in range(4)]
-    assert [one["angle_deg"] for one in headings] == [-33.8, -11.2, 11.2, 33.8]
+    rotations = [json.loads(text)[k] for text in first("straight", 1, pictures=(b"",) * 4) for k in range(4)]
+    assert [rotation["angle_deg"] for rotation in rotations] == [-33.8, -11.2, 11.2, 33.8]

@@ -1,4 +1,4 @@
-"""The scripted commander, before the questions that the agent really asks."""
+"""The scripted commander and the questions that the agent asks it."""
 
 import json
 import re
@@ -29,21 +29,21 @@ def ask(fleet, causes, now_s=20.0):
 
 
 def test_every_drone_has_a_place_of_its_own_from_the_left():
-    for count, given in ((1, [1]), (2, [1, 2]), (4, [1, 2, 3, 4]), (6, [1, 2, 3, 4, 1, 2])):
+    for count, places in ((1, [1]), (2, [1, 2]), (4, [1, 2, 3, 4]), (6, [1, 2, 3, 4, 1, 2])):
         fleet = posts(count)
-        assert ask(fleet, START) == (dict(enumerate(given, 1)), [])
-        assert [post.goal for post in fleet] == [commander.goal_text(COMMAND, place) for place in given]
-        assert ask(fleet, (Cause(why="time"),)) == ({}, [])  # and keeps it
+        assert ask(fleet, START) == (dict(enumerate(places, 1)), [])
+        assert [post.goal for post in fleet] == [commander.goal_text(COMMAND, place) for place in places]
+        assert ask(fleet, (Cause(why="time"),)) == ({}, [])  # it keeps the place
 
 
-def test_who_stalls_looks_at_the_next_that_nobody_has():
+def test_a_stalled_drone_gets_the_next_free_place():
     fleet = posts(2)
     ask(fleet, START)
     assert ask(fleet, (Cause(why="stall", drone=0),)) == ({1: 3}, [])
     assert ask(fleet, (Cause(why="stall", drone=1), Cause(why="stall", drone=0))) == ({1: 4, 2: 1}, [])
 
 
-def test_every_report_is_believed_and_nothing_else():
+def test_exactly_the_reports_are_confirmed():
     fleet = posts(4)
     ask(fleet, START)
     for drone in (1, 3):
@@ -52,7 +52,7 @@ def test_every_report_is_believed_and_nothing_else():
     assert ask(fleet, (Cause(why="report", drone=1),)) == ({}, [2, 4])
 
 
-def test_the_roster_tells_of_each_drone_what_it_was_told_and_did():
+def test_the_roster_has_the_order_and_the_actions_of_each_drone():
     fleet = posts(2)
     fleet[0].begun, fleet[1].begun = True, True
     fleet[0].order("look at the left one", 5.0)
@@ -67,7 +67,7 @@ def test_the_roster_tells_of_each_drone_what_it_was_told_and_did():
     assert "12.5 m" not in second
 
 
-def test_places_are_read_as_they_are_said():
+def test_places_are_read_as_they_are_written():
     assert [commander.place_in_goal(commander.goal_text(COMMAND, place)) for place in range(1, 9)] == list(range(1, 9))
     for command in ("", "look at the car", "look at the ninth one from the left", "the first one from the left"):
         assert commander.place_in_goal(command) is None

@@ -1,4 +1,4 @@
-"""The pilot that says again what was said: in order, then it thinks, and nothing else is taken for a recording."""
+"""The recorded pilot repeats its replies in order, then thinks. Invalid recordings are rejected."""
 
 import json
 from pathlib import Path
@@ -21,14 +21,14 @@ def recording(folder: Path, *rows: dict[str, Any]) -> Path:
     return path
 
 
-def test_replies_come_as_they_were_received_and_then_it_thinks(tmp_path: Path) -> None:
-    said = ['{"action": "rotate", "angle_deg": 10}', "", "nonsense {"]
-    path = recording(tmp_path, *({"step": n, "drone": 0, "reply": text} for n, text in enumerate(said)))
+def test_replies_come_as_received_and_then_the_pilot_thinks(tmp_path: Path) -> None:
+    recorded = ['{"action": "rotate", "angle_deg": 10}', "", "nonsense {"]
+    path = recording(tmp_path, *({"step": n, "drone": 0, "reply": text} for n, text in enumerate(recorded)))
     pilot = player(path)
-    assert [pilot("", [JPEG]) for _ in range(5)] == [*said, '{"action": "think"}', '{"action": "think"}']
+    assert [pilot("", [JPEG]) for _ in range(5)] == [*recorded, '{"action": "think"}', '{"action": "think"}']
 
 
-def test_a_fleets_reply_is_said_once_per_step_and_a_torn_line_is_left_out(tmp_path: Path) -> None:
+def test_a_fleets_reply_comes_once_per_step_and_a_torn_line_is_omitted(tmp_path: Path) -> None:
     rows = [{"step": step, "drone": drone, "reply": f"reply {step}"} for step in (0, 1) for drone in (0, 1, 2)]
     path = recording(tmp_path, *rows)
     with path.open("a") as file:
@@ -40,7 +40,7 @@ def test_a_fleets_reply_is_said_once_per_step_and_a_torn_line_is_left_out(tmp_pa
     ) + "]"
 
 
-def test_it_is_served_like_any_other_and_never_as_a_model(tmp_path: Path) -> None:
+def test_a_recording_is_served_like_any_pilot_and_never_as_a_model(tmp_path: Path) -> None:
     path = recording(tmp_path, {"step": 0, "drone": 0, "reply": "first"})
     name = f"recorded:{path}"
     assert roster.check(name) == name
@@ -48,14 +48,14 @@ def test_it_is_served_like_any_other_and_never_as_a_model(tmp_path: Path) -> Non
     try:
         url = served.ready()["base_url"]
         assert "not a model" in httpx.get(f"{url}/models").json()["data"][0]["owned_by"]
-        asked = {"model": "x", "messages": [{"role": "user", "content": "Command: go"}]}
-        answers = [httpx.post(f"{url}/chat/completions", json=asked).json() for _ in range(2)]
+        body = {"model": "x", "messages": [{"role": "user", "content": "Command: go"}]}
+        answers = [httpx.post(f"{url}/chat/completions", json=body).json() for _ in range(2)]
         assert [a["choices"][0]["message"]["content"] for a in answers] == ["first", '{"action": "think"}']
     finally:
         served.close()
 
 
-def test_what_is_no_recording_is_refused_before_anything_flies(tmp_path: Path) -> None:
+def test_invalid_recordings_are_rejected_before_the_flight(tmp_path: Path) -> None:
     for content, part in (
         (None, "decisions.jsonl"),
         ("", "decisions.jsonl"),

@@ -1,4 +1,4 @@
-"""The way past a long thing's end and along its flank."""
+"""The way past the end of a long target and along its flank."""
 
 import json
 import math
@@ -24,14 +24,14 @@ def end_on(middle=0.0, depth=12.0, lean=0.05):
     return bus(middle - half, middle + half, depth, lean)
 
 
-def gone(reply):
+def past_stride(reply):
     """Return a stride as the history shows it."""
     action = json.loads(reply)
     assert action["action"] == "go"
     return PastAction("go", 1.28 * action["point"][0], 0.72 * action["point"][1], action["depth_m"])
 
 
-def test_only_the_end_of_something_long_is_gone_past():
+def test_only_the_end_of_a_long_thing_is_passed():
     assert approach.shows_long_end(end_on(), BUS)
     assert not approach.shows_long_end(bus(-0.21, 0.21), BUS)  # its whole flank
     assert not approach.shows_long_end(end_on(depth=30.0), BUS)
@@ -40,30 +40,30 @@ def test_only_the_end_of_something_long_is_gone_past():
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_it_passes_on_the_side_of_the_flank_and_stays_on_it(side):
-    first = gone(approach.stride_past_end(end_on(lean=0.05 * side), ()))
+    first = past_stride(approach.stride_past_end(end_on(lean=0.05 * side), ()))
     assert side * (first.x_px - 640.0) > 1280.0 * 0.5 * 0.5 * BUS.width_m / 12.0
     assert first.y_px == 360.0
     assert first.depth_m >= 5.0  # the longest stride
     assert approach.passing_side((first, CLAIM)) == side
-    after = gone(approach.stride_past_end(end_on(lean=-0.05 * side, depth=8.0), (first,)))
+    after = past_stride(approach.stride_past_end(end_on(lean=-0.05 * side, depth=8.0), (first,)))
     assert side * (after.x_px - 640.0) > 0.0
 
 
 def test_the_way_is_clear_of_its_edge():
     """Seen from 12 m behind, a way past a bus leaves more than a body's room beside its near end."""
-    first = gone(approach.stride_past_end(end_on(), ()))
+    first = past_stride(approach.stride_past_end(end_on(), ()))
     near = 12.0 - 0.5 * BUS.length_m
     aside = (first.x_px / 1280.0 - 0.5) / 0.5 * near
     assert 0.5 * BUS.width_m + 0.6 < aside < 5.0
 
 
-def test_what_fills_the_picture_on_one_side_is_passed_on_the_other():
-    assert gone(approach.stride_past_end(bus(-0.45, 0.5, 6.0, lean=0.1), ())).x_px < 640.0
+def test_a_thing_that_fills_one_side_of_the_picture_is_passed_on_the_other():
+    assert past_stride(approach.stride_past_end(bus(-0.45, 0.5, 6.0, lean=0.1), ())).x_px < 640.0
 
 
-def test_what_was_passed_is_looked_for_where_it_was_left():
-    right = gone(approach.stride_past_end(end_on(), ()))
-    left = gone(approach.stride_past_end(end_on(lean=-0.05), ()))
+def test_a_passed_thing_is_looked_for_on_its_side():
+    right = past_stride(approach.stride_past_end(end_on(), ()))
+    left = past_stride(approach.stride_past_end(end_on(lean=-0.05), ()))
     to_it = [json.loads(approach.turn_to_flank((way,)) or "{}")["angle_deg"] for way in (right, left)]
     assert to_it[0] < 0.0 < to_it[1]
     assert approach.turn_to_flank((right, TURN)) is None
@@ -74,13 +74,13 @@ def test_what_was_passed_is_looked_for_where_it_was_left():
     assert approach.turn_to_flank(()) is None
 
 
-def test_before_its_flank_it_goes_on_to_where_that_goes_on():
-    right = gone(approach.stride_past_end(end_on(), ()))
+def test_at_a_flank_the_pilot_follows_the_flank():
+    right = past_stride(approach.stride_past_end(end_on(), ()))
     straight_on = approach.stride_along_flank(bus(-0.5, 0.2, 3.0), (right, CLAIM))
-    assert gone(straight_on).x_px == pytest.approx(640.0)
+    assert past_stride(straight_on).x_px == pytest.approx(640.0)
     facing = (right, TURN, CLAIM)
-    assert gone(approach.stride_along_flank(bus(-0.5, 0.2, 3.0), facing)).x_px < 100.0
-    assert gone(approach.stride_along_flank(bus(-0.2, 0.5, 3.0), facing)).x_px > 1180.0
+    assert past_stride(approach.stride_along_flank(bus(-0.5, 0.2, 3.0), facing)).x_px < 100.0
+    assert past_stride(approach.stride_along_flank(bus(-0.2, 0.5, 3.0), facing)).x_px > 1180.0
     assert approach.stride_along_flank(bus(-0.5, 0.5, 3.0), facing) is None
     assert approach.stride_along_flank(bus(-0.5, 0.2, 3.0), (CLAIM,)) is None
 
@@ -88,19 +88,21 @@ def test_before_its_flank_it_goes_on_to_where_that_goes_on():
 def test_every_way_is_an_action():
     for middle in (-0.45, -0.2, 0.0, 0.2, 0.45):
         for depth in (2.0, 5.0, 19.0):
-            stride = gone(approach.stride_past_end(end_on(middle, depth), ()))
+            stride = past_stride(approach.stride_past_end(end_on(middle, depth), ()))
             assert 0.0 <= stride.x_px <= 1280.0
             assert math.isfinite(stride.depth_m)
 
 
-def test_along_its_flank_the_way_is_as_far_off_its_far_end():
-    """What is cut off on that side is beside the drone: the edge that is seen is that of the far end."""
-    before = gone(approach.stride_past_end(end_on(), ()))
-    before_end, beside = (gone(approach.stride_past_end(bus(left, 0.1, 6.0), (before,))) for left in (-0.3, -0.5))
+def test_along_a_flank_the_way_keeps_its_distance_to_the_far_end():
+    """A thing cut off on that side is beside the drone, so the visible edge is that of the far end."""
+    before = past_stride(approach.stride_past_end(end_on(), ()))
+    before_end, beside = (
+        past_stride(approach.stride_past_end(bus(left, 0.1, 6.0), (before,))) for left in (-0.3, -0.5)
+    )
     assert before_end.x_px > beside.x_px > 640.0
 
 
 def test_a_flank_fills_the_picture_from_side_to_side_or_is_passed():
     assert approach.is_at_flank(bus(-0.5, 0.5, 3.0), ())
     assert not approach.is_at_flank(bus(-0.5, 0.3, 3.0), ())
-    assert approach.is_at_flank(bus(-0.5, 0.3, 3.0), (gone(approach.stride_past_end(end_on(), ())),))
+    assert approach.is_at_flank(bus(-0.5, 0.3, 3.0), (past_stride(approach.stride_past_end(end_on(), ())),))

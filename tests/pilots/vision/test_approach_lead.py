@@ -1,4 +1,4 @@
-"""Aiming ahead of what moves across: how far is read out of the actions alone."""
+"""Aiming ahead of a target that moves across: the lead is read from the actions alone."""
 
 import math
 
@@ -19,20 +19,20 @@ def sighted(x, depth):
     return Detection(BoundingBox(x - 0.02, 0.0, x + 0.02, 0.05), Range(depth, depth + CAMERA_M, 0.5, 0.9), 0.9)
 
 
-def gone(depth, aside=0.0):
+def past_stride(depth, aside=0.0):
     return PastAction("go", 700.0, 380.0, float(f"{approach.encode_lead(depth, aside):.4g}"))
 
 
 @given(st.floats(6.0, 40.0), st.integers(-5, 4))
-def test_a_depth_tells_its_lead_and_hardly_changes(depth, digit):
-    past = gone(depth, 0.03 * digit)
+def test_a_depth_encodes_its_lead_and_hardly_changes(depth, digit):
+    past = past_stride(depth, 0.03 * digit)
     if not search.count_wander_strides((past,)):
         assert approach.decode_lead((past,)) == pytest.approx(0.03 * digit)
     assert past.depth_m == pytest.approx(depth, abs=0.11)
 
 
 def chase(across_m, start_m=16.0):
-    """Fly long strides at what goes `across_m` to the right in each; return the leads, and how far off it ends (m)."""
+    """Fly long strides at a target that moves `across_m` right in each; return the leads and the final distance (m)."""
     thing, drone, heading, leads = [start_m, 0.0], [0.0, 0.0], 0.0, []
     past: tuple[PastAction, ...] = ()
     for _ in range(3):
@@ -43,34 +43,34 @@ def chase(across_m, start_m=16.0):
         aside = approach.compute_lead(seen, past)
         leads.append(aside)
         heading += math.atan(2.0 * (0.5 * math.tan(bearing) + aside))
-        past = (gone(depth, aside),)
+        past = (past_stride(depth, aside),)
         drone = [drone[0] + STRIDE_M * math.cos(heading), drone[1] + STRIDE_M * math.sin(heading)]
         thing[1] += across_m
     return leads, math.dist(thing, drone)
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
-def test_it_aims_ahead_of_what_moves_across_and_gets_nearer_so(way):
+def test_the_pilot_aims_ahead_of_a_target_that_moves_across(way):
     leads, _ = chase(0.9 * way)
-    assert leads[0] == 0.0  # one picture tells no motion
-    assert all(one * way > 0.02 for one in leads[1:])
+    assert leads[0] == 0.0  # one picture shows no motion
+    assert all(lead * way > 0.02 for lead in leads[1:])
     assert max(map(abs, leads)) <= 0.15
 
 
-def test_what_stands_is_aimed_at():
+def test_a_standing_target_is_aimed_at_directly():
     leads, off = chase(0.0)
     assert leads == [0.0, 0.0, 0.0]
     assert off == pytest.approx(16.0 - 3 * STRIDE_M)
 
 
 def test_the_drones_own_wander_is_no_motion():
-    assert approach.compute_lead(sighted(0.5 * 0.3 / 10.0, 10.0), (gone(13.0),)) == 0.0
-    assert approach.compute_lead(sighted(0.5 * 0.6 / 10.0, 10.0), (gone(13.0),)) > 0.0
+    assert approach.compute_lead(sighted(0.5 * 0.3 / 10.0, 10.0), (past_stride(13.0),)) == 0.0
+    assert approach.compute_lead(sighted(0.5 * 0.6 / 10.0, 10.0), (past_stride(13.0),)) > 0.0
 
 
 def test_a_lead_of_its_own_is_no_motion():
-    """What stands is seen to the left of a way that was aimed to its right."""
-    before = gone(12.0, 0.09)
+    """A standing target appears to the left of a way that was aimed to its right."""
+    before = past_stride(12.0, 0.09)
     seen = sighted(-0.09 * before.depth_m / 9.0, 9.0)
     assert approach.compute_lead(seen, (before,)) == 0.0
     expected = approach.expected_place((before,))
@@ -78,7 +78,7 @@ def test_a_lead_of_its_own_is_no_motion():
     assert expected.matches(seen.box, seen.range)
 
 
-def test_other_strides_tell_no_lead():
+def test_other_strides_encode_no_lead():
     strides = ((5.1, (700.0, 360.0)), (3.0, (700.0, 380.0)), (20.0, (700.0, 360.0)), (11.0, approach.UNSEEN_PX))
     for depth, point in strides:
         past = (PastAction("go", *point, depth),)
@@ -86,4 +86,4 @@ def test_other_strides_tell_no_lead():
         assert approach.compute_lead(sighted(0.2, 10.0), past) == 0.0
         assert approach.expected_place(past) is None
     assert approach.decode_lead(()) is None
-    assert approach.decode_lead((gone(12.0), PastAction("finished"))) is None
+    assert approach.decode_lead((past_stride(12.0), PastAction("finished"))) is None

@@ -1,4 +1,4 @@
-"""Who goes where: as pure functions of what each picture shows."""
+"""The division of things among drones, as a pure function of the pictures."""
 
 import math
 
@@ -9,22 +9,22 @@ from dronecats.pilots.vision.division import GroundPoint, divide
 
 
 def back(spots):
-    """Return where on the ground each drone's own spot is; each must have one."""
+    """Return the ground position of each drone's own spot. Every drone must have one."""
     assert None not in spots
     return [(s.right_m + x, s.ahead_m + z) for s, (x, z) in zip(spots, SQUARE, strict=True)]
 
 
-SQUARE = ((0.0, 0.0), (2.0, 0.0), (0.0, -2.0), (2.0, -2.0))  # where the drones stand: to the right, ahead
+SQUARE = ((0.0, 0.0), (2.0, 0.0), (0.0, -2.0), (2.0, -2.0))  # positions of the drones: right, ahead
 
 
 def seen_from(place, things):
-    """Return what a drone at a place, looking ahead, sees of things."""
+    """Return the things as seen by a drone that looks ahead from a place."""
     return [GroundPoint(x - place[0], z - place[1]) for x, z in things]
 
 
 @st.composite
 def apart(draw, most=4):
-    """Draw things as far from one another as look-alikes stand, 8 … 34 m off, well within the picture."""
+    """Draw things with the distances of look-alikes, 8 … 34 m off, well within the picture."""
     places: list[tuple[float, float]] = []
     for _ in range(draw(st.integers(1, most))):
         ahead = draw(st.floats(8.0, 34.0))
@@ -37,8 +37,8 @@ def apart(draw, most=4):
 @settings(deadline=None)
 @given(apart())
 def test_no_two_drones_get_the_same_thing_while_there_are_enough(things):
-    given_out = divide([seen_from(place, things) for place in SQUARE])
-    places = back(given_out)
+    spots = divide([seen_from(place, things) for place in SQUARE])
+    places = back(spots)
     nearest = [min(range(len(things)), key=lambda k: math.dist(place, things[k])) for place in places]
     assert all(math.dist(place, things[k]) < 1e-6 for place, k in zip(places, nearest, strict=True))
     assert len(set(nearest)) == min(len(SQUARE), len(things))
@@ -50,30 +50,30 @@ def test_a_thing_that_a_drone_does_not_see_may_still_be_its_own(things, blind, d
     views = [seen_from(place, things) for place in SQUARE]
     if len(things) > 1:
         views[blind].pop(data.draw(st.integers(0, len(things) - 1)))
-    given_out = divide(views)
-    places = back(given_out)
-    # a drone that sees little cannot tell where it stands, but never do all go to one place where there are two
+    spots = divide(views)
+    places = back(spots)
+    # a drone that sees little does not know its place, but with two things not all drones go to one
     assert len(things) == 1 or len({min(things, key=lambda t: math.dist(t, place)) for place in places}) > 1
 
 
-def test_from_the_left_in_picture_order():
+def test_spots_are_assigned_from_the_left_in_picture_order():
     things = [(6.0, 20.0), (-9.0, 25.0), (0.0, 15.0), (12.0, 22.0)]
-    given_out = divide([seen_from(place, things) for place in SQUARE])
-    bearings = [math.atan2(right, ahead) for right, ahead in back(given_out)]
+    spots = divide([seen_from(place, things) for place in SQUARE])
+    bearings = [math.atan2(right, ahead) for right, ahead in back(spots)]
     assert bearings == sorted(bearings)
 
 
-def test_distances_that_are_somewhat_wrong_change_nothing():
+def test_slightly_wrong_distances_change_nothing():
     things = [(-12.0, 24.0), (-4.0, 16.0), (3.0, 26.0), (10.0, 14.0)]
     wrong = (1.04, 0.97, 1.02, 0.96)
     views = [
         [GroundPoint(s.right_m * w, s.ahead_m * w) for s in seen_from(p, things)]
         for p, w in zip(SQUARE, wrong, strict=True)
     ]
-    given_out = divide(views)
-    nearest = [min(range(4), key=lambda k: math.dist(place, things[k])) for place in back(given_out)]
+    spots = divide(views)
+    nearest = [min(range(4), key=lambda k: math.dist(place, things[k])) for place in back(spots)]
     assert nearest == [0, 1, 2, 3]
 
 
-def test_nothing_seen_is_nothing_given():
+def test_without_things_no_drone_gets_a_spot():
     assert divide([[], [], [], []]) == [None] * 4

@@ -1,4 +1,4 @@
-"""What a command says is written, and when what was read is that."""
+"""The inscription of a command, and its match with a text that was read."""
 
 from dronecats.pilots.vision.command import Inscription, read_inscription, read_place_in_row
 from dronecats.pilots.vision.ocr import SURE_CONFIDENCE, ReadText, matches
@@ -6,22 +6,22 @@ from episodes.records import catalogue
 
 
 def test_every_commanding_instruction_names_its_inscription():
-    for name in [one for one in catalogue.ids() if "commanding" in one]:
+    for name in [episode for episode in catalogue.ids() if "commanding" in episode]:
         record = catalogue.load(name)
-        found = read_inscription(record.instruction)
-        assert found is not None, name
+        inscription = read_inscription(record.instruction)
+        assert inscription is not None, name
         assert record.target.inscription is not None, name
-        assert found.text == record.target.inscription.replace(" ", ""), name
-        assert found.on_plate == (record.map == "residential"), name
+        assert inscription.text == record.target.inscription.replace(" ", ""), name
+        assert inscription.on_plate == (record.map == "residential"), name
 
 
-def test_no_other_instruction_does():
-    for name in [one for one in catalogue.ids() if "commanding" not in one]:
+def test_no_other_instruction_names_an_inscription():
+    for name in [episode for episode in catalogue.ids() if "commanding" not in episode]:
         assert read_inscription(catalogue.load(name).instruction) is None, name
 
 
-def test_a_place_in_words():
-    for command, which in (
+def test_a_place_in_a_row_is_read_from_words():
+    for command, place in (
         ("look at the second one from the left", 1),
         ("fly to the sign that reads WEST: the third sign from the right", -3),
         ("the leftmost", 0),
@@ -29,11 +29,11 @@ def test_a_place_in_words():
         ("fly to the van on the left of the house", None),
         ("find the sign marked GATE 8 and go to it", None),
     ):
-        assert read_place_in_row(command) == which, command
+        assert read_place_in_row(command) == place, command
 
 
-def test_a_text_is_believed_when_it_is_sure_and_whole():
-    for wanted, read, confidence, known in (
+def test_a_text_counts_if_it_is_confident_and_complete():
+    for wanted, read, confidence, is_match in (
         (Inscription("GATE8", False), "GATE 8", SURE_CONFIDENCE, True),
         (Inscription("GATE8", False), "GATE8", SURE_CONFIDENCE - 0.01, None),
         (Inscription("GATE8", False), "GATE 9", SURE_CONFIDENCE, False),
@@ -44,4 +44,4 @@ def test_a_text_is_believed_when_it_is_sure_and_whole():
         (Inscription("4329", True), "B329", SURE_CONFIDENCE, None),  # no plate has letters
         (Inscription("WEST", False), "", SURE_CONFIDENCE, None),
     ):
-        assert matches(wanted, [ReadText(read, confidence)]) is known, (wanted, read)
+        assert matches(wanted, [ReadText(read, confidence)]) is is_match, (wanted, read)

@@ -1,4 +1,4 @@
-"""What a drone of a fleet takes for its own, and what it does about it; from what the history says alone."""
+"""A drone of a fleet chooses its own candidate and acts on it, from the history alone."""
 
 import json
 import math
@@ -25,42 +25,42 @@ def at(right_m: float, ahead_m: float) -> Candidate:
     )
 
 
-def flown(depth_m, y_px=360.0):
+def past_go(depth_m, y_px=360.0):
     return PastAction(GO, x_px=640.0, y_px=y_px, depth_m=depth_m)
 
 
-def test_its_own_is_what_it_flew_to_and_not_what_it_passes():
+def test_the_own_candidate_is_the_one_flown_to_and_not_a_passed_one():
     far, passed = at(0.4, 17.0), at(-3.5, 6.0)
-    assert inscription_target.own_candidate([passed, far], (flown(20.0),)) is far
-    assert inscription_target.own_candidate([passed], (flown(20.0),)) is None
+    assert inscription_target.own_candidate([passed, far], (past_go(20.0),)) is far
+    assert inscription_target.own_candidate([passed], (past_go(20.0),)) is None
 
 
-def test_what_is_read_is_left_for_another_one():
+def test_a_read_candidate_is_left_for_another_one():
     read, other = at(0.0, 5.0), at(3.0, 12.0)
     assert inscription_target.own_candidate([read, other], (PastAction(ROTATE, angle_deg=60.0),)) is other
     assert inscription_target.own_candidate([read, other], (PastAction(ROTATE, angle_deg=50.0),)) is read
 
 
-def test_who_has_nothing_more_to_do():
+def test_a_full_history_without_strides_is_settled():
     for past, is_settled in (
         ((PastAction(THINK),) * HISTORY_LENGTH, True),
         ((PastAction(ROTATE, angle_deg=50.0),) * HISTORY_LENGTH, True),
         ((PastAction(THINK),) * (HISTORY_LENGTH - 1), False),
-        ((flown(8.0),) + (PastAction(THINK),) * (HISTORY_LENGTH - 1), False),
+        ((past_go(8.0),) + (PastAction(THINK),) * (HISTORY_LENGTH - 1), False),
     ):
         assert inscription_target.is_settled(past) is is_settled, past
 
 
-def test_alone_it_goes_where_it_was_told_or_to_the_nearest():
-    for which, index in ((None, 1), (0, 0), (2, 2), (-1, 2), (7, 1)):
+def test_a_single_drone_goes_to_the_named_place_or_the_nearest():
+    for place, index in ((None, 1), (0, 0), (2, 2), (-1, 2), (7, 1)):
         view = [at(-8.0, 20.0), at(0.0, 12.0), at(9.0, 18.0)]
-        assert inscription_target.first_destination(view, which) == view[index].spot, which
+        assert inscription_target.first_destination(view, place) == view[index].spot, place
 
 
 @given(st.floats(-0.9, 0.9), st.floats(3.4, 45.0))
 def test_a_stride_never_ends_in_the_board(side, ahead_m):
-    said = json.loads(boards.stride_towards(GroundPoint(side * ahead_m, ahead_m)))
-    depth = said["depth_m"]
+    action = json.loads(boards.stride_towards(GroundPoint(side * ahead_m, ahead_m)))
+    depth = action["depth_m"]
     stride = min(STRIDE_MAX_M, depth) if depth >= 5.0 else 0.6 * depth
     assert stride >= STRIDE_MIN_M
     assert ahead_m - stride > 1.2
@@ -78,7 +78,7 @@ def test_the_vantage_point_is_off_the_nearer_end(heading, end, right_m, ahead_m)
         assert math.copysign(1.0, place.bearing_rad - middle.bearing_rad) == end
 
 
-def test_how_a_car_stands_is_told_by_how_wide_it_looks():
+def test_the_heading_of_a_car_follows_from_its_visible_width():
     def seen(wide_m, depth_m=10.0):
         return plates.heading_rad(320.0 * wide_m / depth_m, depth_m, CAR, 320.0)
 
@@ -89,25 +89,25 @@ def test_how_a_car_stands_is_told_by_how_wide_it_looks():
     assert seen(2.5) < seen(3.5) < seen(4.5)
 
 
-def test_four_declarations_and_no_more():
-    """Twice, twice more from a stride nearer, and then it holds: it may have been wrong."""
-    car, past, said = at(0.0, 4.0), [flown(2.5), PastAction(FINISHED)], []
+def test_a_drone_declares_four_times_and_no_more():
+    """It declares twice, twice more from a stride nearer, and then waits: the plate may be the wrong one."""
+    car, past, actions = at(0.0, 4.0), [past_go(2.5), PastAction(FINISHED)], []
     for _ in range(5):
         action = json.loads(plates._declare_again(car, tuple(past[-HISTORY_LENGTH:])))
-        said.append(action["action"])
+        actions.append(action["action"])
         past.append(PastAction(action["action"], y_px=360.0, depth_m=action.get("depth_m", 0.0)))
-        if said[-1] == GO:
-            past.append(PastAction(FINISHED))  # as `decide` says after a stride to a plate that was read
-            said.append(FINISHED)
-    assert said[:5] == [FINISHED, GO, FINISHED, FINISHED, THINK]
+        if actions[-1] == GO:
+            past.append(PastAction(FINISHED))  # like `decide` after a stride to a plate that was read
+            actions.append(FINISHED)
+    assert actions[:5] == [FINISHED, GO, FINISHED, FINISHED, THINK]
 
 
 def test_after_the_stride_to_a_plate_that_was_read_it_declares_without_it():
-    assert plates.was_plate_read((flown(2.2),))
-    assert not plates.was_plate_read((flown(3.2),))
-    assert json.loads(plates.decide_unseen((flown(2.2),)))["action"] == FINISHED
+    assert plates.was_plate_read((past_go(2.2),))
+    assert not plates.was_plate_read((past_go(3.2),))
+    assert json.loads(plates.decide_unseen((past_go(2.2),)))["action"] == FINISHED
 
 
-def test_what_is_lost_is_looked_for_on_its_side():
+def test_a_lost_car_is_looked_for_on_its_side():
     for y_px, sign in ((373.0, 1.0), (347.0, -1.0)):
-        assert math.copysign(1.0, json.loads(plates.decide_unseen((flown(8.0, y_px),)))["angle_deg"]) == sign, y_px
+        assert math.copysign(1.0, json.loads(plates.decide_unseen((past_go(8.0, y_px),)))["angle_deg"]) == sign, y_px

@@ -1,4 +1,4 @@
-"""The eye for inscriptions on freshly rendered pictures: boards, plates and what stands on them."""
+"""Reading of inscriptions in freshly rendered pictures: boards and plates with their texts."""
 
 import math
 import sys
@@ -25,7 +25,7 @@ SIGN, PLATE = probe.KINDS
 
 
 def seen(kind, text, distance_m):
-    """Return what the pilot gets of an inscription straight ahead, BGR."""
+    """Return the pilot's picture of an inscription straight ahead, BGR."""
     return pilot.decode(encode(probe.view(kind, text, distance_m)))
 
 
@@ -62,7 +62,7 @@ def test_equal_pictures_give_equal_readings():
     assert ocr.read_lines(part) == ocr.read_lines(part)
 
 
-def test_a_missing_package_is_said_in_one_sentence(monkeypatch):
+def test_a_missing_package_is_reported_in_one_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "rapidocr", None)
     ocr._engine.cache_clear()
     jpeg = cv2.imencode(".jpg", np.zeros((360, 640, 3), np.uint8))[1].tobytes()
@@ -75,7 +75,7 @@ def test_a_missing_package_is_said_in_one_sentence(monkeypatch):
 
 @pytest.fixture(scope="module")
 def first_pictures():
-    """Return a function (episode) -> its record and the four first pictures, BGR."""
+    """Return a function (episode) → its record and the four first pictures, BGR."""
 
     def look(name):
         record = catalogue.load(name)
@@ -111,7 +111,7 @@ def test_four_drones_are_sent_to_four_things(first_pictures, name):
     assert reached == {0, 1, 2, 3}
 
 
-def test_a_board_is_told_from_other_rectangles():
+def test_a_board_is_distinguished_from_other_rectangles():
     blank = np.full((360, 640, 3), 176, np.uint8)
     cv2.rectangle(blank, (300, 170), (360, 212), (30, 30, 200), -1)
     assert boards.find(blank) == []  # no posts
@@ -121,7 +121,7 @@ def test_a_board_is_told_from_other_rectangles():
     assert board.depth_m == pytest.approx(320.0 * boards.HEIGHT_M / 43, rel=0.05)
 
 
-def test_who_has_read_another_one_waits():
+def test_a_drone_that_has_read_another_text_waits():
     image = np.full((360, 640, 3), 176, np.uint8)
     waiting = (PastAction("think"),)
     command = "the sign that reads WEST"

@@ -1,4 +1,4 @@
-"""The eye of the vision pilot on painted pictures: finds, ranges, rejects, and decides."""
+"""The vision pilot on painted pictures: it finds, ranges, rejects and decides."""
 
 import json
 import math
@@ -90,7 +90,7 @@ def test_distance_comes_out_of_size():
             assert seen.range.distance_m == pytest.approx(distance, rel=0.2), (distance, side_on)
 
 
-def test_nothing_is_seen_where_nothing_is():
+def test_nothing_is_found_in_an_empty_scene():
     for color in BGR:
         assert look(scene(), f"go to the {color} SUV") is None
 
@@ -106,7 +106,7 @@ def test_a_car_in_another_colour_is_not_the_one():
     assert look(put(scene(), BGR["red"], 10.0), "go to the cyan SUV") is None
 
 
-def test_of_two_things_the_named_colour_counts():
+def test_the_thing_of_the_named_colour_is_found():
     picture = put(put(scene(), BGR["red"], 9.0, -3.0, side_on=False), BGR["blue"], 9.0, 3.0, side_on=False)
     assert look(picture, "go to the blue car").box.left > 0.0
     assert look(picture, "go to the red car").box.right < 0.0
@@ -118,7 +118,7 @@ def test_a_sign_in_the_sky_is_too_high_to_be_a_car():
     assert look(picture, "go to the cyan SUV") is None
 
 
-def test_far_it_goes_with_its_depth_near_with_smaller_ones_and_there_it_declares():
+def test_the_pilot_approaches_by_depth_then_by_short_strides_and_declares():
     far, nearer = (decide(put(scene(), BGR["cyan"], d)) for d in (14.0, 6.5))
     assert far["action"] == nearer["action"] == "go"
     assert far["depth_m"] > 10.0
@@ -133,7 +133,7 @@ def end_on(distance_m):
     return put(scene(), BGR["cyan"], distance_m, side_on=False)
 
 
-def test_a_claim_that_did_not_end_the_flight_is_made_again_from_nearer_and_then_given_up():
+def test_a_failed_claim_is_repeated_from_nearer_and_then_given_up():
     once = decide(end_on(4.4), past=(CLAIM,))
     assert once["action"] == "go"
     assert 1.2 <= 0.6 * once["depth_m"] <= 2.5
@@ -142,13 +142,13 @@ def test_a_claim_that_did_not_end_the_flight_is_made_again_from_nearer_and_then_
     assert thrice == {"action": "rotate", "angle_deg": search.LEAVE_TURN_DEG}
 
 
-def test_what_is_claimed_and_goes_away_is_gone_after():
+def test_a_claimed_target_that_moves_away_is_followed():
     assert decide(end_on(7.5), past=(CLAIM,))["action"] == "go"
     assert decide(scene(), past=(CLAIM,))["action"] == "rotate"
 
 
-def test_what_was_refused_is_left_for_where_the_view_is_open():
-    """Not claimed for ever: it goes away before it looks round, and its end at the picture's edge is no sighting."""
+def test_a_refused_target_is_left_for_an_open_view():
+    """The pilot leaves before it looks round. A target's end at the picture's edge is no sighting."""
     turned = PastAction("rotate", angle_deg=search.LEAVE_TURN_DEG)
     assert decide(scene(), past=(CLAIM, turned))["depth_m"] == search.WANDER_M
     beside = put(scene(), BGR["cyan"], 4.5, -4.5)
@@ -158,12 +158,12 @@ def test_what_was_refused_is_left_for_where_the_view_is_open():
     assert other["point"][0] > 550
 
 
-def test_the_second_thing_that_is_refused_is_left_to_the_other_side():
+def test_the_second_refused_target_is_left_to_the_other_side():
     first = json.loads(search.turn_away(()))["angle_deg"]
     assert json.loads(search.turn_away((PastAction("rotate", angle_deg=first), CLAIM)))["angle_deg"] == -first
 
 
-def test_what_is_not_seen_once_is_gone_on_to_once():
+def test_a_target_that_is_missed_once_is_approached_once_more():
     seen_before = PastAction("go", x_px=500.0, y_px=370.0, depth_m=14.0)
     on = decide(scene(), past=(seen_before,))
     assert on["action"] == "go"
@@ -173,8 +173,8 @@ def test_what_is_not_seen_once_is_gone_on_to_once():
     assert decide(scene(), past=(seen_before, blind))["action"] == "rotate"
 
 
-def test_what_is_gone_for_is_held_on_to_where_it_must_be():
-    """A sighting that would not do by itself will where it is expected."""
+def test_a_weak_sighting_counts_at_the_expected_place():
+    """A sighting that is too weak by itself is accepted at the expected place."""
     hidden, bias, out = (np.zeros(shape, np.float32) for shape in ((color_detector.LENGTH, 1), (1,), (1, 2)))
     unsure = color_detector.PatchNetwork(hidden, bias, out, np.array((-0.85, 0.0), np.float32))
     picture, named = put(scene(), BGR["cyan"], 12.0), read_referent("go to the cyan SUV")
@@ -184,8 +184,8 @@ def test_what_is_gone_for_is_held_on_to_where_it_must_be():
     assert color_detector.find(picture, named, color_detector.ExpectedPlace(0.4, 10.5), unsure) is None
 
 
-def test_each_of_the_catalogues_vehicles_is_ranged_by_its_own_outline():
-    """Not by the usual size of its like: the paint of a cyclist, or of a quadrotor on its stand, is no box."""
+def test_every_vehicle_of_the_catalogue_is_ranged_by_its_own_outline():
+    """A usual size is not enough: the paint of a cyclist, or of a quadrotor on its stand, is no box."""
     for distance in (6.0, 12.0):
         for asset in color_detector.KINDS:
             mesh = assets.build(asset, "red")
@@ -195,7 +195,7 @@ def test_each_of_the_catalogues_vehicles_is_ranged_by_its_own_outline():
             for turn in (0.3, 1.2, 2.4):
                 c, s = math.cos(turn), math.sin(turn)
                 ahead = distance - 0.5 + c * points[:, 0] - s * points[:, 1]
-                if ahead.min() < 2.0:  # cut off below, it says little
+                if ahead.min() < 2.0:  # it is cut off below and cannot be measured
                     continue
                 x, y = 0.5 * (s * points[:, 0] + c * points[:, 1]) / ahead, 0.5 * (CAMERA_UP_M - points[:, 2]) / ahead
                 low = np.clip((x.min(), y.min()), (-0.5, -9 / 32), 9.0)
@@ -204,23 +204,23 @@ def test_each_of_the_catalogues_vehicles_is_ranged_by_its_own_outline():
                 assert ranging.measure(box, size, 9 / 16).distance_m == pytest.approx(distance, rel=0.15), asset
 
 
-def test_it_sweeps_one_way_and_after_a_full_circle_leaves():
+def test_the_search_turns_one_way_and_leaves_after_a_full_circle():
     picture, turned = scene(), 0.0
     past: list[PastAction] = []
     while (action := decide(picture, past=tuple(past[-5:])))["action"] == "rotate":
         turned += action["angle_deg"]
         past.append(PastAction("rotate", angle_deg=action["angle_deg"]))
         assert len(past) < 14
-    assert turned >= 300.0  # with 90° of view that is everything
+    assert turned >= 300.0  # with a view of 90° that covers everything
     assert action["action"] == "go"
 
 
-def test_what_was_lost_near_by_is_looked_for_on_the_side_where_it_was():
+def test_a_target_lost_near_by_is_looked_for_on_its_side():
     assert decide(scene(), past=(PastAction("go", x_px=200.0, depth_m=4.0),))["angle_deg"] < 0
     assert decide(scene(), past=(PastAction("go", x_px=1100.0, depth_m=4.0),))["angle_deg"] > 0
 
 
-def test_what_the_shortest_stride_hides_is_before_it_and_is_claimed_once():
+def test_a_target_hidden_by_the_shortest_stride_is_claimed_once():
     nothing = scene()
     for depth, action in ((2.01, "finished"), (2.6, "rotate"), (4.5, "rotate")):
         assert decide(nothing, past=(PastAction("go", x_px=600.0, depth_m=depth),))["action"] == action
@@ -228,11 +228,11 @@ def test_what_the_shortest_stride_hides_is_before_it_and_is_claimed_once():
     assert decide(nothing, past=claimed)["action"] == "rotate"
 
 
-def test_without_a_colour_word_it_searches_and_never_claims():
+def test_without_a_colour_word_the_pilot_searches_and_never_claims():
     assert decide(put(scene(), BGR["cyan"], 4.0), "go to the SUV")["action"] == "rotate"
 
 
-def test_same_request_same_answer_and_one_object_per_picture():
+def test_equal_requests_get_equal_answers_with_one_object_per_picture():
     jpeg = encode(put(scene(), BGR["cyan"], 10.0)[:, :, ::-1])
     prompt = "Command: go to the cyan SUV\n1. ROTATE angle=60deg"
     assert pilot.answer(prompt, [jpeg]) == pilot.answer(prompt, [jpeg])
@@ -259,15 +259,15 @@ def test_any_picture_gets_a_valid_action(seed, color):
         assert action["depth_m"] >= 2.0
 
 
-def test_it_aims_ahead_of_what_crosses_its_way():
-    """It was straight ahead when the last stride began, and has gone to the right since."""
+def test_the_pilot_aims_ahead_of_a_target_that_crosses_its_way():
+    """The target was straight ahead when the last stride began, and has moved right since."""
     picture = put(scene(), BGR["cyan"], 13.0, 1.2)
     before = PastAction("go", x_px=600.0, y_px=380.0, depth_m=approach.encode_lead(15.5, 0.0))
     assert decide(picture, past=(before,))["point"][0] > decide(picture)["point"][0] + 25
 
 
-def test_what_is_to_be_read_is_ranged_by_its_size_whatever_its_kind_wears():
-    """A fleet looks for vehicles that bear plates; how far off those are it was made for."""
+def test_vehicles_with_plates_are_ranged_by_their_size_alone():
+    """`find_all` serves fleets, which look for vehicles with plates. It ignores the outline of the kind."""
     seen = color_detector.find_all(put(scene(), BGR["cyan"], 12.0), read_referent("go to the cyan van"))
     boxy = replace(SIZES["van"], outline="")
     assert [s.range for s in seen] == [ranging.measure(s.box, boxy, 9 / 16) for s in seen] != []

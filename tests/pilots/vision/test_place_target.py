@@ -1,4 +1,4 @@
-"""What is told by where it stands, in pictures of things that stand on a lawn."""
+"""Targets named by their place, in pictures of things on a lawn."""
 
 import json
 import math
@@ -19,9 +19,9 @@ from foundation.camera import CameraModel, CameraPose, encode
 from foundation.frames import quat_from_euler
 
 HALF = CameraModel(640, 360)
-EYE = (-20.0, 0.0)  # north, east: things stand on the plaza before it
+EYE = (-20.0, 0.0)  # north, east; things stand on the plaza in front of it
 SEARCH = shape_detector.find
-FOUND: dict[tuple[bytes, tuple[str, ...]], list[shape_detector.PlacedThing]] = {}
+SEARCHED: dict[tuple[bytes, tuple[str, ...]], list[shape_detector.PlacedThing]] = {}
 
 
 @pytest.fixture(scope="module")
@@ -52,19 +52,19 @@ def mesh(kind):
 
 
 def decide(picture, command, past=()):
-    told = read_place_expression(command)
-    assert told is not None
+    expression = read_place_expression(command)
+    assert expression is not None
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(shape_detector, "find", find_once)
-        return json.loads(place_target.decide(picture, told, past))
+        return json.loads(place_target.decide(picture, expression, past))
 
 
 def find_once(picture, kinds, network):
-    """Search a picture once for all the decisions on it: the search takes most of a decision's time."""
+    """Search a picture once for all decisions on it. The search takes most of a decision's time."""
     key = (picture.tobytes(), tuple(kinds))
-    if key not in FOUND:
-        FOUND[key] = SEARCH(picture, kinds, network)
-    return FOUND[key]
+    if key not in SEARCHED:
+        SEARCHED[key] = SEARCH(picture, kinds, network)
+    return SEARCHED[key]
 
 
 def go(depth_m, x_px=640.0):
@@ -72,7 +72,7 @@ def go(depth_m, x_px=640.0):
 
 
 @pytest.mark.parametrize(("side", "left"), [("left of", True), ("right of", False)])
-def test_of_two_alike_the_one_on_the_named_side_of_the_landmark_is_gone_for(court, side, left):
+def test_the_target_on_the_named_side_of_the_landmark_is_approached(court, side, left):
     picture = court(("statue", 16.0, 0.0), ("planter", 16.5, -4.5), ("planter", 16.5, 4.5))
     action = decide(picture, f"go to the planter {side} the statue")
     assert action["action"] == "go"
@@ -88,7 +88,7 @@ def test_the_nearest_to_a_landmark_is_not_the_nearest_to_the_drone(court):
     assert action["point"][0] > 540.0
 
 
-def test_it_follows_what_it_went_for_and_not_its_likeness(court):
+def test_the_pilot_follows_its_target_and_not_a_similar_thing(court):
     picture = court(("planter", 14.0, 0.0), ("planter", 8.0, -5.0))
     action = decide(picture, "go to the planter left of the statue", (go(17.0),))
     assert action["point"][0] == pytest.approx(500.0, abs=20.0)
@@ -96,13 +96,13 @@ def test_it_follows_what_it_went_for_and_not_its_likeness(court):
 
 
 @pytest.mark.parametrize("height", [1.2, 1.3])
-def test_what_is_near_is_claimed_and_what_is_not_is_come_closer_to(court, height):
+def test_a_near_target_is_claimed_and_a_distant_one_is_approached(court, height):
     command = "go to the planter left of the statue"
     assert decide(court(("planter", 3.2, 0.0), height=height), command, (go(2.01),))["action"] == "finished"
     assert decide(court(("planter", 7.5, 0.0), height=height), command, (go(10.5),))["action"] == "go"
 
 
-def test_after_a_claim_it_comes_closer_once_claims_again_and_turns_away(court):
+def test_after_a_claim_the_pilot_comes_closer_once_claims_again_and_turns_away(court):
     picture = court(("planter", 4.6, 0.0))
     command = "go to the planter nearest Euler Hall"
     claimed = (go(2.01), go(3.0), PastAction("finished"))
@@ -112,7 +112,7 @@ def test_after_a_claim_it_comes_closer_once_claims_again_and_turns_away(court):
     assert decide(picture, command, (*claimed, go(2.01), PastAction("finished")))["action"] == "rotate"
 
 
-def test_what_has_been_claimed_is_not_gone_for_again(court):
+def test_a_claimed_target_is_not_approached_again(court):
     picture = court(("planter", 4.5, 1.0), ("planter", 15.0, -8.0))
     past = (PastAction("finished"), PastAction("rotate", angle_deg=75.0))
     action = decide(picture, "go to the planter nearest Euler Hall", past)
@@ -120,7 +120,7 @@ def test_what_has_been_claimed_is_not_gone_for_again(court):
     assert action["point"][0] < 400.0
 
 
-def test_what_is_to_be_looked_for_is_not_in_the_first_picture(court):
+def test_a_target_to_find_is_not_taken_from_the_first_picture(court):
     picture = court(("planter", 12.0, 0.0))
     assert decide(picture, "find the planter nearest Euler Hall and go to it")["action"] == "rotate"
     assert decide(picture, "go to the planter nearest Euler Hall")["action"] == "go"
@@ -128,7 +128,7 @@ def test_what_is_to_be_looked_for_is_not_in_the_first_picture(court):
     assert decide(picture, "find the planter nearest Euler Hall and go to it", turned)["action"] == "go"
 
 
-def test_what_is_only_to_be_gone_to_is_gone_for_in_the_first_picture_however_unsure(court, monkeypatch):
+def test_a_target_to_go_to_is_approached_in_the_first_picture_even_if_unsure(court, monkeypatch):
     picture = court(("planter", 12.0, -3.0))
     monkeypatch.setattr(place_target, "_SURE", 1e6)
     assert decide(picture, "go to the planter nearest Euler Hall")["action"] == "go"
@@ -136,7 +136,7 @@ def test_what_is_only_to_be_gone_to_is_gone_for_in_the_first_picture_however_uns
     assert decide(picture, "go to the planter nearest Euler Hall", turned)["action"] == "rotate"
 
 
-def test_where_strides_bring_nothing_nearer_it_goes_round(court):
+def test_if_strides_bring_the_target_no_nearer_the_pilot_goes_round(court):
     picture = court(("planter", 15.0, 0.0))
     held_up, on_the_way = (go(15.5), go(15.6), go(15.4)), (go(24.0), go(21.0), go(18.0))
     assert abs(decide(picture, "go to the planter nearest Euler Hall", held_up)["point"][0] - 500.0) > 300.0
@@ -159,7 +159,7 @@ def test_any_picture_gets_a_valid_action():
 
 
 @pytest.mark.slow
-def test_most_of_what_stands_on_a_campus_that_it_was_not_fitted_to_is_found_where_it_is():
+def test_most_things_on_a_campus_outside_the_fit_are_found_at_their_place():
     jpegs = list(shapes.draw(shapes.CHECK_SEED + 50, 1, 12))
     results = shapes.evaluate(shape_detector.shipped_network(), jpegs)
     near = [odds > -0.9 for present, _ in results.values() for depth, odds in present if depth < 20.0]
@@ -169,7 +169,7 @@ def test_most_of_what_stands_on_a_campus_that_it_was_not_fitted_to_is_found_wher
     assert false <= 0.4 * len(jpegs) * len(shape_detector.KINDS)
 
 
-def test_a_thing_is_as_far_as_it_stands_whatever_the_height_of_the_eye(court):
+def test_the_distance_of_a_thing_does_not_depend_on_the_height_of_the_eye(court):
     for height in (1.2, 1.6, 2.1):
         picture = court(("planter", 14.0, 3.0), height=height)
         seen = shape_detector.find(picture, ["planter"], shape_detector.shipped_network())

@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth does not hang on the tick at which an episode begins."""
+"""The distance between an estimate and the truth does not depend on the tick at which an episode begins."""
 
 import json
 import re
@@ -13,7 +13,7 @@ SPEED_MPS = 1.2
 
 
 def folder_of(tmp_path, true_s, estimated_s):
-    """An episode that flies north at a constant speed, the estimate of which is 0.3 m too far east."""
+    """Write an episode that flies north at a constant speed. Its estimate is 0.3 m too far east."""
     poses = [
         {"kind": "pose", "t": t, "drone": 0, "position_ned": [SPEED_MPS * t, 0.0, -2.0], "yaw_deg": 0.0,
          "target_ned": [9.0, 0.0, 0.0], "distance_m": 1.0, "visible": True}
@@ -33,11 +33,11 @@ def folder_of(tmp_path, true_s, estimated_s):
 @pytest.mark.parametrize("late_s", [0.0, 0.01, 0.018])
 def test_an_episode_may_begin_between_two_poses(tmp_path, late_s):
     half = [0.5 * k for k in range(20)]
-    found = against_truth(folder_of(tmp_path, [t + late_s for t in half], half), ORIGIN)
-    assert found["poses"] >= 19
-    assert found["rms_m"] == pytest.approx(0.3, abs=1e-3)
-    assert found["max_m"] == pytest.approx(0.3, abs=1e-3)
-    assert found["within_2_std"] == 1.0
+    comparison = against_truth(folder_of(tmp_path, [t + late_s for t in half], half), ORIGIN)
+    assert comparison["poses"] >= 19
+    assert comparison["rms_m"] == pytest.approx(0.3, abs=1e-3)
+    assert comparison["max_m"] == pytest.approx(0.3, abs=1e-3)
+    assert comparison["within_2_std"] == 1.0
 
 
 def test_a_gap_in_the_truth_is_not_bridged(tmp_path):

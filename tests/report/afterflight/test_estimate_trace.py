@@ -1,4 +1,4 @@
-"""A flight whose truth nobody tells the logger, and what is made of it after landing, held to the truth."""
+"""A flight whose logger never receives the truth. The trace computed after landing is compared with the truth."""
 
 import bisect
 import json
@@ -44,7 +44,7 @@ STEPS = ROUND * 2
 
 
 class Truth:
-    """Keeps all of the truth."""
+    """Keeps every truth sample."""
 
     def __init__(self, map_origin) -> None:
         self.samples: list[TruthSample] = []
@@ -70,7 +70,7 @@ class Flown:
         self.t0_us = begin.t0_us
 
     def true(self, t: float):
-        """Return the true place at an instant of the episode, m, NED about the map's origin."""
+        """Return the true position at a time of the episode, m, NED about the map's origin."""
         return self.truth.at(self.t0_us + t * 1e6)
 
 
@@ -78,7 +78,7 @@ pytestmark = pytest.mark.slow("one flight of a minute in real time, which all te
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory):
+def flight(tmp_path_factory: pytest.TempPathFactory):
     folder, state = tmp_path_factory.mktemp("flight"), tmp_path_factory.mktemp("vehicle")
     world = load_world(EPISODE)
     truth = Truth(origin(world))
@@ -92,7 +92,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory):
 
 
 def _fly(folder: Path, link: Link) -> None:
-    """Fly STEPS and write the logs of a vehicle that we did not start; decisions 2 and 7 declare."""
+    """Fly STEPS and write the logs of a vehicle that this process did not start. Decisions 2 and 7 declare."""
     recorder = EstimateRecorder(folder)
     link.listeners.append(lambda m: recorder.telemetry(bytes(m.get_msgbuf())))
     link.connect()
@@ -124,47 +124,48 @@ def from_tlog(path: Path) -> EstimatorLog:
     return from_telemetry(telemetry(path, 0)[0], path)
 
 
-def rows(flown: Flown, kind: str) -> list[dict[str, Any]]:
-    return [row for row in map(json.loads, (flown.folder / ESTIMATE).read_text().splitlines()) if row["kind"] == kind]
+def rows(flight: Flown, kind: str) -> list[dict[str, Any]]:
+    return [row for row in map(json.loads, (flight.folder / ESTIMATE).read_text().splitlines()) if row["kind"] == kind]
 
 
-def surveyed(flown: Flown, place, std_m: float = 0.02, altitude: bool = True) -> SurveyedTarget:
-    latitude, longitude, height = ned_to_geodetic(*flown.origin, *place)
+def surveyed(flight: Flown, place, std_m: float = 0.02, altitude: bool = True) -> SurveyedTarget:
+    latitude, longitude, height = ned_to_geodetic(*flight.origin, *place)
     return SurveyedTarget(latitude, longitude, height if altitude else None, std_m)
 
 
 @pytest.mark.parametrize("source", ["tlog", "ulog"])
-def test_the_trace_is_as_near_to_the_truth_as_it_says(flown: Flown, source: str) -> None:
-    logs = {name: (flown.folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "flight.tlog")}
-    derive(flown.folder, ulog=flown.ulog if source == "ulog" else None)
-    head, poses = rows(flown, "estimate")[0], rows(flown, "pose")
-    assert head["source"] == ("flight.tlog" if source == "tlog" else flown.ulog.name)
+def test_the_trace_is_as_near_to_the_truth_as_it_says(flight: Flown, source: str) -> None:
+    logs = {name: (flight.folder / name).read_bytes() for name in ("truth.jsonl", "decisions.jsonl", "flight.tlog")}
+    derive(flight.folder, ulog=flight.ulog if source == "ulog" else None)
+    head, poses = rows(flight, "estimate")[0], rows(flight, "pose")
+    assert head["source"] == ("flight.tlog" if source == "tlog" else flight.ulog.name)
     assert len(poses) >= 2 * sum(seconds for _, seconds in STEPS) - 1
     errors = []
     for pose in poses:
-        place = geodetic_to_ned(*(*flown.origin, *ned_to_geodetic(*(*head["origin"], *pose["position_ned"]))))
-        errors.append((np.array(place) - flown.true(pose["t"])) / pose["position_std_m"])
+        place = geodetic_to_ned(*(*flight.origin, *ned_to_geodetic(*(*head["origin"], *pose["position_ned"]))))
+        errors.append((np.array(place) - flight.true(pose["t"])) / pose["position_std_m"])
     assert np.abs(errors).max() < 3.0
     assert np.abs(errors).max() > 0.01  # it is an estimate
     assert all(0.05 < std < 5.0 for pose in poses for std in pose["position_std_m"])
-    assert {name: (flown.folder / name).read_bytes() for name in logs} == logs
+    assert {name: (flight.folder / name).read_bytes() for name in logs} == logs
 
 
-def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flown: Flown) -> None:
-    derive(flown.folder)
-    frames, decisions = rows(flown, "frame"), read(flown.folder).decisions
+def test_every_frame_of_a_decision_has_its_pose_at_its_own_instant(flight: Flown) -> None:
+    derive(flight.folder)
+    frames, decisions = rows(flight, "frame"), read(flight.folder).decisions
     assert [(f["frame_id"], f["t"]) for f in frames] == [(d.frame_id, round(d.t_frame, 6)) for d in decisions]
     moved = [np.subtract(f["position_ned"], frames[0]["position_ned"]) for f in frames]
-    true = [flown.true(f["t"]) - flown.true(frames[0]["t"]) for f in frames]
+    true = [flight.true(f["t"]) - flight.true(frames[0]["t"]) for f in frames]
     assert np.abs(np.subtract(moved, true)[:, :2]).max() < 0.5
     assert all(f["visible"] is None for f in frames)
 
 
-def test_a_surveyed_target_gives_distances_and_never_a_success(flown: Flown) -> None:
-    """The target is where the vehicle truly was when it declared: nothing is nearer, and still nobody saw it."""
-    when = read(flown.folder).decisions[7].t_frame
-    derive(flown.folder, surveyed(flown, flown.true(when) + np.array([0.3, 0.0, 0.0])))
-    verdict = judge_folder(flown.folder).as_json()
+def test_a_surveyed_target_gives_distances_and_never_a_success(flight: Flown) -> None:
+    """The target is where the vehicle was when it declared. The distance is near zero, and the target was still not
+    seen."""
+    when = read(flight.folder).decisions[7].t_frame
+    derive(flight.folder, surveyed(flight, flight.true(when) + np.array([0.3, 0.0, 0.0])))
+    verdict = judge_folder(flight.folder).as_json()
     assert verdict["outcome"] == "distance only"
     assert verdict["success"] is None
     assert verdict["ne_m"] is None
@@ -179,40 +180,42 @@ def test_a_surveyed_target_gives_distances_and_never_a_success(flown: Flown) -> 
 
 
 @pytest.mark.parametrize("altitude", [True, False])
-def test_distances_are_true_within_their_standard_deviation(flown: Flown, altitude: bool) -> None:
-    place = flown.true(0.0) + np.array([20.0, 10.0, 6.0])
-    derive(flown.folder, surveyed(flown, place, altitude=altitude))
+def test_distances_are_true_within_their_standard_deviation(flight: Flown, altitude: bool) -> None:
+    place = flight.true(0.0) + np.array([20.0, 10.0, 6.0])
+    derive(flight.folder, surveyed(flight, place, altitude=altitude))
     axes = 3 if altitude else 2
-    for row in rows(flown, "pose") + rows(flown, "frame"):
-        true_m = float(np.linalg.norm((flown.true(row["t"]) - place)[:axes]))
+    for row in rows(flight, "pose") + rows(flight, "frame"):
+        true_m = float(np.linalg.norm((flight.true(row["t"]) - place)[:axes]))
         assert abs(row["distance_m"] - true_m) < 3.0 * row["distance_std_m"]
-    assert judge_folder(flown.folder).as_json()["distances"]["declarations"][0]["within"] is False
+    assert judge_folder(flight.folder).as_json()["distances"]["declarations"][0]["within"] is False
 
 
-def test_the_command_judges_anew(flown: Flown, capsys: pytest.CaptureFixture[str]) -> None:
-    target = surveyed(flown, flown.true(0.0))
+def test_the_command_judges_anew(flight: Flown, capsys: pytest.CaptureFixture[str]) -> None:
+    target = surveyed(flight, flight.true(0.0))
     where = f"--target={target.latitude_deg},{target.longitude_deg}"
-    assert main(["flightlog", "trace", str(flown.folder), where, "--target-std", "0.02"]) == 0
-    assert json.loads((flown.folder / "verdict.json").read_text())["outcome"] == "distance only"
-    assert main(["judge", str(flown.folder)]) == 0
+    assert main(["flightlog", "trace", str(flight.folder), where, "--target-std", "0.02"]) == 0
+    assert json.loads((flight.folder / "verdict.json").read_text())["outcome"] == "distance only"
+    assert main(["judge", str(flight.folder)]) == 0
     capsys.readouterr()
-    assert main(["flightlog", "trace", str(flown.folder), "--json"]) == 0
+    assert main(["flightlog", "trace", str(flight.folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["outcome"] == "unknown"  # no target: nothing to be near to
 
 
-def test_a_connected_flight_ends_traced_and_one_that_told_too_little_as_it_was(flown: Flown, tmp_path: Path) -> None:
-    said: list[str] = []
-    ended = {"run_dir": str(flown.folder), "outcome": "unknown", "success": None, "reason": "cap"}
-    result = rejudge(ended, surveyed(flown, flown.true(0.0)), said.append)
+def test_a_connected_flight_is_traced_and_a_flight_with_too_few_logs_is_unchanged(
+    flight: Flown, tmp_path: Path
+) -> None:
+    messages: list[str] = []
+    episode = {"run_dir": str(flight.folder), "outcome": "unknown", "success": None, "reason": "cap"}
+    result = rejudge(episode, surveyed(flight, flight.true(0.0)), messages.append)
     assert (result["outcome"], result["success"], result["reason"]) == ("distance only", None, "cap")
     assert result["distances"]["closest"]["distance_m"] < 2.0
-    assert len(said) == 1
-    assert rejudge(ended, None, said.append)["outcome"] == "unknown"
+    assert len(messages) == 1
+    assert rejudge(episode, None, messages.append)["outcome"] == "unknown"
     for log in ("decisions.jsonl", "truth.jsonl"):
         (tmp_path / log).touch()
     broken = {"run_dir": str(tmp_path), "outcome": "error", "success": False}
-    assert rejudge(broken, None, said.append) == broken
-    assert len(said) == 2
+    assert rejudge(broken, None, messages.append) == broken
+    assert len(messages) == 2
 
 
 @pytest.mark.parametrize(
@@ -223,23 +226,23 @@ def test_fly_refuses_a_target_that_is_none_before_anything_moves(wrong: list[str
     assert main(["fly", "--connect", "udpin://127.0.0.1:0", *eyes, *wrong]) == 2
 
 
-def test_the_target_may_stand_in_the_episode(flown: Flown) -> None:
-    target = surveyed(flown, flown.true(0.0), std_m=1.0)
-    (flown.folder / "episode.json").write_text(json.dumps({"id": "x", "surveyed_target": target.as_json()}))
+def test_the_target_may_stand_in_the_episode(flight: Flown) -> None:
+    target = surveyed(flight, flight.true(0.0), std_m=1.0)
+    (flight.folder / "episode.json").write_text(json.dumps({"id": "x", "surveyed_target": target.as_json()}))
     try:
-        derive(flown.folder)
-        assert judge_folder(flown.folder).as_json()["distances"]["target"] == target.as_json()
-        (flown.folder / "episode.json").write_text(json.dumps({"surveyed_target": {"latitude_deg": "north"}}))
+        derive(flight.folder)
+        assert judge_folder(flight.folder).as_json()["distances"]["target"] == target.as_json()
+        (flight.folder / "episode.json").write_text(json.dumps({"surveyed_target": {"latitude_deg": "north"}}))
         with pytest.raises(UsageError, match="latitude_deg"):
-            derive(flown.folder)
+            derive(flight.folder)
     finally:
-        (flown.folder / "episode.json").unlink()
+        (flight.folder / "episode.json").unlink()
 
 
-def test_both_sources_tell_the_same_flight(flown: Flown) -> None:
-    tlog, ulog = from_tlog(flown.folder / "flight.tlog"), from_ulog(flown.ulog)
+def test_both_sources_tell_the_same_flight(flight: Flown) -> None:
+    tlog, ulog = from_tlog(flight.folder / "flight.tlog"), from_ulog(flight.ulog)
     assert tlog.origin == pytest.approx(ulog.origin, abs=1e-3)
-    at_us = flown.t0_us + 10e6
+    at_us = flight.t0_us + 10e6
     places = [
         [np.interp(at_us, r.estimates.time_us, r.estimates.position_ned[:, axis]) for axis in range(3)]
         for r in (tlog, ulog)
@@ -249,20 +252,20 @@ def test_both_sources_tell_the_same_flight(flown: Flown) -> None:
 
 
 def test_a_torn_tlog_is_read_up_to_the_tear_and_others_on_the_wire_are_not_believed(
-    flown: Flown, tmp_path: Path
+    flight: Flown, tmp_path: Path
 ) -> None:
-    data = (flown.folder / "flight.tlog").read_bytes()
+    data = (flight.folder / "flight.tlog").read_bytes()
     stranger = Packer(7, 1).pack(dialect.MAVLink_local_position_ned_message(4_000_000_000, 9e9, 0, 0, 0, 0, 0))
     torn = tmp_path / "flight.tlog"
     torn.write_bytes(
         data[: len(data) // 2] + b"\x00" * 5 + data[len(data) // 2 + 40 :] + bytes(8) + stranger + data[-9:-3]
     )
-    whole, read_back = from_tlog(flown.folder / "flight.tlog").estimates, from_tlog(torn).estimates
-    assert 0.98 * len(whole.time_us) <= len(read_back.time_us) <= len(whole.time_us)
+    complete, read_back = from_tlog(flight.folder / "flight.tlog").estimates, from_tlog(torn).estimates
+    assert 0.98 * len(complete.time_us) <= len(read_back.time_us) <= len(complete.time_us)
     assert np.abs(read_back.position_ned).max() < 1e3
 
 
-def test_what_tells_no_flight_is_refused(flown: Flown, tmp_path: Path) -> None:
+def test_folders_without_a_flight_are_rejected(flight: Flown, tmp_path: Path) -> None:
     (tmp_path / "decisions.jsonl").write_text("")
     (tmp_path / "truth.jsonl").write_text("")
     with pytest.raises(UsageError, match=re.escape(str(tmp_path))):
@@ -273,7 +276,7 @@ def test_what_tells_no_flight_is_refused(flown: Flown, tmp_path: Path) -> None:
     (tmp_path / "flight.tlog").write_bytes(b"nothing" * 100)
     with pytest.raises(UsageError, match="LOCAL_POSITION_NED"):
         derive(tmp_path)
-    (tmp_path / "flight.tlog").write_bytes((flown.folder / "flight.tlog").read_bytes())
+    (tmp_path / "flight.tlog").write_bytes((flight.folder / "flight.tlog").read_bytes())
     (tmp_path / "truth.jsonl").write_text('{"kind": "begin", "t": 0.0, "t0_us": 9000000000, "source": "estimate"}\n')
     with pytest.raises(UsageError, match=r"flight\.tlog"):
         derive(tmp_path)

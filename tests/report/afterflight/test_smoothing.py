@@ -1,4 +1,4 @@
-"""The smoother against paths that are known: it takes out what is short, and owns what it cannot know."""
+"""The smoother against known paths: it removes short errors, and its standard deviation covers the others."""
 
 import math
 
@@ -11,7 +11,7 @@ STEP_S = 0.1
 
 
 def path(t):
-    """Return where a vehicle is that flies steps of 1.2 m/s with stops, and how fast: (n, 3) m and m/s."""
+    """Return positions and velocities of a vehicle that flies steps of 1.2 m/s with stops: (n, 3) m and m/s."""
     speed = np.where((t % 5.0) < 3.0, 1.2, 0.0)
     speed = np.convolve(np.pad(speed, 10, mode="edge"), np.ones(11) / 11, "same")[10:-10]
     north = np.concatenate([[0.0], np.cumsum(speed[:-1])]) * STEP_S
@@ -20,7 +20,7 @@ def path(t):
 
 
 def estimated(seconds=60.0, *, wander_m=0.0, noise_m=0.05, std_m=1.0, seed=0, jump=None):
-    """Return what an estimator says on that path whose error wanders, and the truth at the same instants."""
+    """Return estimates on that path with a wandering error, and the true positions at the same times."""
     generator = np.random.default_rng(seed)
     t = np.arange(0.0, seconds, STEP_S)
     position, velocity = path(t)
@@ -29,12 +29,12 @@ def estimated(seconds=60.0, *, wander_m=0.0, noise_m=0.05, std_m=1.0, seed=0, ju
     kept = math.exp(-STEP_S / CORRELATION_S)
     for k in range(1, len(t)):
         error[k] = kept * error[k - 1] + generator.normal(0.0, wander_m * math.sqrt(1.0 - kept**2), 3)
-    said = position + error + generator.normal(0.0, noise_m, position.shape)
+    positions = position + error + generator.normal(0.0, noise_m, position.shape)
     if jump is not None:
-        said[t >= seconds / 2] += jump
+        positions[t >= seconds / 2] += jump
     reported = np.full(position.shape, std_m)
-    heard = velocity + generator.normal(0.0, 0.1, velocity.shape)
-    return Estimates(t * 1e6 + 7e6, said, heard, reported, np.full(velocity.shape, 0.1)), position
+    velocities = velocity + generator.normal(0.0, 0.1, velocity.shape)
+    return Estimates(t * 1e6 + 7e6, positions, velocities, reported, np.full(velocity.shape, 0.1)), position
 
 
 def rms(values) -> float:
@@ -49,14 +49,14 @@ def test_noise_is_taken_out_of_a_path() -> None:
     assert rms(relative) < 0.5 * rms(estimates.position_ned - truth)
 
 
-def test_what_wanders_slowly_stays_in_the_standard_deviation_and_that_is_honest() -> None:
+def test_the_standard_deviation_covers_a_slowly_wandering_error() -> None:
     squared = []
     for seed in range(12):
         estimates, truth = estimated(wander_m=1.0, seed=seed)
         smoothed = smooth(estimates, estimates.time_us[::50])
         assert (smoothed.std_m > 0.7).all()  # a minute of reports does not make a receiver better
         squared.append(((smoothed.position_ned - truth[::50]) / smoothed.std_m) ** 2)
-    assert 0.5 < np.mean(squared) < 1.6  # one, were there many more flights than twelve
+    assert 0.5 < np.mean(squared) < 1.6  # the expected mean of many more flights is 1
 
 
 def test_a_jump_of_the_estimate_is_no_jump_of_the_vehicle() -> None:
@@ -69,15 +69,15 @@ def test_a_jump_of_the_estimate_is_no_jump_of_the_vehicle() -> None:
 def test_a_gap_is_bridged_and_owned() -> None:
     estimates, truth = estimated(60.0)
     seconds = (estimates.time_us - 7e6) / 1e6
-    heard = (seconds < 20.0) | (seconds > 30.0)
-    thinned = Estimates(*(getattr(estimates, name)[heard] for name in Estimates.__slots__))
+    has_report = (seconds < 20.0) | (seconds > 30.0)
+    thinned = Estimates(*(getattr(estimates, name)[has_report] for name in Estimates.__slots__))
     smoothed = smooth(thinned, np.array([10.0, 25.0, 45.0]) * 1e6 + 7e6)
     assert len(smoothed.time_us) == 3
     assert smoothed.std_m[1, 0] > 2.0 * max(smoothed.std_m[0, 0], smoothed.std_m[2, 0])
     assert abs(smoothed.position_ned[1, 0] - truth[250, 0]) < 2.0 * smoothed.std_m[1, 0]
 
 
-def test_a_better_receiver_makes_a_better_trace_and_none_reported_none_told() -> None:
+def test_a_better_receiver_gives_a_smaller_std_and_an_unreported_std_stays_nan() -> None:
     std = [smooth(estimated(std_m=s)[0], np.array([37e6])).std_m[0, 0] for s in (0.02, 0.5, 2.0)]
     assert std == sorted(std)
     assert std[0] < 0.06
@@ -86,14 +86,14 @@ def test_a_better_receiver_makes_a_better_trace_and_none_reported_none_told() ->
     assert np.isfinite(unreported.position_ned).all()
 
 
-def test_instants_outside_of_what_was_said_are_left_out_and_those_between_answered() -> None:
+def test_times_outside_of_the_reports_are_omitted_and_times_between_are_interpolated() -> None:
     estimates, truth = estimated(10.0)
     smoothed = smooth(estimates, np.array([6.9e6, 7.0e6, 9.05e6, 99e6]))
     assert list(smoothed.time_us) == [7.0e6, 9.05e6]
     assert smoothed.position_ned[1, 0] == pytest.approx((truth[20, 0] + truth[21, 0]) / 2, abs=0.15)
 
 
-def test_more_reports_of_the_same_do_not_make_it_surer() -> None:
+def test_repeated_reports_do_not_lower_the_standard_deviation() -> None:
     few, _ = estimated(20.0)
     fine = np.linspace(few.time_us[0], few.time_us[-1], 5 * len(few.time_us))
     rows = np.searchsorted(few.time_us, fine, "right") - 1

@@ -1,4 +1,4 @@
-"""One run of two rendered flights, of one drone and of four, and both as every format takes them."""
+"""One run of two rendered flights, one drone and four drones, and both flights as the exporters read them."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from tests.support.flown_runs import FLEET
 
 @pytest.fixture(scope="session")
 def run_folder(rendered_run) -> Path:
-    """Return the run folder of both flights, which no test may change."""
+    """Return the run folder of both flights. Tests must not change it."""
     return Path(rendered_run.run)
 
 

@@ -1,4 +1,4 @@
-"""Run by an interpreter that has LeRobot: prints what LeRobot's own dataset class finds, as one JSON object."""
+"""Runs in an interpreter that has LeRobot. Prints the content of LeRobot's own dataset class as one JSON object."""
 
 import json
 import sys
@@ -16,12 +16,12 @@ def main(root):
     for index in range(len(dataset)):
         item = dataset[index]
         picture = item.pop("observation.images.front")
-        told = {name: plain(value) for name, value in item.items()}
-        items.append({**told, "shape": list(picture.shape), "colour": picture.mean(dim=(1, 2)).tolist()})
-    stats = {name: {key: plain(v) for key, v in one.items()} for name, one in dataset.meta.stats.items()}
-    found = {"frames": len(dataset), "episodes": dataset.num_episodes, "fps": dataset.fps, "stats": stats}
+        values = {name: plain(value) for name, value in item.items()}
+        items.append({**values, "shape": list(picture.shape), "colour": picture.mean(dim=(1, 2)).tolist()})
+    stats = {name: {key: plain(v) for key, v in entry.items()} for name, entry in dataset.meta.stats.items()}
+    summary = {"frames": len(dataset), "episodes": dataset.num_episodes, "fps": dataset.fps, "stats": stats}
     lengths = [dataset.meta.episodes[k]["length"] for k in range(dataset.num_episodes)]
-    print(json.dumps({**found, "lengths": lengths, "items": items}))  # noqa: T201
+    print(json.dumps({**summary, "lengths": lengths, "items": items}))  # noqa: T201
 
 
 main(sys.argv[1])

@@ -1,4 +1,4 @@
-"""Frames and units against computations that share nothing with ours: rotation matrices, and scipy's rotations."""
+"""Frames and units against independent computations: rotation matrices, and scipy's rotations."""
 
 import math
 
@@ -28,13 +28,13 @@ ANGLES = st.floats(-math.pi, math.pi)
 @given(ANGLES, st.floats(-1.5, 1.5), ANGLES)
 def test_an_attitude_turns_flu_into_enu(roll, pitch, yaw):
     ned_of_frd = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_matrix()
-    wanted = NED_TO_ENU @ ned_of_frd @ FLU_TO_FRD
-    told = xyzw_flu_to_enu(quat_from_euler(roll, pitch, yaw))
-    assert told[3] >= 0.0
-    np.testing.assert_allclose(Rotation.from_quat(told).as_matrix(), wanted, atol=1e-9)
+    expected = NED_TO_ENU @ ned_of_frd @ FLU_TO_FRD
+    quaternion = xyzw_flu_to_enu(quat_from_euler(roll, pitch, yaw))
+    assert quaternion[3] >= 0.0
+    np.testing.assert_allclose(Rotation.from_quat(quaternion).as_matrix(), expected, atol=1e-9)
 
 
-def test_what_a_drone_sees_ahead_to_its_left_and_above_is_there_in_the_world():
+def test_directions_in_the_body_frame_map_to_the_world_frame():
     east = Rotation.from_quat(xyzw_flu_to_enu(quat_from_euler(0.0, 0.0, math.radians(90.0))))  # its nose to the east
     np.testing.assert_allclose(east.apply([1.0, 0.0, 0.0]), enu((0.0, 1.0, 0.0)), atol=1e-12)
     np.testing.assert_allclose(east.apply([0.0, 1.0, 0.0]), enu((1.0, 0.0, 0.0)), atol=1e-12)  # left of it is north
@@ -60,13 +60,13 @@ def test_times_are_exact_to_the_microsecond(time_us):
 
 @pytest.mark.parametrize("latitude", [-33.0, 0.0, 46.5185])
 def test_a_place_is_as_far_and_in_the_direction_that_its_metres_tell(latitude):
-    """Longitude before latitude, and a length that spherical trigonometry has for it."""
-    longitude, told, altitude = lon_lat_alt((latitude, 6.5669, 394.0), (300.0, -400.0, -20.0))
+    """Compares longitude, latitude and the distance with spherical trigonometry."""
+    longitude, result_lat, altitude = lon_lat_alt((latitude, 6.5669, 394.0), (300.0, -400.0, -20.0))
     assert altitude == 414.0
-    a, b = math.radians(latitude), math.radians(told)
+    a, b = math.radians(latitude), math.radians(result_lat)
     turn = math.radians(longitude - 6.5669)
     between = math.acos(math.sin(a) * math.sin(b) + math.cos(a) * math.cos(b) * math.cos(turn)) * 6371000.0
     assert between == pytest.approx(500.0, abs=0.05)
-    assert told > latitude
+    assert result_lat > latitude
     assert longitude < 6.5669
     assert (b - a) * 6371000.0 == pytest.approx(300.0, abs=0.05)

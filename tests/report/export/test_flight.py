@@ -1,4 +1,4 @@
-"""An episode read once: whose knowledge is whose, in which frame, and what is refused."""
+"""Flights read for export: whose track is whose, in which frame, and which flights are refused."""
 
 import shutil
 
@@ -28,7 +28,7 @@ def test_the_judges_track_passes_through_every_place_that_the_logger_measured(wh
 
 @pytest.mark.parametrize("which", ["alone", "fleet"])
 def test_the_autopilots_own_track_is_near_the_truth_and_is_not_it(which, request):
-    """As near as GPS is: a track in a local frame of its own, or of another drone, would be many metres off."""
+    """Agreement is within GPS accuracy. A track in another local frame, or of another drone, is many metres off."""
     flight = request.getfixturevalue(which)
     for drone in flight.drone_tracks:
         there = drone.truth.position_ned[[drone.truth.newest(t) for t in drone.estimate.t_s]]

@@ -1,6 +1,6 @@
-"""A LeRobot dataset: its numbers beside the logs, and opened by LeRobot's own dataset class where that is installed.
+"""LeRobot datasets: the numbers agree with the logs, and LeRobot's own dataset class opens them if installed.
 
-DRONECATS_LEROBOT_PYTHON names an interpreter that has it: it wants PyTorch, and other versions of some packages.
+DRONECATS_LEROBOT_PYTHON names an interpreter with LeRobot, which needs PyTorch and other package versions.
 """
 
 import json
@@ -62,11 +62,11 @@ def rows(out):
 
 def test_every_decision_is_a_frame_with_the_pilots_own_picture(dataset):
     out, parts = dataset
-    told = iter(rows(out))
+    table_rows = iter(rows(out))
     index = 0
     for episode, (flight, drone, decisions) in enumerate(parts):
         for k, decision in enumerate(decisions):
-            row = next(told)
+            row = next(table_rows)
             jpeg = next(f.jpeg for f in flight.frames if (f.drone, f.frame_id) == (drone.number, decision.frame_id))
             assert row["observation.images.front"]["bytes"] == jpeg.read_bytes()
             assert (row["episode_index"], row["frame_index"], row["index"]) == (episode, k, index)
@@ -74,11 +74,11 @@ def test_every_decision_is_a_frame_with_the_pilots_own_picture(dataset):
             assert row["next.done"] is (k == len(decisions) - 1)
             assert row["judge.success"] is flight.verdict.success
             index += 1
-    assert next(told, None) is None
+    assert next(table_rows, None) is None
 
 
-def told_by_the_autopilot(flight, number, decisions):
-    """Return the newest LOCAL_POSITION_NED at each picture, less the one at the first picture: (n, 3)."""
+def autopilot_positions(flight, number, decisions):
+    """Return the newest LOCAL_POSITION_NED at each image, relative to the one at the first image: (n, 3)."""
     kind = dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED
     sent = [m for m in logged_messages(flight.folder / "flight.tlog", {kind}) if m.get_srcSystem() == number + 1]
     at_ms = [(flight.t0_us + round(d.t_frame * 1e6)) // 1000 for d in decisions]
@@ -89,15 +89,15 @@ def told_by_the_autopilot(flight, number, decisions):
 
 def test_a_state_is_what_the_autopilot_thought_and_not_the_truth(dataset):
     out, parts = dataset
-    found = np.array([row["observation.state"] for row in rows(out)], np.float64)
+    states = np.array([row["observation.state"] for row in rows(out)], np.float64)
     at = 0
     for flight, drone, decisions in parts:
         true = np.array([drone.truth.position_ned[drone.truth.newest(d.t_frame)] for d in decisions])
-        place = found[at : at + len(decisions), :3]
-        np.testing.assert_allclose(place, told_by_the_autopilot(flight, drone.number, decisions), atol=1e-4)
+        place = states[at : at + len(decisions), :3]
+        np.testing.assert_allclose(place, autopilot_positions(flight, drone.number, decisions), atol=1e-4)
         assert np.abs(place - (true - true[0]))[:, :2].max() < 2.5
         assert (place[0] == 0.0).all()
-        for decision, numbers in zip(decisions, found[at:], strict=False):
+        for decision, numbers in zip(decisions, states[at:], strict=False):
             heading = quat_yaw(tuple(drone.truth.attitude[drone.truth.newest(decision.t_frame)]))
             assert abs((numbers[8] - heading + math.pi) % (2 * math.pi) - math.pi) < math.radians(15.0)
             velocity = drone.truth.velocity_ned[drone.truth.newest(decision.t_frame)]
@@ -118,26 +118,26 @@ def test_velocity_is_along_the_heading(alone):
     assert numbers[5] == pytest.approx(down, abs=1e-6)
 
 
-def said(action):
+def decision_with(action):
     return Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=0.0, action=action)
 
 
 def test_the_four_action_form():
-    for action, wanted in (
+    for action, expected in (
         ({"action": "go", "point": [250.0, 400.0], "depth_m": 6.5}, (1, 0, 0, 0, 250, 400, 6.5, 0)),
         ({"action": "rotate", "angle_deg": -30.0}, (0, 1, 0, 0, 0, 0, 0, -30)),
         ({"action": "think"}, (0, 0, 1, 0, 0, 0, 0, 0)),
         ({"action": "finished"}, (0, 0, 0, 1, 0, 0, 0, 0)),
         (None, (0,) * 8),
     ):
-        np.testing.assert_allclose(four_action(said(action)), np.array(wanted, np.float32))
+        np.testing.assert_allclose(four_action(decision_with(action)), np.array(expected, np.float32))
         assert len(ACTION) == 8
 
 
 def test_a_body_velocity_ends_where_the_action_would():
-    """By hand: a far point 45° to the right is flown 3 m along that line after a turn of 45° at 60°/s."""
+    """Calculated by hand: a far point 45° to the right is a turn of 45° at 60°/s, then 3 m along that line."""
     forward, right, down, rate, seconds = body_velocity(
-        said({"action": "go", "point": [1000.0, 500.0], "depth_m": 20.0}), CameraModel()
+        decision_with({"action": "go", "point": [1000.0, 500.0], "depth_m": 20.0}), CameraModel()
     )
     assert seconds == pytest.approx(2.5 + 0.75, abs=1e-5)
     assert (forward * seconds, right * seconds) == pytest.approx((3 * math.sqrt(0.5),) * 2, abs=1e-5)
@@ -147,7 +147,7 @@ def test_a_body_velocity_ends_where_the_action_would():
 
 def test_a_point_above_is_flown_up_to():
     forward, right, down, rate, seconds = body_velocity(
-        said({"action": "go", "point": [500.0, 0.0], "depth_m": 20.0}), CameraModel()
+        decision_with({"action": "go", "point": [500.0, 0.0], "depth_m": 20.0}), CameraModel()
     )
     assert (right, rate) == (0.0, 0.0)
     assert math.hypot(forward, down) * seconds == pytest.approx(3.0, abs=1e-5)
@@ -156,21 +156,21 @@ def test_a_point_above_is_flown_up_to():
 
 def test_a_rotation_turns_in_place_and_the_others_hold():
     np.testing.assert_allclose(
-        body_velocity(said({"action": "rotate", "angle_deg": -60.0}), CameraModel()),
+        body_velocity(decision_with({"action": "rotate", "angle_deg": -60.0}), CameraModel()),
         (0.0, 0.0, 0.0, -math.pi / 3, 1.0), atol=1e-6,
     )  # fmt: skip
     for action in ({"action": "think"}, {"action": "finished"}, None):
-        np.testing.assert_allclose(body_velocity(said(action), CameraModel()), (0.0, 0.0, 0.0, 0.0, 2.5))
+        np.testing.assert_allclose(body_velocity(decision_with(action), CameraModel()), (0.0, 0.0, 0.0, 0.0, 2.5))
 
 
-def test_what_is_known_of_parts_is_what_is_known_of_the_whole():
+def test_merged_moments_of_parts_equal_the_moments_of_all_values():
     values = np.random.default_rng(1).normal(3.0, 2.0, (40, 3))
-    whole, parts = moments(values), merged([moments(values[:7]), moments(values[7:9]), moments(values[9:])])
-    for key, value in whole.as_lists().items():
+    total, parts = moments(values), merged([moments(values[:7]), moments(values[7:9]), moments(values[9:])])
+    for key, value in total.as_lists().items():
         np.testing.assert_allclose(parts.as_lists()[key], value, rtol=1e-12)
 
 
-def test_what_a_dataset_cannot_hold_is_named(run, alone, tmp_path):
+def test_flights_without_images_are_reported(run, alone, tmp_path):
     shutil.copytree(run.folder / ALONE, tmp_path / ALONE)
     shutil.rmtree(tmp_path / ALONE / "frames")
     left_out: list[str] = []
@@ -201,13 +201,13 @@ def test_lerobots_own_class_finds_the_same(dataset):
         env={**os.environ, "HF_HUB_OFFLINE": "1", "PYTHONPATH": ""}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr[-2000:]
-    told = json.loads(done.stdout.splitlines()[-1])
+    summary = json.loads(done.stdout.splitlines()[-1])
     table = rows(out)
-    assert told["frames"] == len(table)
-    assert told["lengths"] == [len(decisions) for _, _, decisions in parts]
+    assert summary["frames"] == len(table)
+    assert summary["lengths"] == [len(decisions) for _, _, decisions in parts]
     whose = [(flight, drone, decision) for flight, drone, decisions in parts for decision in decisions]
     last = [decision is decisions[-1] for _, _, decisions in parts for decision in decisions]
-    for k, (item, row, (flight, drone, decision)) in enumerate(zip(told["items"], table, whose, strict=True)):
+    for k, (item, row, (flight, drone, decision)) in enumerate(zip(summary["items"], table, whose, strict=True)):
         assert item["task"] == flight.instruction
         assert len(item["observation.state"]) == len(STATE)
         assert len(item["action.body_velocity"]) == len(BODY_VELOCITY)
@@ -222,8 +222,8 @@ def test_lerobots_own_class_finds_the_same(dataset):
         assert item["shape"] == [3, *picture.shape[:2]]
         np.testing.assert_allclose(item["colour"], picture.mean(axis=(0, 1)) / 255.0, atol=2e-3)
     actions = np.array([four_action(decision) for _, _, decision in whose], np.float64)
-    np.testing.assert_allclose(told["stats"]["action"]["mean"], actions.mean(0), rtol=1e-5)
-    np.testing.assert_allclose(told["stats"]["action"]["std"], actions.std(0), rtol=1e-5, atol=1e-9)
-    assert told["stats"]["observation.images.front"]["mean"][0][0][0] == pytest.approx(
-        np.mean([item["colour"][0] for item in told["items"]]), abs=0.02
+    np.testing.assert_allclose(summary["stats"]["action"]["mean"], actions.mean(0), rtol=1e-5)
+    np.testing.assert_allclose(summary["stats"]["action"]["std"], actions.std(0), rtol=1e-5, atol=1e-9)
+    assert summary["stats"]["observation.images.front"]["mean"][0][0][0] == pytest.approx(
+        np.mean([item["colour"][0] for item in summary["items"]]), abs=0.02
     )

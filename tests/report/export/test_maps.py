@@ -1,4 +1,4 @@
-"""KML and GeoJSON, read back by GDAL, whose places are compared with those that the simulator sent on its bus."""
+"""KML and GeoJSON read by GDAL. Their positions agree with those that the simulator sent on the truth bus."""
 
 import json
 from typing import Any
@@ -15,7 +15,7 @@ METRES = np.array([0.6889 * 111195.0, 111195.0, 1.0])  # of a degree of longitud
 
 
 def sent(flight, drone):
-    """Return (t s, longitude °, latitude °, altitude m) as the truth bus had them in the episode."""
+    """Return (t s, longitude °, latitude °, altitude m) from the truth bus during the episode."""
     kind = dialect.MAVLINK_MSG_ID_HIL_STATE_QUATERNION
     rows = [
         ((m.time_usec - flight.t0_us) / 1e6, m.lon / 1e7, m.lat / 1e7, m.alt / 1e3)
@@ -26,20 +26,20 @@ def sent(flight, drone):
 
 
 def wkb(geometry):
-    """Return the coordinates (n, 3) of a point or a line of well-known binary with Z."""
+    """Return the coordinates (n, 3) of a WKB point or line with Z."""
     kind = int.from_bytes(geometry[1:5], "little")
     at = 5 if kind % 1000 == 1 or kind & 0xFF == 1 else 9
     return np.frombuffer(geometry[at:], "<f8").reshape(-1, 3)
 
 
 def read(path, layer=None):
-    """Return name → coordinates of every feature as GDAL finds them."""
+    """Return name → coordinates of every feature that GDAL reads."""
     meta, _, geometries, columns = pyogrio.raw.read(path, layer=layer, force_2d=False)
     names = columns[[str(f).lower() for f in meta["fields"]].index("name")]
-    found: dict[str, list[Any]] = {}
+    features: dict[str, list[Any]] = {}
     for name, geometry in zip(names, geometries, strict=True):
-        found.setdefault(name, []).append(wkb(geometry))
-    return found
+        features.setdefault(name, []).append(wkb(geometry))
+    return features
 
 
 @pytest.mark.parametrize("which", ["alone", "fleet"])
@@ -49,18 +49,20 @@ def test_gdal_finds_every_path_and_point_where_it_was(which, form, request, tmp_
     path = tmp_path / f"flight.{form}"
     count = {"kml": write_kml, "geojson": write_geojson}[form](flight, path)
     layers = ["flight", "judge"] if form == "kml" else [None]
-    found = {layer: read(path, layer) for layer in layers}
-    assert sum(len(place) for layer in found.values() for places in layer.values() for place in places) == count
-    judges = found["judge"] if form == "kml" else found[None]
+    features = {layer: read(path, layer) for layer in layers}
+    assert sum(len(place) for layer in features.values() for places in layer.values() for place in places) == count
+    judges = features["judge"] if form == "kml" else features[None]
     for drone in flight.drone_tracks:
-        [told] = judges[f"judge/drone_{drone.number}"]
+        [coordinates] = judges[f"judge/drone_{drone.number}"]
         bus = sent(flight, drone.number)
-        line = next(one for one in paths(flight) if one.name == f"judge/drone_{drone.number}")
-        assert len(told) == len(line.t_s)
-        wanted = np.array([bus[round(t, 6)] for t in line.t_s])
-        np.testing.assert_allclose((told - wanted) * METRES, 0.0, atol=0.02)  # as fine as the bus tells degrees
-    own = found["flight"] if form == "kml" else found[None]
-    assert all(not name.startswith("judge") for name in found.get("flight", {}))
+        line = next(path_line for path_line in paths(flight) if path_line.name == f"judge/drone_{drone.number}")
+        assert len(coordinates) == len(line.t_s)
+        expected = np.array([bus[round(t, 6)] for t in line.t_s])
+        np.testing.assert_allclose(
+            (coordinates - expected) * METRES, 0.0, atol=0.02
+        )  # the resolution of degrees on the bus
+    own = features["flight"] if form == "kml" else features[None]
+    assert all(not name.startswith("judge") for name in features.get("flight", {}))
     steps = [name for name in own if name.startswith("step ")]
     assert sum(len(own[name]) for name in steps) == len(flight.steps)
     assert len([n for n in judges if n.startswith("judge/declaration")]) == len(flight.all_declarations) > 0
@@ -78,23 +80,23 @@ def test_the_target_is_where_the_record_has_it(alone, tmp_path):
 
 def test_geojson_tells_times_and_whose_knowledge_it_is(alone, tmp_path):
     write_geojson(alone, tmp_path / "flight.geojson")
-    told = json.loads((tmp_path / "flight.geojson").read_text())
-    lines = {f["properties"]["name"]: f for f in told["features"] if f["geometry"]["type"] == "LineString"}
+    document = json.loads((tmp_path / "flight.geojson").read_text())
+    lines = {f["properties"]["name"]: f for f in document["features"] if f["geometry"]["type"] == "LineString"}
     for name, line in lines.items():
         assert line["properties"]["judge"] is name.startswith("judge/")
         assert len(line["properties"]["t_s"]) == len(line["geometry"]["coordinates"])
     assert lines["judge/drone_0"]["properties"]["t_s"][-1] == pytest.approx(alone.end_s, abs=0.03)
-    assert told["about"]["judge/success"] == "True"
+    assert document["about"]["judge/success"] == "True"
 
 
 def test_kml_tells_times_as_a_calendar_from_1970(alone, tmp_path):
     write_kml(alone, tmp_path / "flight.kml")
     text = (tmp_path / "flight.kml").read_text()
-    first = next(one for one in paths(alone)).t_s[0]
+    first = next(line for line in paths(alone)).t_s[0]
     assert f"<when>1970-01-01T00:00:{first:09.6f}Z</when>" in text
 
 
 def test_a_target_that_stands_has_no_path(alone):
     assert not alone.target_track.moves()
-    assert "judge/target" not in [one.name for one in paths(alone)]
-    assert "judge/target" in [one.name for one in points(alone)]
+    assert "judge/target" not in [feature.name for feature in paths(alone)]
+    assert "judge/target" in [feature.name for feature in points(alone)]

@@ -1,4 +1,4 @@
-"""MCAP read back by its own reader, message by message, beside what the run folder holds."""
+"""MCAP files read by MCAP's own reader. Every message agrees with the run folder."""
 
 import hashlib
 import json
@@ -17,21 +17,21 @@ from foundation.frames import geodetic_to_ned
 
 
 @pytest.fixture(scope="module", params=["alone", "fleet"])
-def told(request, tmp_path_factory):
-    """Return (flight, topic → [(ns, message)], topic → schema, the reader's summary, metadata)."""
+def recording(request, tmp_path_factory):
+    """Return (flight, topic → [(ns, message)], topic → schema, metadata)."""
     flight = request.getfixturevalue(request.param)
     path = tmp_path_factory.mktemp("mcap") / "flight.mcap"
     count = mcap.write(flight, path)
-    found, schemas = defaultdict(list), {}
+    messages, schemas = defaultdict(list), {}
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for schema, channel, message, decoded in reader.iter_decoded_messages():
-            found[channel.topic].append((message.log_time, decoded))
+            messages[channel.topic].append((message.log_time, decoded))
             schemas[channel.topic] = schema.name
-        metadata = {each.name: each.metadata for each in reader.iter_metadata()}
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
         summary = reader.get_summary()
-    assert summary.statistics.message_count == count == sum(map(len, found.values()))
-    return flight, found, schemas, metadata
+    assert summary.statistics.message_count == count == sum(map(len, messages.values()))
+    return flight, messages, schemas, metadata
 
 
 def place(vector):
@@ -39,26 +39,26 @@ def place(vector):
     return np.array([vector.y, vector.x, -vector.z])
 
 
-def test_every_pose_is_the_tracks_with_its_time_place_and_attitude(told):
-    flight, found, schemas, _ = told
+def test_every_pose_is_the_tracks_with_its_time_place_and_attitude(recording):
+    flight, messages, schemas, _ = recording
     for drone in flight.drone_tracks:
         for topic, track in ((f"/drone_{drone.number}", drone.estimate), (f"/judge/drone_{drone.number}", drone.truth)):
             assert schemas[f"{topic}/pose"] == "foxglove.PoseInFrame"
-            poses = found[f"{topic}/pose"]
+            poses = messages[f"{topic}/pose"]
             assert [at for at, _ in poses] == [round(t * 1e6) * 1000 for t in track.t_s]
             np.testing.assert_allclose([place(p.pose.position) for _, p in poses], track.position_ned, atol=1e-9)
-            for (at, one), (w, x, y, z) in zip(poses, track.attitude, strict=True):
-                o = one.pose.orientation
+            for (at, pose_message), (w, x, y, z) in zip(poses, track.attitude, strict=True):
+                o = pose_message.pose.orientation
                 nose = Rotation.from_quat([o.x, o.y, o.z, o.w]).apply([1.0, 0.0, 0.0])
                 north, east, down = Rotation.from_quat([x, y, z, w]).apply([1.0, 0.0, 0.0])
                 np.testing.assert_allclose(nose, (east, north, -down), atol=1e-9)
-                assert one.timestamp.seconds * 10**9 + one.timestamp.nanos == at
+                assert pose_message.timestamp.seconds * 10**9 + pose_message.timestamp.nanos == at
 
 
-def test_the_pictures_are_the_pilots_byte_for_byte_at_their_times(told):
-    flight, found, _, _ = told
+def test_the_pictures_are_the_pilots_byte_for_byte_at_their_times(recording):
+    flight, messages, _, _ = recording
     for drone in flight.drone_tracks:
-        images = found[f"/drone_{drone.number}/camera/image"]
+        images = messages[f"/drone_{drone.number}/camera/image"]
         mine = [frame for frame in flight.frames if frame.drone == drone.number]
         assert [(at, hashlib.sha256(i.data).digest(), i.format, i.frame_id) for at, i in images] == [
             (round(f.t_s * 1e9), hashlib.sha256(f.jpeg.read_bytes()).digest(), "jpeg", f"drone_{drone.number}/camera")
@@ -67,16 +67,16 @@ def test_the_pictures_are_the_pilots_byte_for_byte_at_their_times(told):
         assert len(mine) == len(list((flight.folder / "frames").glob("*.jpg"))) / len(flight.drone_tracks)
 
 
-def test_the_calibration_puts_the_target_where_the_judge_measured_it(told):
-    """From the map's frame through both transforms and the calibration into the picture, beside `target_frd`."""
-    flight, found, _, _ = told
-    mounted = next(t for _, m in found["/tf"] for t in m.transforms if t.child_frame_id == "drone_0/camera")
+def test_the_calibration_puts_the_target_where_the_judge_measured_it(recording):
+    """Project the target from the map's frame into the image. Compare with `target_frd`."""
+    flight, messages, _, _ = recording
+    mounted = next(t for _, m in messages["/tf"] for t in m.transforms if t.child_frame_id == "drone_0/camera")
     assert mounted.parent_frame_id == "drone_0"
-    calibration = found["/drone_0/camera/calibration"][0][1]
+    calibration = messages["/drone_0/camera/calibration"][0][1]
     K = np.array(calibration.K).reshape(3, 3)
     r, s = mounted.rotation, mounted.translation
     optical = Rotation.from_quat([r.x, r.y, r.z, r.w])
-    poses = dict(found["/judge/drone_0/pose"])
+    poses = dict(messages["/judge/drone_0/pose"])
     picture: Any = cv2.imread(str(flight.frames[0].jpeg))
     assert (calibration.height, calibration.width) == picture.shape[:2]
     compared = 0
@@ -99,54 +99,54 @@ def test_the_calibration_puts_the_target_where_the_judge_measured_it(told):
     assert compared > 2
 
 
-def test_the_ring_is_around_the_point_that_was_chosen(told):
-    flight, found, _, _ = told
+def test_the_ring_is_around_the_point_that_was_chosen(recording):
+    flight, messages, _, _ = recording
     picture: Any = cv2.imread(str(flight.frames[0].jpeg))
     height, width = picture.shape[:2]
     gos = [s for s in flight.steps if s.go and s.decision.drone == 0]
-    rings = [(at, c.position) for at, m in found["/drone_0/camera/chosen"] for c in m.circles]
+    rings = [(at, c.position) for at, m in messages["/drone_0/camera/chosen"] for c in m.circles]
     assert [at for at, _ in rings] == [round(s.decision.t_frame * 1e6) * 1000 for s in gos]
-    wanted = [(s.go.x * width / 1000, s.go.y * height / 1000) for s in gos]
-    np.testing.assert_allclose([(p.x, p.y) for _, p in rings], wanted, atol=1e-9)
+    expected = [(s.go.x * width / 1000, s.go.y * height / 1000) for s in gos]
+    np.testing.assert_allclose([(p.x, p.y) for _, p in rings], expected, atol=1e-9)
 
 
-def test_locations_lead_back_to_the_places(told):
-    flight, found, schemas, _ = told
+def test_locations_lead_back_to_the_places(recording):
+    flight, messages, schemas, _ = recording
     assert schemas["/drone_0/location"] == "foxglove.LocationFix"
     for drone in flight.drone_tracks:
-        fixes = found[f"/judge/drone_{drone.number}/location"]
+        fixes = messages[f"/judge/drone_{drone.number}/location"]
         lat, lon, alt = flight.origin
         back = [geodetic_to_ned(lat, lon, alt, f.latitude, f.longitude, f.altitude) for _, f in fixes]
         np.testing.assert_allclose(back, drone.truth.position_ned, atol=1e-3)
 
 
-def test_the_log_has_every_reply_and_the_judges_lines_are_apart(told):
-    flight, found, schemas, metadata = told
+def test_the_log_has_every_reply_and_the_judges_lines_are_apart(recording):
+    flight, messages, schemas, metadata = recording
     assert schemas["/log"] == "foxglove.Log"
-    lines = [(at, m.message) for at, m in found["/log"]]
+    lines = [(at, m.message) for at, m in messages["/log"]]
     assert len(lines) == 1 + len(flight.steps)
     assert lines[0] == (0, flight.instruction)
     at = Counter(at for at, _ in lines[1:])
     assert at == Counter(round(s.decision.t_decided * 1e6) * 1000 for s in flight.steps)
     assert not any("success" in text for _, text in lines)
-    assert len(found["/judge/log"]) == len(flight.all_declarations) + 1
+    assert len(messages["/judge/log"]) == len(flight.all_declarations) + 1
     assert metadata["dronecats"]["instruction"] == flight.instruction
     assert metadata["dronecats/judge"]["judge/outcome"] == flight.verdict.outcome
 
 
-def test_only_the_judges_scene_has_the_target(told):
-    flight, found, _, _ = told
-    mine = [entity for _, m in found["/scene"] for entity in m.entities]
-    judges = [entity for _, m in found["/judge/scene"] for entity in m.entities]
+def test_only_the_judges_scene_has_the_target(recording):
+    flight, messages, _, _ = recording
+    mine = [entity for _, m in messages["/scene"] for entity in m.entities]
+    judges = [entity for _, m in messages["/judge/scene"] for entity in m.entities]
     assert {entity.id.split("/")[0] for entity in mine} == {f"drone_{d.number}" for d in flight.drone_tracks}
     target = next(entity for entity in judges if entity.id == "judge/target")
     np.testing.assert_allclose(place(target.spheres[0].pose.position), flight.target_track.position_ned[0], atol=1e-9)
     declared = {entity.id for entity in judges if "declaration" in entity.id}
-    assert declared == {f"judge/declaration/{one.step}" for one in flight.all_declarations}
+    assert declared == {f"judge/declaration/{declaration.step}" for declaration in flight.all_declarations}
 
 
-def test_the_layout_names_topics_that_are_there_and_panels_that_are_placed(told, tmp_path):
-    flight, found, _, _ = told
+def test_the_layout_names_topics_that_are_there_and_panels_that_are_placed(recording, tmp_path):
+    flight, messages, _, _ = recording
     count = layouts.write(tmp_path / "foxglove-layout.json", len(flight.drone_tracks))
     text = (tmp_path / "foxglove-layout.json").read_text()
     layout = json.loads(text)
@@ -157,5 +157,5 @@ def test_the_layout_names_topics_that_are_there_and_panels_that_are_placed(told,
     assert sorted(placed(layout["layout"])) == sorted(layout["configById"])
     assert len(layout["configById"]) == count
     topics = {word for word in json.dumps(layout["configById"]).split('"') if word.startswith("/")}
-    assert {topic.split(".pose")[0] for topic in topics} <= set(found)
+    assert {topic.split(".pose")[0] for topic in topics} <= set(messages)
     assert layout["configById"]["3D!scene"]["topics"]["/judge/scene"] == {"visible": False}

@@ -1,4 +1,4 @@
-"""CSV and Parquet: the rows that SQL has, and no column of the judge's without its mark."""
+"""CSV and Parquet exports: the same rows as SQL, and a mark on every column of the judge."""
 
 import csv
 
@@ -15,30 +15,36 @@ def test_the_files_hold_the_rows_of_the_query(kind, run, tmp_path):
     done = formats.export(kind, [run], tmp_path / "out")
     assert done.left_out == []
     for name, path in zip(TABLES, done.files, strict=True):
-        asked = query(f"SELECT * FROM {name}", [run])
+        result = query(f"SELECT * FROM {name}", [run])
         reader = "read_csv(?, all_varchar=false)" if kind == "csv" else "read_parquet(?)"
         with duckdb.connect() as connection:
             answer = connection.execute(f"SELECT * FROM {reader}", [str(path)])
-            columns, found = [each[0] for each in answer.description], answer.fetchall()
-        assert len(asked.rows) == done.files[path]
-        assert [column.removeprefix("judge/") for column in columns] == [*asked.columns]
+            columns, exported_rows = [column_info[0] for column_info in answer.description], answer.fetchall()
+        assert len(result.rows) == done.files[path]
+        assert [column.removeprefix("judge/") for column in columns] == [*result.columns]
         if kind == "parquet":
-            assert found == asked.rows
+            assert exported_rows == result.rows
 
 
 def test_csv_is_read_by_anybody(run, tmp_path):
     formats.export("csv", [run], tmp_path)
     with (tmp_path / "steps.csv").open(newline="") as file:
-        told = list(csv.DictReader(file))
+        records = list(csv.DictReader(file))
     decisions = query("SELECT episode, drone_index, t_decided_s, reply, north_m FROM steps", [run]).rows
     assert [
-        (one["episode"], int(one["drone_index"]), float(one["t_decided_s"]), one["reply"], float(one["judge/north_m"]))
-        for one in told
+        (
+            record["episode"],
+            int(record["drone_index"]),
+            float(record["t_decided_s"]),
+            record["reply"],
+            float(record["judge/north_m"]),
+        )
+        for record in records
     ] == decisions
 
 
-def test_what_only_the_judge_knew_is_marked():
-    """Wherever a place, a target, a distance, sight or a verdict is told."""
+def test_columns_of_the_judge_are_marked():
+    """Marks columns with positions, targets, distances, visibility and verdicts."""
     true = {"north_m", "east_m", "down_m", "yaw_deg", "target_north_m", "target_east_m", "target_down_m", "distance_m",
             "distance_box_m", "visible", "visible_fraction", "bearing_deg", "oracle_depth_m", "success", "outcome",
             "oracle_success", "ne_m", "qualifies", "scored", "min_distance_m", "on_target", "path_m"}  # fmt: skip

@@ -1,4 +1,4 @@
-"""ULog, opened by pyulog."""
+"""ULog exports, opened by pyulog."""
 
 import math
 import re
@@ -14,8 +14,8 @@ from foundation.errors import UsageError
 
 
 @pytest.fixture(scope="module", params=["alone", "fleet"])
-def told(request, tmp_path_factory):
-    """Return (flight, its log as pyulog has it)."""
+def exported_log(request, tmp_path_factory):
+    """Return (flight, its log as pyulog reads it)."""
     flight = request.getfixturevalue(request.param)
     path = tmp_path_factory.mktemp("ulog") / "flight.ulg"
     count = ulog.write(flight, path)
@@ -29,8 +29,8 @@ def topic(log, name, drone=0):
     return log.get_dataset(name, drone).data
 
 
-def test_tracks_are_there_in_ned_with_the_vehicles_own_time(told):
-    flight, log = told
+def test_tracks_are_there_in_ned_with_the_vehicles_own_time(exported_log):
+    flight, log = exported_log
     for drone in flight.drone_tracks:
         for suffix, track in (("", drone.estimate), ("_groundtruth", drone.truth)):
             place = topic(log, f"vehicle_local_position{suffix}", drone.number)
@@ -46,8 +46,8 @@ def test_tracks_are_there_in_ned_with_the_vehicles_own_time(told):
             assert place["ref_lon"][0] == flight.origin[1]
 
 
-def test_every_pose_of_the_logger_is_in_the_ground_truth(told):
-    flight, log = told
+def test_every_pose_of_the_logger_is_in_the_ground_truth(exported_log):
+    flight, log = exported_log
     for pose in flight.logs.poses:
         place = topic(log, "vehicle_local_position_groundtruth", pose.drone)
         [at] = np.flatnonzero(place["timestamp"] == flight.t0_us + round(pose.t * 1e6))
@@ -55,24 +55,24 @@ def test_every_pose_of_the_logger_is_in_the_ground_truth(told):
         np.testing.assert_allclose(there, pose.position_ned, atol=1e-3)
 
 
-def test_decisions_have_their_numbers_and_texts(told):
-    flight, log = told
+def test_decisions_have_their_numbers_and_texts(exported_log):
+    flight, log = exported_log
     for drone in flight.drone_tracks:
         mine = [s.decision for s in flight.steps if s.decision.drone == drone.number]
-        found = topic(log, "agent_decision", drone.number)
-        assert list(found["timestamp"]) == [flight.t0_us + round(d.t_decided * 1e6) for d in mine]
-        assert list(found["timestamp_frame"]) == [flight.t0_us + round(d.t_frame * 1e6) for d in mine]
+        topic_data = topic(log, "agent_decision", drone.number)
+        assert list(topic_data["timestamp"]) == [flight.t0_us + round(d.t_decided * 1e6) for d in mine]
+        assert list(topic_data["timestamp_frame"]) == [flight.t0_us + round(d.t_frame * 1e6) for d in mine]
         names = {1: "go", 2: "rotate", 3: "think", 4: "finished"}
-        assert [names[a] for a in found["action"]] == [d.kind for d in mine]
-        for index, said in enumerate(mine):
-            depth_m = said.action.get("depth_m", math.nan)
-            np.testing.assert_allclose(found["depth_m"][index], depth_m, rtol=1e-6)
+        assert [names[a] for a in topic_data["action"]] == [d.kind for d in mine]
+        for index, decision in enumerate(mine):
+            depth_m = decision.action.get("depth_m", math.nan)
+            np.testing.assert_allclose(topic_data["depth_m"][index], depth_m, rtol=1e-6)
         texts = [m.message for m in log.logged_messages if m.message.startswith(f"drone {drone.number + 1}, step ")]
         assert len(texts) == len(mine)
 
 
-def test_what_the_judge_knew_is_in_topics_that_say_so(told):
-    flight, log = told
+def test_topics_of_the_judge_have_marked_names(exported_log):
+    flight, log = exported_log
     own = {"vehicle_local_position", "vehicle_attitude", "trajectory_setpoint", "agent_decision"}
     others = {d.name for d in log.data_list} - own
     assert all(name.startswith("judge_") or name.endswith("_groundtruth") for name in others)
@@ -84,7 +84,7 @@ def test_what_the_judge_knew_is_in_topics_that_say_so(told):
 
 
 def plotjuggler_names(log):
-    """Return {name that PlotJuggler gives to a curve: its values}."""
+    """Return {PlotJuggler's name of a curve: its values}."""
     several = {d.name for d in log.data_list if d.multi_id > 0}
     return {
         f"{d.name}{f'.{d.multi_id:02}' * (d.name in several)}/" + re.sub(r"\[(\d+)\]", r".0\1", field): values
@@ -93,8 +93,8 @@ def plotjuggler_names(log):
     }
 
 
-def test_the_layout_names_curves_that_are_there(told, tmp_path):
-    flight, log = told
+def test_the_layout_names_curves_that_are_there(exported_log, tmp_path):
+    flight, log = exported_log
     drones = len(flight.drone_tracks)
     count = layouts.write(tmp_path / "plotjuggler-layout.xml", drones)
     root = ElementTree.parse(tmp_path / "plotjuggler-layout.xml").getroot()
@@ -114,7 +114,7 @@ def test_the_layout_names_curves_that_are_there(told, tmp_path):
         drawn = [name for name in names if "groundtruth" in str(name)]
         assert bool(drawn) == str(tab.get("tab_name")).startswith("judge: ")
         assert all(len(plot.findall("curve")) % drones == 0 for plot in plots)
-        assert len(set(names)) == len(names)  # each drone's own
+        assert len(set(names)) == len(names)  # each drone has its own
     assert tabs[0].get("tab_name") == "path"
 
 

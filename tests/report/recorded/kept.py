@@ -1,8 +1,8 @@
-"""Two short flights that version 0.1.0 flew in lockstep, of one drone and of four, and what is made of them.
+"""Two short flights that version 0.1.0 flew in lockstep, one drone and four drones, and the outputs made from them.
 
-kept_run.tar.xz is their run folder, cut to the messages of flight.tlog that a reader takes, from a second before the
-episode on. kept_outputs.json is what export, film, replay and report made of it before `RecordedFlight` was one class.
-`python -m tests.report.recorded.kept` writes it anew.
+kept_run.tar.xz is their run folder. Its flight.tlog holds only the messages that the readers use, from one second
+before the episode. kept_outputs.json holds the outputs of export, film, replay and report from before `RecordedFlight`
+was one class. `python -m tests.report.recorded.kept` regenerates it.
 """
 
 import json
@@ -23,20 +23,20 @@ TIMES_S = (0.0, 1.3, 3.9, 9.0)
 
 
 def unpacked(folder: Path) -> Path:
-    """Return the run folder, unpacked into a folder."""
+    """Unpack the run folder into a folder and return its path."""
     with tarfile.open(ARCHIVE) as archive:
         archive.extractall(folder, filter="data")
     return folder / "run"
 
 
 def outputs(run: Path, out: Path) -> dict[str, Any]:
-    """Return what is made of a run folder, as JSON has it; `out` is where exports are written."""
-    found: dict[str, Any] = {}
+    """Return the outputs made from a run folder as JSON values. Exports are written to `out`."""
+    results: dict[str, Any] = {}
     for kind in ("geojson", "csv"):
         export(kind, recorded_runs([run]), out)
     for folder in sorted(path for path in run.iterdir() if path.is_dir()):
         moments, flight = flight_moments(folder), filmable(folder)
-        found[folder.name] = {
+        results[folder.name] = {
             "geojson": json.loads((out / f"{folder.name}.geojson").read_text()),
             "film": [
                 verdict_words(flight)[0],
@@ -44,16 +44,18 @@ def outputs(run: Path, out: Path) -> dict[str, Any]:
             ],
             "tracks": [[asdict(flight.tracks[drone].at(t)) for t in TIMES_S] for drone in flight.drones],
             "replay": [_moment(moments.moment(t)) for t in TIMES_S],
-            "what happened": [[one.t_s, one.drone, one.kind.value, one.words] for one in moments.happened],
+            "what happened": [[event.t_s, event.drone, event.kind.value, event.words] for event in moments.happened],
         }
-    found["csv"] = {path.name: path.read_text().splitlines() for path in sorted(out.glob("*.csv"))}
-    found["report"] = [{each.episode: {**each.values, "mode": each.mode}} for each in collect([run]).episodes]
-    rounded: dict[str, Any] = _rounded(json.loads(json.dumps(found)))
+    results["csv"] = {path.name: path.read_text().splitlines() for path in sorted(out.glob("*.csv"))}
+    results["report"] = [
+        {episode.episode: {**episode.values, "mode": episode.mode}} for episode in collect([run]).episodes
+    ]
+    rounded: dict[str, Any] = _rounded(json.loads(json.dumps(results)))
     return rounded
 
 
 def _moment(moment: Any) -> dict[str, Any]:
-    """Return a moment without its pictures and the way of what moves, which is the world's."""
+    """Return a moment as a dict without images and without the moving target's path, which belongs to the world."""
     left_out = {"picture", "decided_on", "decision", "prompt"}
     drones = [{key: value for key, value in asdict(drone).items() if key not in left_out} for drone in moment.drones]
     steps = [drone.decision and drone.decision.step for drone in moment.drones]

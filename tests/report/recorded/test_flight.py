@@ -1,4 +1,4 @@
-"""Cases in which film, replay, export and the estimate after landing once read one flight differently."""
+"""Flights that film, replay, export and the post-flight estimate used to read differently."""
 
 import json
 import math
@@ -30,12 +30,12 @@ def flight_folder(tmp_path: Path, name: str = EPISODE, **settings) -> Path:
 
 
 def change(path: Path, how) -> None:
-    """Rewrite the rows of a log; `how` returns None for one that is left out."""
+    """Rewrite the rows of a log. `how` returns None for a row to omit."""
     lines(path, [changed for row in rows(path) if (changed := how(row)) is not None])
 
 
 def truth_frame(system: int, t: float) -> bytes:
-    """Return a message of the truth bus of where `measured` has that system's drone."""
+    """Return a truth bus message with the pose that `measured` gives to that system's drone."""
     scene = maps.build("residential", 1)
     origin = (scene.latitude_deg, scene.longitude_deg, scene.altitude_m)
     place = measured(t, system - 1)["position_ned"]
@@ -47,7 +47,7 @@ def truth_frame(system: int, t: float) -> bytes:
 
 
 def test_a_drone_without_telemetry_does_not_get_that_of_the_next_one(tmp_path):
-    """The export counted systems: with the second one silent, the third drone's way was told of the second."""
+    """The export used to count systems: with the second one silent, the second drone got the third drone's track."""
     folder = flight_folder(tmp_path, FLEET, drones=3)
     log = TelemetryLog(folder / layout.TLOG)
     for k in range(40):
@@ -66,7 +66,7 @@ def test_a_drone_without_telemetry_does_not_get_that_of_the_next_one(tmp_path):
 
 
 def test_a_row_without_a_heading_keeps_the_last_one(tmp_path):
-    """Films and replays turned the drone to the north there."""
+    """Films and replays used to turn the drone to the north there."""
     folder = flight_folder(tmp_path, "nowhere-approaching-77")
     change(folder / layout.TRUTH, lambda row: {**row, "yaw_deg": None} if row["kind"] == "frame" else row)
     track = RecordedFlight.read(folder).tracks[0]
@@ -75,7 +75,7 @@ def test_a_row_without_a_heading_keeps_the_last_one(tmp_path):
 
 
 def test_the_instruction_of_a_flight_without_a_record_is_that_of_its_run(tmp_path):
-    """Exports and films said nothing."""
+    """Exports and films used to omit the instruction."""
     folder = flight_folder(tmp_path)
     (folder / layout.EPISODE).unlink()
     configuration = json.loads((folder.parent / layout.RUN).read_text())
@@ -94,13 +94,13 @@ def test_the_instruction_of_a_flight_without_a_record_is_that_of_its_run(tmp_pat
     ],
 )
 def test_the_camera_is_the_announced_one(tmp_path, announced, camera):
-    """Films and drawn views took the benchmark's; replays did where run.json tells a part of it."""
+    """Films and drawn views used the benchmark's camera. Replays did so where run.json had a part of the camera."""
     flight = RecordedFlight.read(flight_folder(tmp_path, camera=announced))
     assert (flight.camera.width, flight.camera.height, flight.camera.hfov_deg) == camera
 
 
 def test_a_killed_flight_ends_with_its_last_row_whichever_log_holds_it(tmp_path):
-    """Films ended with the last pose, and the estimate after landing at once, since such a flight has no pose."""
+    """Films used to end with the last pose. The post-flight estimate ended at once: such a flight has no pose."""
     folder = flight_folder(tmp_path, steps=2)
     change(folder / layout.TRUTH, lambda row: row if row["kind"] == "begin" or row.get("t", 99.0) < 2.0 else None)
     assert RecordedFlight.read(folder).end_s == rows(folder / layout.DECISIONS)[-1]["t_decided"] == 3.2
@@ -118,7 +118,7 @@ def test_a_killed_flight_ends_with_its_last_row_whichever_log_holds_it(tmp_path)
 
 
 def test_a_setpoint_that_another_has_overtaken_is_not_the_newest(tmp_path):
-    """Replays showed it."""
+    """Replays used to show it."""
     folder = flight_folder(tmp_path)
     log, autopilot = TelemetryLog(folder / layout.TLOG), Packer(1, 1)
     for time_ms, north in ((1000, 0.1), (1200, 0.2), (1100, 0.3), (2000, 0.4)):
@@ -132,7 +132,7 @@ def test_a_setpoint_that_another_has_overtaken_is_not_the_newest(tmp_path):
 
 
 def test_of_two_decisions_on_one_picture_the_later_one_is_the_newest(tmp_path):
-    """A commander that confirms decides on a picture that was decided on before; films went on showing the first."""
+    """A commander that confirms decides on an earlier image again. Films used to keep showing the first decision."""
     folder = flight_folder(tmp_path, steps=2)
     change(folder / layout.DECISIONS, lambda row: {**row, "frame_id": 0, "t_frame": 0.1})
     newest = RecordedFlight.read(folder).latest_decision(0, 1.0, "t_frame")
@@ -150,7 +150,7 @@ def test_a_tlog_that_was_torn_and_gone_on_with_is_read_on_both_sides(tmp_path):
         log.close()
         if first == 0:
             path.write_bytes(path.read_bytes()[:-30])
-    found = RecordedFlight.read(folder).true_tracks[0]
-    assert not found.level
-    assert 38 <= len(found) <= 39  # the torn one is lost, and the one that its length reaches into
-    assert found.t_s[-1] == pytest.approx(7.8)
+    track = RecordedFlight.read(folder).true_tracks[0]
+    assert not track.level
+    assert 38 <= len(track) <= 39  # the torn frame is lost, and the frame that its length reaches into
+    assert track.t_s[-1] == pytest.approx(7.8)

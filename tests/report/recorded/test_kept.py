@@ -1,4 +1,4 @@
-"""What film, replay, export and report make of flights that an older version has flown stays as it was."""
+"""The outputs of film, replay, export and report for flights of an older version do not change."""
 
 import json
 
@@ -22,7 +22,7 @@ def test_the_outputs_of_a_kept_flight_stay_as_they_were(made, part):
 
 
 def differences(kept, now, where):
-    """Yield where two JSON values differ, numbers by more than MOVED."""
+    """Yield each place where two JSON values differ, numbers by more than MOVED."""
     if isinstance(kept, dict) and isinstance(now, dict) and kept.keys() == now.keys():
         for key in kept:
             yield from differences(kept[key], now[key], f"{where}/{key}")

@@ -1,4 +1,4 @@
-"""Which runs and episodes the verbs read, and by whom they say they were flown."""
+"""The runs and episodes that commands read, and the pilot names of runs."""
 
 import pytest
 
@@ -16,7 +16,7 @@ def test_named_episodes_of_one_run_are_all_read(tmp_path):
 
 
 @pytest.mark.parametrize("harness", ["inspect", "gymnasium"])
-def test_what_another_harness_asked_is_no_built_in_pilot(tmp_path, harness):
+def test_a_run_of_another_harness_has_no_built_in_pilot(tmp_path, harness):
     flight = {"outside": {"harness": harness, "name": "openai/gpt-5"}}
     run = RecordedRun(folder=tmp_path, configuration={"flight": flight}, episodes=())
     assert (run.pilot, run.is_model) == (f"{harness}:openai/gpt-5", True)

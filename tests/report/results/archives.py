@@ -1,4 +1,4 @@
-"""Archives taken apart and put together again, as whoever forges one would."""
+"""Helpers that unpack, change and repack archives, as a forger would."""
 
 import json
 import tarfile
@@ -15,20 +15,20 @@ TWO = QUICK[:2]
 
 def contents(archive: Path) -> dict[str, bytes]:
     with tarfile.open(archive) as opened:
-        return {each.name: opened.extractfile(each).read() for each in opened}  # type: ignore[union-attr]
+        return {member.name: opened.extractfile(member).read() for member in opened}  # type: ignore[union-attr]
 
 
 def packed(files: dict[str, bytes], out: Path, digests: bool = True) -> Path:
-    """Write an archive of these files; with `digests` the manifest has the true ones, as a forger would see to."""
+    """Write an archive of these files. With `digests`, the manifest has the correct digests, like a forger's."""
     files = dict(files)
     if digests:
-        told = json.loads(files["manifest.json"])
-        told["files"] = {
+        manifest = json.loads(files["manifest.json"])
+        manifest["files"] = {
             name: {"bytes": len(data), "sha256": digest(data).sha256}
             for name, data in files.items()
             if name != "manifest.json"
         }
-        files["manifest.json"] = json.dumps(told).encode()
+        files["manifest.json"] = json.dumps(manifest).encode()
     tar.write(out, [(name, lambda data=data: data) for name, data in files.items()])  # type: ignore[misc]
     return out
 

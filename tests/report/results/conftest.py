@@ -1,4 +1,4 @@
-"""Two archives that several files look at: a whole suite, and two episodes to be changed."""
+"""Two archives for several test files: a complete suite, and two episodes that tests change."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ def run(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def whole(run) -> Path:
+def suite_archive(run) -> Path:
     path = run.parent / "oracle.tar.xz"
     submit(recorded_runs([run]), path)
     return Path(path)
@@ -24,7 +24,7 @@ def whole(run) -> Path:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory) -> Path:
-    """An archive of two episodes, to be changed."""
+    """An archive of two episodes that tests change."""
     folder = tmp_path_factory.mktemp("small")
     submit(recorded_runs([write_run(folder / "oracle", TWO)]), folder / "small.tar.xz", partial=True)
     return Path(folder / "small.tar.xz")

@@ -1,4 +1,4 @@
-"""What is missing of a benchmark is counted."""
+"""Missing episodes of a benchmark are counted."""
 
 import json
 
@@ -14,10 +14,10 @@ def test_flights_that_belong_and_are_not_there_are_missing(tmp_path):
     write_run(tmp_path / "oracle-2", IDS[:1], seed=1)
     runs = recorded_runs([tmp_path])
     assert unflown(runs) == []
-    told = [{"name": f"oracle-{k}", "flight": {}, "episodes": IDS} for k in (1, 2, 3)]
-    (tmp_path / "bench.json").write_text(json.dumps({"runs": told}))
-    (one,) = unflown(runs)
-    assert (one.folder, one.flights, one.missing) == (tmp_path, 6, 3)
+    planned_runs = [{"name": f"oracle-{k}", "flight": {}, "episodes": IDS} for k in (1, 2, 3)]
+    (tmp_path / "bench.json").write_text(json.dumps({"runs": planned_runs}))
+    (benchmark,) = unflown(runs)
+    assert (benchmark.folder, benchmark.flights, benchmark.missing) == (tmp_path, 6, 3)
     assert unflown(recorded_runs([tmp_path / "oracle-1"]))[0].missing == 4, "whoever names one run alone is told too"
-    (tmp_path / "bench.json").write_text(json.dumps({"runs": told[:1]}))
+    (tmp_path / "bench.json").write_text(json.dumps({"runs": planned_runs[:1]}))
     assert unflown(runs) == []

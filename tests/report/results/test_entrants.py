@@ -1,4 +1,4 @@
-"""Who stands in the tables, and what is refused there."""
+"""The entrants of the tables, and the runs that they reject."""
 
 import pytest
 
@@ -9,15 +9,15 @@ from tests.support.scores import MODEL, a_run, an_episode, collected, flights, n
 ONE = {"campus-approaching": "sf"}
 
 
-def labels(*some, **asked):
-    return [entrant.label for entrant in entrants(collected(*some), **asked)]
+def labels(*some, **options):
+    return [entrant.label for entrant in entrants(collected(*some), **options)]
 
 
 def test_flights_of_one_setting_are_one_line_and_their_episodes_are_kept_apart():
     runs = [a_run(f"runs/{seed}", model=MODEL, seed=seed) for seed in (1, 0)]
     (entrant,) = entrants(collected(flights(runs[0], ONE), flights(runs[1], {"campus-approaching": "fe"})))
     assert (entrant.label, entrant.is_model) == ("vllm/Qwen/Qwen3.5-9B", True)
-    assert [[each.success for each in entrant.by_episode[name]] for name in entrant.by_episode] == [
+    assert [[episode.success for episode in entrant.by_episode[name]] for name in entrant.by_episode] == [
         [False, True],
         [False],
     ]
@@ -30,8 +30,8 @@ def test_models_stand_before_built_in_pilots_and_a_replay_is_no_model():
         flights(a_run("runs/r", model=MODEL, flight={"replay": {"steps": []}}), ONE),
         flights(a_run("runs/m", model=MODEL), ONE),
     ]
-    found = entrants(collected(*some))
-    assert [(e.label, e.is_model) for e in found] == [
+    rows = entrants(collected(*some))
+    assert [(e.label, e.is_model) for e in rows] == [
         ("vllm/Qwen/Qwen3.5-9B", True), ("oracle", False), ("replay of vllm/Qwen/Qwen3.5-9B", False),
     ]  # fmt: skip
 
@@ -49,18 +49,20 @@ def test_a_label_says_as_much_of_the_setting_as_tells_it_from_its_namesakes():
     assert labels(*by_model) == ["vision, vllm/x", "vision, vllm/y"]
 
 
-def test_another_agent_is_always_told_and_its_runs_are_no_line_with_the_papers():
+def test_another_agent_is_always_named_and_has_its_own_row():
     made = {"steady": "dronecats.run.steady.steady_agent", "mine:agent": "mine.agent"}
     others = [flights(a_run(f"runs/{k}", flight={"agent": name}, agent=made[name]), ONE) for k, name in enumerate(made)]
     papers = [flights(a_run("runs/p", flight={"agent": "paper"}), ONE), flights(a_run("runs/q", seed=1), ONE)]
     assert labels(*papers, *others) == ["vision", "vision · steady", "vision · mine:agent"]
     assert labels(others[0]) == ["vision · steady"]
-    assert [len(each.runs) for each in entrants(collected(*papers, *others))] == [2, 1, 1]
-    made_only = flights(a_run("runs/o", agent="mine.agent"), ONE)  # as runs were before the flight named its agent
+    assert [len(entrant.runs) for entrant in entrants(collected(*papers, *others))] == [2, 1, 1]
+    made_only = flights(
+        a_run("runs/o", agent="mine.agent"), ONE
+    )  # as in runs of versions before the flight named its agent
     assert labels(*papers, made_only) == ["vision", "vision · mine.agent"]
 
 
-def test_runs_of_different_kinds_are_refused_unless_told():
+def test_runs_of_different_kinds_are_rejected_without_pool_anyway():
     some = [flights(a_run(f"runs/{k}", seed=k, prompt_sha256=str(k) * 64), ONE) for k in range(2)]
     with pytest.raises(UsageError, match=r"prompt.*1{8}.*0{8}.*--pool-anyway"):
         entrants(collected(*some))
@@ -68,14 +70,14 @@ def test_runs_of_different_kinds_are_refused_unless_told():
     assert len(entrant.scored) == 4
 
 
-def test_one_flight_twice_is_refused_unless_told():
+def test_one_flight_twice_is_rejected_without_pool_anyway():
     some = [flights(a_run(f"runs/{k}"), ONE) for k in range(2)]
     with pytest.raises(UsageError, match=r"campus-approaching-01.*seed 0.*--pool-anyway"):
         entrants(collected(*some))
     assert len(entrants(collected(*some), pool_anyway=True)[0].scored) == 4
 
 
-def test_two_records_of_one_id_are_refused_whoever_flew_them():
+def test_two_records_of_one_id_are_rejected_for_any_pilot():
     a = an_episode(a_run("runs/a"), "campus-approaching-01", record_sha256="1" * 64)
     b = an_episode(a_run("runs/b", pilot="oracle"), "campus-approaching-01", record_sha256="2" * 64)
     for anyway in (False, True):
@@ -88,4 +90,4 @@ def test_a_model_that_is_asked_in_two_ways_is_two_lines():
     some = [flights(a_run(f"runs/{k}", model=model), ONE) for k, model in enumerate(efforts)]
     labels = [entrant.label for entrant in entrants(collected(*some))]
     assert [word in label for word, label in zip(("low", "high"), labels, strict=True)] == [True, True]
-    assert not [label for label in labels if "max_tokens" in label]  # in which they do not differ
+    assert not [label for label in labels if "max_tokens" in label]  # they do not differ in it

@@ -1,4 +1,4 @@
-"""Which runs are of one kind, and in what others differ."""
+"""The identity of runs: runs of one kind, and the named differences of other runs."""
 
 import hashlib
 import json
@@ -57,18 +57,18 @@ def test_an_agent_is_the_same_under_the_name_that_version_0_1_0_gave_it():
 
 
 def test_the_digest_of_a_kind_is_that_of_archives_made_with_version_0_1_0():
-    told = {"the agent": frozenset({"paper"}), "the clock": frozenset({"lockstep"})}
+    run_identity = {"the agent": frozenset({"paper"}), "the clock": frozenset({"lockstep"})}
     text = '{"the agent": ["dronecats.run.pilot.papers_agent"], "the clock": ["lockstep"]}'
-    assert identity_digest(told) == hashlib.sha256(text.encode()).hexdigest()
+    assert identity_digest(run_identity) == hashlib.sha256(text.encode()).hexdigest()
 
 
-def test_what_makes_another_kind_is_named():
+def test_differences_of_kind_are_named():
     usual = {"disturbances": {"frame": {"delay_s": 0.0}}}
     for changed, name, values in CHANGES:
         other = {**changed, "flight": {**usual, **changed.get("flight", {})}}
         runs = [a_run("runs/a", model=MODEL, flight=usual), a_run("runs/b", **{"model": MODEL, **other})]
-        (found,) = differences(identity(runs[0]), identity(runs[1]))
-        assert found.values == values, name
+        (difference,) = differences(identity(runs[0]), identity(runs[1]))
+        assert difference.values == values, name
         message = refusal(runs) or ""
         shown = [value[:8] if len(value) == 64 else value for value in values]
         shown = (
@@ -85,15 +85,19 @@ def test_another_suite_holds_other_episodes_and_a_patch_of_python_changes_no_num
     assert refusal([a_run("runs/a"), other]) is None
 
 
-def test_what_is_not_told_is_equal_to_its_like_alone():
+def test_unrecorded_values_equal_only_unrecorded_values():
     def older(name):
-        told = {key: value for key, value in TOLD.items() if key not in ("code_sha256", "protocol", "suite")}
+        configuration = {key: value for key, value in TOLD.items() if key not in ("code_sha256", "protocol", "suite")}
         run = a_run(name)
-        return type(run)(folder=run.folder, configuration={**told, "flight": run.flight}, episodes=())
+        return type(run)(folder=run.folder, configuration={**configuration, "flight": run.flight}, episodes=())
 
     assert refusal([older("runs/a"), older("runs/b")]) is None
-    found = differences(identity(older("runs/a")), identity(a_run("runs/b")))
-    assert [each.values for each in found] == [(NOT_RECORDED, "a" * 64), (NOT_RECORDED, "told"), (NOT_RECORDED, "1")]
+    found_differences = differences(identity(older("runs/a")), identity(a_run("runs/b")))
+    assert [difference.values for difference in found_differences] == [
+        (NOT_RECORDED, "a" * 64),
+        (NOT_RECORDED, "told"),
+        (NOT_RECORDED, "1"),
+    ]
 
 
 def test_measured_things_make_no_kind():
@@ -122,11 +126,11 @@ def test_the_run_that_differs_from_most_is_named_whichever_is_first():
     assert odd_runs(bench) == []
 
 
-def with_identity(tmp_path, name, **told):
+def with_identity(tmp_path, name, **fields):
     folder = tmp_path / name / "campus-approaching-01"
     folder.mkdir(parents=True)
-    flown = {"record_sha256": None, "frames": 0, "frames_sha256": None}
-    (folder / "identity.json").write_text(json.dumps(flown | told))
+    defaults = {"record_sha256": None, "frames": 0, "frames_sha256": None}
+    (folder / "identity.json").write_text(json.dumps(defaults | fields))
     run = a_run(str(folder.parent), model=MODEL)
     return type(run)(folder=run.folder, configuration=run.configuration, episodes=(folder,))
 

@@ -1,4 +1,4 @@
-"""The leaderboard: from verified entries alone, built-in pilots never among models."""
+"""The leaderboard: verified entries only, and built-in pilots in a table apart from models."""
 
 import json
 import re
@@ -42,17 +42,19 @@ def test_the_page_is_made_from_the_entries_that_are_kept():
     assert (ROOT / "docs" / "leaderboard.md").read_text(encoding="utf-8") == page(map(entry, ENTRIES))
 
 
-def tables(told: str) -> list[list[str]]:
-    """Return the names of the entries in each table of a page, one table a heading."""
-    rows = (re.findall(r"^\| \[(\w+)\]", part, re.MULTILINE) for part in re.split(r"^#+ ", told, flags=re.MULTILINE))
+def tables(page_text: str) -> list[list[str]]:
+    """Return the names of the entries in each table of a page, one table per heading."""
+    rows = (
+        re.findall(r"^\| \[(\w+)\]", part, re.MULTILINE) for part in re.split(r"^#+ ", page_text, flags=re.MULTILINE)
+    )
     return [names for names in rows if names]
 
 
 def test_a_built_in_pilot_is_never_among_models():
-    told = page([OURS, ONE])
-    assert tables(told) == [["One"], ["Ours"]]
-    assert "`oracle`" in told
-    assert "`openai/one`" in told
+    page_text = page([OURS, ONE])
+    assert tables(page_text) == [["One"], ["Ours"]]
+    assert "`oracle`" in page_text
+    assert "`openai/one`" in page_text
 
 
 def test_rates_are_percent_with_the_entrys_interval():
@@ -82,7 +84,7 @@ def test_no_table_holds_two_agents():
     assert tables(page([steady, papers, ONE])) == [["One", "Papers"], ["Steady"]]
 
 
-def test_what_was_not_verified_is_refused():
+def test_unverified_entries_are_rejected():
     with pytest.raises(UsageError, match=r"One.*a\.json"):
         page([replace(ONE, verified=False, differences=("a.json differs",))])
     with pytest.raises(UsageError, match="One"):
@@ -111,18 +113,19 @@ def test_an_entry_comes_back_from_its_json(tmp_path):
 
 @given(name=st.text(st.characters(codec="utf-8"), min_size=1, max_size=30), note=st.text(max_size=40))
 def test_words_of_somebodys_own_are_words(name, note):
-    """No table, link, heading or HTML comes out of a name or a note."""
-    told = page([replace(ONE, name=name, note=note)])
+    """A name or a note cannot add a table, link, heading or HTML to the page."""
+    page_text = page([replace(ONE, name=name, note=note)])
     plain = page([replace(ONE, name="x", note="y")])
     for mark in (r"^#", r"^\|", r"(?<!\\)\[", r"(?<!\\)<", r"(?<!\\)`", r"(?<!\\)\|"):
-        assert len(re.findall(mark, told, re.MULTILINE)) == len(re.findall(mark, plain, re.MULTILINE)), mark
+        assert len(re.findall(mark, page_text, re.MULTILINE)) == len(re.findall(mark, plain, re.MULTILINE)), mark
 
 
 def test_each_entry_is_linked_from_its_row():
-    told = page([replace(ONE, name="A b_c: d (x)"), OURS])
+    page_text = page([replace(ONE, name="A b_c: d (x)"), OURS])
     anchors = {
-        re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in re.findall("^#+ (.+)$", told, re.M)
+        re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
+        for heading in re.findall("^#+ (.+)$", page_text, re.M)
     }
-    links = set(re.findall(r"\]\(#([^)]+)\)", told))
+    links = set(re.findall(r"\]\(#([^)]+)\)", page_text))
     assert len(links) == 2
     assert links <= anchors

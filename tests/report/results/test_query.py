@@ -1,4 +1,4 @@
-"""SQL over run folders: what it says, what it reads, and what it can never do."""
+"""SQL over run folders: the answers, the files that a query reads, and the statements that are rejected."""
 
 import json
 import re
@@ -60,27 +60,27 @@ def test_the_tables_hold_what_the_logs_do(runs):
         (p.t, p.position_ned[0], p.target_ned and p.target_ned[2]) for p in logs.poses
     ]
     [declared] = ask(f"SELECT * FROM declarations WHERE {where}", runs)
-    told = {name: declared[name] for name in ("number", "drone_index", "counts", "qualifies")}
-    assert told == {"number": 1, "drone_index": 0, "counts": True, "qualifies": True}
+    fields = {name: declared[name] for name in ("number", "drone_index", "counts", "qualifies")}
+    assert fields == {"number": 1, "drone_index": 0, "counts": True, "qualifies": True}
     [run] = ask("SELECT * FROM runs WHERE run = 'silent'", runs)
     assert (run["pilot"], run["is_model"], run["episodes"]) == ("failing:never-declares", False, 2)
     assert json.loads(str(run["configuration"]))["flight"]["pilot"] == "failing:never-declares"
 
 
 def test_a_verdict_is_derived_anew_with_every_metric(runs):
-    told = ask("SELECT * FROM episodes ORDER BY run, episode", runs)
-    assert [(e["run"], e["success"], e["outcome"]) for e in told] == [
+    episode_rows = ask("SELECT * FROM episodes ORDER BY run, episode", runs)
+    assert [(e["run"], e["success"], e["outcome"]) for e in episode_rows] == [
         ("oracle", True, "success"), ("oracle", True, "success"),
         ("silent", False, "failure"), ("silent", False, "failure"),
     ]  # fmt: skip
-    flown = RecordedFlight.read(runs / "oracle" / EPISODES[1])
+    flight = RecordedFlight.read(runs / "oracle" / EPISODES[1])
     for metric in TABLES["episodes"].metrics:
-        value = metric.of(flown)
-        assert told[0][metric.name] == value, metric.name
-        assert isinstance(value, bool) == isinstance(told[0][metric.name], bool), metric.name
+        value = metric.of(flight)
+        assert episode_rows[0][metric.name] == value, metric.name
+        assert isinstance(value, bool) == isinstance(episode_rows[0][metric.name], bool), metric.name
 
 
-def test_what_is_damaged_stands_in_episodes_with_its_error_and_spoils_no_other(tmp_path):
+def test_a_damaged_episode_has_its_error_in_its_row_and_others_are_unaffected(tmp_path):
     run = write_run(tmp_path / "run", EPISODES)
     log = run / EPISODES[0] / "truth.jsonl"
     log.write_text(log.read_text().replace('"t": 0.0', '"t": "x"', 1))
@@ -100,7 +100,7 @@ def test_only_what_is_named_is_read(runs, monkeypatch):
 
 
 def test_a_name_that_is_put_together_is_no_table(runs):
-    """Else it would be an empty one."""
+    """Otherwise it would be an empty table."""
     with pytest.raises(UsageError, match="steps"):
         ask("SELECT * FROM query_table('st' || 'eps')", runs)
 
@@ -114,11 +114,13 @@ def test_names_are_whole_words():
 def test_the_examples_run_and_most_have_an_answer(runs):
     answers = [query(example, recorded_runs([runs])) for example in EXAMPLES]
     assert all(answer.columns for answer in answers)
-    assert sum(bool(answer.rows) for answer in answers) >= 8  # nothing here is unscored or declared elsewhere
+    assert (
+        sum(bool(answer.rows) for answer in answers) >= 8
+    )  # no flight here is unscored, and no declaration is at the wrong place
 
 
 def test_the_page_has_the_tables_as_they_are():
-    """The page has all columns but those of metrics."""
+    """The page lists all columns except those of metrics."""
     assert "### runs" + PAGE.partition("### runs")[2] == markdown()
 
 
@@ -156,7 +158,7 @@ def test_a_query_is_one_select(runs, tmp_path):
 def test_a_select_reaches_nothing_but_its_tables(runs, tmp_path):
     file = tmp_path / "secret.csv"
     file.write_text("a\n1\n")
-    planted = {"a": np.array([1.0])}  # a variable of this process, which the database could scan
+    planted = {"a": np.array([1.0])}  # a variable of this process that the database could scan
     assert planted
     for sql in (
         "SELECT * FROM read_text('{file}')",
@@ -175,7 +177,7 @@ def test_a_select_reaches_nothing_but_its_tables(runs, tmp_path):
 
 
 def test_every_lock_holds_by_itself(runs):
-    """Statements other than SELECT are refused before they are run; the database would refuse them, too."""
+    """Statements other than SELECT are rejected before they run. The database would also reject them."""
     loaded = database.load(recorded_runs([runs]), ["runs"])
     for setting in database.LOCKED:
         loaded.connection.execute(f"SET {setting}")
@@ -186,17 +188,17 @@ def test_every_lock_holds_by_itself(runs):
 
 
 def test_every_lock_is_on_where_a_query_runs(runs):
-    wanted = dict(setting.split(" = ") for setting in database.LOCKED)
-    told = ask("SELECT name, value FROM duckdb_settings()", runs)
-    found = {row["name"]: row["value"] for row in told if row["name"] in wanted}
-    assert found == {
+    expected = dict(setting.split(" = ") for setting in database.LOCKED)
+    setting_rows = ask("SELECT name, value FROM duckdb_settings()", runs)
+    active = {row["name"]: row["value"] for row in setting_rows if row["name"] in expected}
+    assert active == {
         "enable_external_access": "false", "lock_configuration": "true", "python_enable_replacements": "false",
         "autoinstall_known_extensions": "false", "autoload_known_extensions": "false",
         "allow_community_extensions": "false", "temp_directory": "",
     }  # fmt: skip
 
 
-def test_what_is_wrong_is_one_sentence(runs):
+def test_errors_are_one_sentence(runs):
     for sql, part in (
         ("SELEC 1", "SELEC"),
         ("SELECT * FROM flights", "'flights'"),
@@ -212,8 +214,8 @@ def test_what_is_wrong_is_one_sentence(runs):
 def test_an_answer_is_written_as_parquet(runs, tmp_path):
     file = tmp_path / "it's.parquet"
     rows = ask("SELECT run, episode, ne_m FROM episodes ORDER BY ALL", runs, parquet=file)
-    found = duckdb.connect().execute("SELECT * FROM read_parquet(?)", [str(file)]).fetchall()
-    assert [tuple(row.values()) for row in rows] == found
+    parquet_rows = duckdb.connect().execute("SELECT * FROM read_parquet(?)", [str(file)]).fetchall()
+    assert [tuple(row.values()) for row in rows] == parquet_rows
     assert [path.name for path in tmp_path.iterdir()] == ["it's.parquet"]
 
 
@@ -222,8 +224,10 @@ def test_an_export_is_a_file_a_table(runs, tmp_path):
     assert damage == []
     assert rows == {"runs": 2, "episodes": 4, "steps": 50, "poses": 490, "declarations": 2}
     for table in TABLES.values():
-        told = duckdb.connect().execute(f"DESCRIBE SELECT * FROM '{tmp_path}/out/{table.name}.parquet'").fetchall()
-        assert [(name, kind) for name, kind, *_ in told] == [(c.name, c.type) for c in table.columns]
+        description = (
+            duckdb.connect().execute(f"DESCRIBE SELECT * FROM '{tmp_path}/out/{table.name}.parquet'").fetchall()
+        )
+        assert [(name, kind) for name, kind, *_ in description] == [(c.name, c.type) for c in table.columns]
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="/file"):
         write_tables("parquet", recorded_runs([runs]), tmp_path / "file")
@@ -232,8 +236,8 @@ def test_an_export_is_a_file_a_table(runs, tmp_path):
 def test_runs_of_one_name_are_told_apart(tmp_path):
     for which in ("a", "b"):
         write_run(tmp_path / which / "oracle", EPISODES[:1])
-    found = recorded_runs([tmp_path / "a", tmp_path / "b"])
-    assert [row[0] for row in query("SELECT run FROM runs", found).rows] == ["a/oracle", "b/oracle"]
+    same_named = recorded_runs([tmp_path / "a", tmp_path / "b"])
+    assert [row[0] for row in query("SELECT run FROM runs", same_named).rows] == ["a/oracle", "b/oracle"]
 
 
 def test_columns_of_one_name_are_told_apart(runs):
@@ -244,8 +248,8 @@ def test_columns_of_one_name_are_told_apart(runs):
 
 @given(st.lists(st.one_of(st.none(), st.integers())))
 def test_whole_numbers_come_through(values):
-    told = array(values, "BIGINT").tolist()
-    assert told == [v if v is not None and -(2**63) <= v < 2**63 else None for v in values]
+    result = array(values, "BIGINT").tolist()
+    assert result == [v if v is not None and -(2**63) <= v < 2**63 else None for v in values]
 
 
 @pytest.fixture(scope="module")
@@ -257,10 +261,10 @@ def connection():
 @settings(max_examples=50)
 @given(values=st.lists(st.one_of(st.none(), st.text(), st.text(st.characters(categories=("L", "Cs"))))))
 def test_texts_come_through_the_database(values, connection):
-    """Half a surrogate pair, which JSON has and UTF-8 has not, is escaped."""
+    """Half a surrogate pair is valid in JSON and not in UTF-8. It is escaped."""
     connection.execute("CREATE OR REPLACE TABLE t (n BIGINT, x VARCHAR)")
     connection.register("incoming", {"n": np.arange(len(values)), "x": array(values, "VARCHAR")})
     if values:
         connection.execute("INSERT INTO t SELECT * FROM incoming")
-    told = [row[0] for row in connection.execute("SELECT x FROM t ORDER BY n").fetchall()]
-    assert told == [v if v is None else v.encode("utf-8", "backslashreplace").decode() for v in values]
+    results = [row[0] for row in connection.execute("SELECT x FROM t ORDER BY n").fetchall()]
+    assert results == [v if v is None else v.encode("utf-8", "backslashreplace").decode() for v in values]

@@ -1,4 +1,4 @@
-"""What goes into an archive of runs, without keys or paths of a machine, and what is refused before."""
+"""Archives of runs: their content without keys or local paths, and the runs that `submit` rejects."""
 
 import json
 import re
@@ -18,31 +18,37 @@ from tests.report.results.archives import QUICK, TWO, changed, contents
 from tests.report.results.synthetic_runs import write_run
 
 
-def test_a_whole_suite_is_verified_and_says_what_it_cannot_tell(whole):
-    told = verify(whole, reread)
-    assert told.differences == ()
-    assert told.verified
-    assert (told.pilot, told.is_model, told.suite, told.partial, told.flights) == ("oracle", False, "quick", None, 1)
-    scores = {cell: (of.successes, of.scored) for cell, of in told.cells.items()}
+def test_a_whole_suite_is_verified_and_says_what_it_cannot_tell(suite_archive):
+    report = verify(suite_archive, reread)
+    assert report.differences == ()
+    assert report.verified
+    assert (report.pilot, report.is_model, report.suite, report.partial, report.flights) == (
+        "oracle",
+        False,
+        "quick",
+        None,
+        1,
+    )
+    scores = {cell: (score.successes, score.scored) for cell, score in report.cells.items()}
     assert scores == {**dict.fromkeys(("approaching", "searching", "tracking", "search-and-track"), (2, 2)),
                       "commanding": (4, 4)}  # fmt: skip
-    assert any("truth.jsonl" in said for said in told.unchecked)
+    assert any("truth.jsonl" in note for note in report.unchecked)
 
 
-def test_the_same_runs_are_the_same_bytes(run, whole, tmp_path):
+def test_the_same_runs_are_the_same_bytes(run, suite_archive, tmp_path):
     submit(recorded_runs([run]), tmp_path / "again.tar.xz")
-    assert (tmp_path / "again.tar.xz").read_bytes() == whole.read_bytes()
+    assert (tmp_path / "again.tar.xz").read_bytes() == suite_archive.read_bytes()
 
 
 def test_several_flights_are_one_entry(run, tmp_path):
     again = write_run(tmp_path / "second", QUICK, seed=7)
     manifest = submit(recorded_runs([again, run]), tmp_path / "two.tar.xz", name="Twice", note="a  note")
-    assert [(each.folder, each.seed) for each in manifest.runs] == [("runs/01", 0), ("runs/02", 7)]
-    told = verify(tmp_path / "two.tar.xz", reread)
-    assert (told.name, told.note, told.flights, told.verified) == ("Twice", "a note", 2, True)
-    assert told.cells["commanding"].scored == 8
-    known = known_share([[True, True]] * len(QUICK))  # two flights of an episode tell no more than one, if they agree
-    assert told.interval == (known.low, known.high) == wilson(len(QUICK), len(QUICK))
+    assert [(run_entry.folder, run_entry.seed) for run_entry in manifest.runs] == [("runs/01", 0), ("runs/02", 7)]
+    report = verify(tmp_path / "two.tar.xz", reread)
+    assert (report.name, report.note, report.flights, report.verified) == ("Twice", "a note", 2, True)
+    assert report.cells["commanding"].scored == 8
+    expected = known_share([[True, True]] * len(QUICK))  # two equal flights of an episode give the same interval as one
+    assert report.interval == (expected.low, expected.high) == wilson(len(QUICK), len(QUICK))
 
 
 def test_left_out_are_telemetry_and_frames_but_for_their_digests(tmp_path):
@@ -60,9 +66,9 @@ def test_left_out_are_telemetry_and_frames_but_for_their_digests(tmp_path):
     assert not [name for name in contents(out) if name.endswith((".jpg", ".tlog"))]
     submit(recorded_runs([run]), out, partial=True, with_frames=True)
     assert contents(out)[f"{home}/frames/000001_d3.jpg"] == b"000001_d3.jpg"
-    told = verify(out, reread)
-    assert told.verified
-    assert "2 frames" in " ".join(told.unchecked)
+    report = verify(out, reread)
+    assert report.verified
+    assert "2 frames" in " ".join(report.unchecked)
 
 
 def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
@@ -97,9 +103,9 @@ def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
     assert kept["flight"]["accounts"]["ledger"] == "ledger.sqlite"
     assert kept["versions"]["hint"] == "*** and recorded:replies.txt, b"
     assert set(manifest.scrubbed) == {"runs/01/run.json", f"runs/01/{TWO[0]}/decisions.jsonl"}
-    told = verify(out, reread)
-    assert told.differences == ()
-    assert any("2 files" in said for said in told.unchecked)
+    report = verify(out, reread)
+    assert report.differences == ()
+    assert any("2 files" in note for note in report.unchecked)
 
 
 @pytest.mark.parametrize(
@@ -111,7 +117,7 @@ def test_no_key_and_no_path_of_this_machine_goes_in(tmp_path):
         (lambda run: (write_run(run, QUICK), (run / QUICK[3]).rename(run / "mine")), "mine"),
     ],
 )
-def test_what_is_not_whole_is_refused_or_marked(change, part, tmp_path):
+def test_an_incomplete_submission_is_rejected_or_marked_partial(change, part, tmp_path):
     change(tmp_path / "run")
     with pytest.raises(UsageError, match=f"{part}.*--partial") as refused:
         submit(recorded_runs([tmp_path / "run"]), tmp_path / "a.tar.xz")
@@ -146,14 +152,14 @@ FLOWN: dict[str, Any] = {
 
 
 @pytest.mark.parametrize(
-    ("told", "parts"),
+    ("changed_fields", "parts"),
     [
         ({"code_sha256": "b" * 64}, "code.*a{8}.*b{8}"),
         ({"served": ["openai/gpt-5-2026"]}, "model.*openai/gpt-5-2026"),
     ],
 )
-def test_flights_by_other_code_or_another_model_are_no_one_entry(told, parts, tmp_path):
-    for k, more in enumerate(({}, told)):
+def test_flights_by_other_code_or_another_model_are_no_one_entry(changed_fields, parts, tmp_path):
+    for k, more in enumerate(({}, changed_fields)):
         run = write_run(tmp_path / f"run{k}", TWO, seed=k)
         for episode in TWO:
             (run / episode / "identity.json").write_text(json.dumps({**FLOWN, **more}))
@@ -161,7 +167,7 @@ def test_flights_by_other_code_or_another_model_are_no_one_entry(told, parts, tm
         submit(recorded_runs([tmp_path]), tmp_path / "x.tar.xz", partial=True)
 
 
-def test_what_was_flown_is_in_the_archive_and_held_to_its_manifest(tmp_path):
+def test_the_served_model_is_archived_and_checked_against_the_manifest(tmp_path):
     run = write_run(tmp_path / "run", TWO)
     for episode in TWO:
         (run / episode / "identity.json").write_text(json.dumps({**FLOWN, "served": ["/data/models/qwen"]}))

@@ -1,4 +1,4 @@
-"""Archives that mean harm, or are damaged, are refused in a sentence and write nowhere else."""
+"""Malicious or damaged archives are rejected in one sentence and write nothing outside their folder."""
 
 import copy
 import io
@@ -50,22 +50,22 @@ STRANGE = (
 
 
 def test_a_name_that_is_none_of_a_runs_is_refused(small, tmp_path):
-    """Whether the manifest has it or the archive alone."""
+    """In both cases: the manifest lists the name, or only the archive has it."""
     place = tmp_path / "place"
     place.mkdir()
     files = contents(small)
     for name in STRANGE:
-        told = json.loads(files["manifest.json"])
-        told["files"][name] = {"bytes": 4, "sha256": digest(b"evil").sha256}
-        for manifest in (told, json.loads(files["manifest.json"])):
+        forged_manifest = json.loads(files["manifest.json"])
+        forged_manifest["files"][name] = {"bytes": 4, "sha256": digest(b"evil").sha256}
+        for manifest in (forged_manifest, json.loads(files["manifest.json"])):
             forged = tmp_path / "x.tar.xz"
             entries = {**files, "manifest.json": json.dumps(manifest).encode()}
             with (
                 lzma.open(forged, "wb", preset=0) as file,
                 tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as opened,
             ):
-                for each, data in [*entries.items(), (name, b"evil")]:
-                    opened.addfile(info(each, size=len(data)), io.BytesIO(data))
+                for entry_name, data in [*entries.items(), (name, b"evil")]:
+                    opened.addfile(info(entry_name, size=len(data)), io.BytesIO(data))
             with forged.open("rb") as file, pytest.raises(UsageError):
                 unpacking.unpack(file, place)
             assert not list(tmp_path.rglob("*evil*")), name
@@ -104,9 +104,9 @@ def test_a_bomb_is_refused_before_it_goes_off(small, tmp_path, monkeypatch):
         verify(bomb, reread)
 
     def grown(files):
-        told = json.loads(files["manifest.json"])
-        told["files"][f"runs/01/{TWO[0]}/truth.jsonl"]["bytes"] = unpacking.LOG_MAX + 1
-        files["manifest.json"] = json.dumps(told).encode()
+        manifest = json.loads(files["manifest.json"])
+        manifest["files"][f"runs/01/{TWO[0]}/truth.jsonl"]["bytes"] = unpacking.LOG_MAX + 1
+        files["manifest.json"] = json.dumps(manifest).encode()
 
     with pytest.raises(UsageError, match=r"truth\.jsonl.* large"):
         verify(changed(small, tmp_path / "x.tar.xz", grown, digests=False), reread)
@@ -116,8 +116,8 @@ def test_a_bomb_is_refused_before_it_goes_off(small, tmp_path, monkeypatch):
 
 
 def test_zeros_without_end_are_refused_by_their_ratio(small, tmp_path):
-    with lzma.open(tmp_path / "x.tar.xz", "wb", preset=1) as out, lzma.open(small) as whole:
-        out.write(whole.read())
+    with lzma.open(tmp_path / "x.tar.xz", "wb", preset=1) as out, lzma.open(small) as archive:
+        out.write(archive.read())
         for _ in range(100):
             out.write(b"\0" * (1 << 20))
     with pytest.raises(UsageError):
@@ -132,7 +132,7 @@ def test_a_dictionary_that_takes_gigabytes_is_refused(tmp_path):
         verify(tmp_path / "x.tar.xz", reread)
 
 
-# (what is changed in an archive, what the message names)
+# (the change to an archive, a pattern that the message contains)
 FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
     (lambda f: f.pop("runs/01/run.json"), "runs/01/run.json"),
     (lambda f: f.update({"runs/02/run.json": b"{}"}), "runs/02/run.json"),
@@ -148,7 +148,7 @@ FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
 ]
 
 
-def test_what_is_no_archive_of_runs_is_refused_in_one_sentence(small, tmp_path):
+def test_invalid_archives_are_rejected_in_one_sentence(small, tmp_path):
     for k, (change, part) in enumerate(FORGED):
         with pytest.raises(UsageError, match=re.escape(part)) as refused:
             verify(changed(small, tmp_path / f"{k}.tar.xz", change), reread)
@@ -171,7 +171,7 @@ def test_something_behind_the_end_is_refused(small, tmp_path):
 
 
 def refusal(call: Callable[[], object]) -> str:
-    """Return what is said where a call is refused, nothing where it is not."""
+    """Return the message of the UsageError that a call raises, or an empty text."""
     try:
         call()
     except UsageError as refused:
@@ -184,8 +184,8 @@ SMALL: dict[Path, bytes] = {}
 
 @given(data=st.data())
 def test_a_damaged_archive_is_refused_or_read_and_writes_nowhere_else(data, small, tmp_path_factory):
-    whole = SMALL.setdefault(small, lzma.decompress(small.read_bytes()))
-    damaged = bytearray(whole)
+    original = SMALL.setdefault(small, lzma.decompress(small.read_bytes()))
+    damaged = bytearray(original)
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(damaged) - 1) | st.integers(0, 1535))
         damaged[at] = data.draw(st.integers(0, 255))
@@ -193,8 +193,8 @@ def test_a_damaged_archive_is_refused_or_read_and_writes_nowhere_else(data, smal
     home = tmp_path_factory.mktemp("fuzz")
     place = home / "place"
     place.mkdir()
-    said = refusal(lambda: unpacking.unpack(io.BytesIO(lzma.compress(bytes(damaged), preset=0)), place))
-    assert len(said.splitlines()) <= 1
+    message = refusal(lambda: unpacking.unpack(io.BytesIO(lzma.compress(bytes(damaged), preset=0)), place))
+    assert len(message.splitlines()) <= 1
     assert [path.name for path in home.iterdir()] == ["place"]
     for path in place.rglob("*"):
         assert path.resolve().is_relative_to(place.resolve())
@@ -214,11 +214,11 @@ VALUES = st.recursive(
 
 @given(data=st.data())
 def test_no_value_in_a_manifest_breaks_the_reader(data, small):
-    told = json.loads(contents_once(small)["manifest.json"])
-    keys = data.draw(st.lists(st.sampled_from(sorted(told)), min_size=1, max_size=2))
+    manifest = json.loads(contents_once(small)["manifest.json"])
+    keys = data.draw(st.lists(st.sampled_from(sorted(manifest)), min_size=1, max_size=2))
     for key in keys:
-        told[key] = data.draw(VALUES)
-    assert len(refusal(lambda: decoded(json.dumps(told).encode())).splitlines()) <= 1
+        manifest[key] = data.draw(VALUES)
+    assert len(refusal(lambda: decoded(json.dumps(manifest).encode())).splitlines()) <= 1
 
 
 STRANGE_VALUES = VALUES | st.sampled_from(
@@ -229,14 +229,14 @@ STRANGE_VALUES = VALUES | st.sampled_from(
 @settings(max_examples=25)
 @given(data=st.data())
 def test_no_value_in_a_file_breaks_what_verifies(data, small, tmp_path_factory):
-    """Somebody's archive is refused in a sentence or judged, and what is said of it can be printed and kept."""
+    """Any archive is rejected in one sentence or judged. Its report can be printed and encoded."""
     files = contents_once(small)
-    name = data.draw(st.sampled_from([each for each in files if each != "manifest.json"]))
+    name = data.draw(st.sampled_from([file_name for file_name in files if file_name != "manifest.json"]))
     lines = files[name].split(b"\n") if name.endswith(".jsonl") else [files[name]]
     at = data.draw(st.integers(0, max(0, len(lines) - 2)))
     value = json.loads(lines[at])
     place = value
-    while isinstance(place, dict) and place:  # a field of the row itself, or of one within it
+    while isinstance(place, dict) and place:  # a field of the row, or of an object in it
         key = data.draw(st.sampled_from(sorted(place)))
         if not (isinstance(place[key], dict) and place[key] and data.draw(st.booleans())):
             place[key] = data.draw(STRANGE_VALUES)
@@ -244,12 +244,12 @@ def test_no_value_in_a_file_breaks_what_verifies(data, small, tmp_path_factory):
         place = place[key]
     lines[at] = json.dumps(value).encode()
     forged = packed({**files, name: b"\n".join(lines)}, tmp_path_factory.mktemp("values") / "x.tar.xz")
-    found: list[verification.Verification] = []
-    said = refusal(lambda: found.append(verify(forged, reread)))
-    assert len(said.splitlines()) <= 1
-    for told in found:
-        assert msgspec.json.decode(msgspec.json.encode(told), type=verification.Verification) == told
-        page([replace(told, verified=True)])
+    reports: list[verification.Verification] = []
+    message = refusal(lambda: reports.append(verify(forged, reread)))
+    assert len(message.splitlines()) <= 1
+    for report in reports:
+        assert msgspec.json.decode(msgspec.json.encode(report), type=verification.Verification) == report
+        page([replace(report, verified=True)])
 
 
 CONTENTS: dict[Path, dict[str, bytes]] = {}

@@ -1,4 +1,4 @@
-"""An archive that was changed is found out."""
+"""Changes to an archive are detected."""
 
 import re
 from collections.abc import Callable
@@ -17,7 +17,7 @@ def line_of(files: dict[str, bytes], name: str, old: str, new: str) -> None:
     files[home] = files[home].replace(old.encode(), new.encode(), 1)
 
 
-# (what is changed in an archive, what a difference names)
+# (the change to an archive, a pattern that a difference matches)
 FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
     (lambda f: line_of(f, "verdict.json", '"success": true', '"success": false'), "verdict.json .*success"),
     (lambda f: line_of(f, "truth.jsonl", '"distance_m": 1.5', '"distance_m": 9.5'), "verdict.json"),
@@ -34,11 +34,11 @@ FORGED: list[tuple[Callable[[dict[str, bytes]], object], str]] = [
 ]  # fmt: skip
 
 
-def test_what_was_changed_is_found(small, tmp_path):
+def test_changes_are_detected(small, tmp_path):
     for k, (change, part) in enumerate(FORGED):
-        told = verify(changed(small, tmp_path / f"{k}.tar.xz", change), reread)
-        assert not told.verified, part
-        assert re.search(part, " ".join(told.differences)), (part, told.differences)
+        report = verify(changed(small, tmp_path / f"{k}.tar.xz", change), reread)
+        assert not report.verified, part
+        assert re.search(part, " ".join(report.differences)), (part, report.differences)
 
 
 def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
@@ -46,7 +46,10 @@ def test_a_file_that_is_not_its_digests_is_named(small, tmp_path):
     forged = changed(
         small, tmp_path / "x.tar.xz", lambda f: f.update({name: f[name].replace(b"true", b"True")}), digests=False
     )
-    assert any(said.startswith(f"{name} ") and "digest" in said for said in verify(forged, reread).differences)
+    assert any(
+        difference.startswith(f"{name} ") and "digest" in difference
+        for difference in verify(forged, reread).differences
+    )
 
 
 def test_a_file_of_another_size_is_refused_before_it_is_read(small, tmp_path):
@@ -56,8 +59,8 @@ def test_a_file_of_another_size_is_refused_before_it_is_read(small, tmp_path):
         verify(forged, reread)
 
 
-def test_what_a_terminal_would_obey_is_not_handed_on(small, tmp_path):
+def test_terminal_escape_codes_are_removed_from_differences(small, tmp_path):
     forged = changed(small, tmp_path / "x.tar.xz", lambda f: line_of(f, "episode.json", '"id": "', '"id": "\\u001b[2J'))
-    told = verify(forged, reread)
-    assert told.differences
-    assert all(said.isprintable() for said in told.differences)
+    report = verify(forged, reread)
+    assert report.differences
+    assert all(difference.isprintable() for difference in report.differences)

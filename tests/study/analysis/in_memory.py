@@ -1,4 +1,4 @@
-"""Studies as values, made up without a folder."""
+"""Invented studies as values, without a folder."""
 
 from collections.abc import Callable, Sequence
 
@@ -30,8 +30,8 @@ def a_study(
             for number in range(1, flights + 1):
                 for point in points:
                     won = rng.random() < 1 / (1 + np.exp(-law(*point) - own))
-                    told = {"ne_m": 3.0 if won else 9.0, "dwell_s": 4.0, "longest_loss_s": 2.0}
-                    scored = an_episode(run, f"campus-tracking-{k:02}", "success" if won else "failure", values=told)
+                    values = {"ne_m": 3.0 if won else 9.0, "dwell_s": 4.0, "longest_loss_s": 2.0}
+                    scored = an_episode(run, f"campus-tracking-{k:02}", "success" if won else "failure", values=values)
                     made.append(StudiedFlight(entrant=entrant, levels=point, number=number, scored=scored))
     return StudyResults(
         name="made-up", design="full factorial", factors=tuple(factors), entrants=tuple(entrants),

@@ -1,4 +1,4 @@
-"""Main effects and interactions: recovered from laws that are known, and held to statsmodels where nothing scatters."""
+"""Main effects and interactions: recovered from known laws, and compared with statsmodels if nothing scatters."""
 
 import numpy as np
 import pytest
@@ -15,25 +15,25 @@ GRID = [(s, v) for s in LATENCY.levels for v in WIND.levels]
 
 
 def test_effects_are_those_of_the_law():
-    told = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=60)
-    slow, blown = main_effects(told)
+    study = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=60)
+    slow, blown = main_effects(study)
     assert (slow.begin, slow.end, blown.begin, blown.end) == (0.0, 2.0, 0.0, 8.0)
-    for each, truth in ((slow, -2.4), (blown, -0.8)):
-        assert each.log_odds == pytest.approx(truth, abs=0.6)
-        assert each.low is not None
-        assert each.high is not None
-        assert each.low < truth < each.high
+    for effect, truth in ((slow, -2.4), (blown, -0.8)):
+        assert effect.log_odds == pytest.approx(truth, abs=0.6)
+        assert effect.low is not None
+        assert effect.high is not None
+        assert effect.low < truth < effect.high
     assert slow.p_holm < 1e-6
     assert slow.share_begin > slow.share_end
 
 
-def test_without_scatter_they_are_statsmodels_own():
+def test_without_scatter_effects_are_those_of_statsmodels():
     import statsmodels.api as sm
 
-    told = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=200, scatter=0.0)
-    rows = np.array([[1.0, *each.levels] for each in told.flights], float)
-    theirs = sm.Logit([each.scored.success for each in told.flights], rows).fit(disp=0)
-    slow, blown = main_effects(told)
+    study = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=200, scatter=0.0)
+    rows = np.array([[1.0, *flight.levels] for flight in study.flights], float)
+    theirs = sm.Logit([flight.scored.success for flight in study.flights], rows).fit(disp=0)
+    slow, blown = main_effects(study)
     assert slow.log_odds == pytest.approx(2.0 * theirs.params[1], rel=0.02)
     assert blown.log_odds == pytest.approx(8.0 * theirs.params[2], rel=0.05)
     reach = 1.96 * 2.0 * theirs.bse[1]
@@ -42,87 +42,89 @@ def test_without_scatter_they_are_statsmodels_own():
 
 
 def test_an_interval_ends_where_the_fit_is_worse_by_the_limit_of_f():
-    """Of six episodes 6.6 of twice the log likelihood, where chi-square, that of very many, has 3.8."""
-    told = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=6, flights=3)
-    by_name = [[f for f in told.flights if f.scored.episode == f"campus-tracking-{k:02}"] for k in range(6)]
-    won = np.array([[sum(f.scored.success for f in some if f.levels == at) for at in GRID] for some in by_name], float)
+    """With six episodes the limit is 6.6 of twice the log likelihood. Chi-square, for many episodes, has 3.8."""
+    study = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - 1.2 * s - 0.1 * v, episodes=6, flights=3)
+    by_name = [[f for f in study.flights if f.scored.episode == f"campus-tracking-{k:02}"] for k in range(6)]
+    won = np.array(
+        [[sum(f.scored.success for f in flights if f.levels == at) for at in GRID] for flights in by_name], float
+    )
     trials, grid = Trials(won, np.full_like(won, 3.0)), np.array(GRID)
     rest = np.stack([np.ones(len(GRID)), grid[:, 1] / 8.0], axis=1)
     best = fit(np.column_stack([rest, grid[:, 0] / 2.0]), trials).log_likelihood
-    slow, _ = main_effects(told)
+    slow, _ = main_effects(study)
     for edge in (slow.low, slow.high):
         assert edge is not None
         worse = 2.0 * (best - fit(rest, trials, offset=edge * grid[:, 0] / 2.0).log_likelihood)
         assert worse == pytest.approx(stats.f.ppf(0.95, 1, 5), abs=0.05)
 
 
-def test_without_scatter_the_tests_are_statsmodels_own_with_as_many_degrees_of_freedom():
-    """Three words are two columns, and beside a number two products: neither is tested as if it were one."""
+def test_without_scatter_the_tests_are_statsmodels_own_with_equal_degrees_of_freedom():
+    """Three words are two columns, and with a number two products. Neither is tested as one column."""
     import statsmodels.api as sm
 
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     points = [(p, v) for p in policy.levels for v in WIND.levels]
-    told = a_study([policy, WIND], points, lambda p, v: 0.5 - 0.4 * (p == "slow"), episodes=40, scatter=0.0)
-    won = np.array([each.scored.success for each in told.flights], float)
-    words = np.array([[each.levels[0] == "stall", each.levels[0] == "slow"] for each in told.flights], float)
-    rest = np.array([[1.0, float(each.levels[1])] for each in told.flights])
+    study = a_study([policy, WIND], points, lambda p, v: 0.5 - 0.4 * (p == "slow"), episodes=40, scatter=0.0)
+    won = np.array([flight.scored.success for flight in study.flights], float)
+    words = np.array([[flight.levels[0] == "stall", flight.levels[0] == "slow"] for flight in study.flights], float)
+    rest = np.array([[1.0, float(flight.levels[1])] for flight in study.flights])
 
     def likelihood(*columns):
         return sm.Logit(won, np.column_stack(columns)).fit(disp=0).llf
 
     both, crossed = likelihood(rest, words), likelihood(rest, words, words * rest[:, 1:])
-    assert main_effects(told)[0].p == pytest.approx(stats.chi2.sf(2.0 * (both - likelihood(rest)), 2), rel=0.02)
-    assert heat_maps(told)[0].p == pytest.approx(stats.chi2.sf(2.0 * (crossed - both), 2), rel=0.02)
+    assert main_effects(study)[0].p == pytest.approx(stats.chi2.sf(2.0 * (both - likelihood(rest)), 2), rel=0.02)
+    assert heat_maps(study)[0].p == pytest.approx(stats.chi2.sf(2.0 * (crossed - both), 2), rel=0.02)
 
 
 def test_shares_of_numbers_are_those_at_the_lowest_and_the_highest():
-    told = a_study([LATENCY, WIND], GRID, lambda s, v: 2.0 - 2.0 * s, episodes=200, scatter=0.0)
-    slow, _ = main_effects(told)
+    study = a_study([LATENCY, WIND], GRID, lambda s, v: 2.0 - 2.0 * s, episodes=200, scatter=0.0)
+    slow, _ = main_effects(study)
     for share, level in ((slow.share_begin, 0.0), (slow.share_end, 2.0)):
-        flown = np.mean([each.scored.success for each in told.flights if each.levels[0] == level])
-        assert share == pytest.approx(flown, abs=0.02)
+        flown_share = np.mean([flight.scored.success for flight in study.flights if flight.levels[0] == level])
+        assert share == pytest.approx(flown_share, abs=0.02)
 
 
 def test_a_factor_that_does_nothing_is_rarely_found():
-    found = 0
+    false_positives = 0
     for seed in range(30):
-        told = a_study([LATENCY, WIND], GRID, lambda s, v: 0.5 - s, episodes=12, flights=1, seed=seed)
-        found += main_effects(told)[1].p <= 0.05
-    assert found <= 5  # of 30, 1.5 are expected; six come once in 200
+        study = a_study([LATENCY, WIND], GRID, lambda s, v: 0.5 - s, episodes=12, flights=1, seed=seed)
+        false_positives += main_effects(study)[1].p <= 0.05
+    assert false_positives <= 5  # of 30, 1.5 are expected; six come once in 200
 
 
 def test_words_are_against_the_first():
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     points = [(s, p) for s in LATENCY.levels for p in policy.levels]
     hurts = {"fixed": 0.0, "stall": -1.0, "slow": -3.0}
-    told = a_study([LATENCY, policy], points, lambda s, p: 1.0 - s + hurts[p], episodes=80)
-    _, stall, slow = main_effects(told)
+    study = a_study([LATENCY, policy], points, lambda s, p: 1.0 - s + hurts[p], episodes=80)
+    _, stall, slow = main_effects(study)
     assert (stall.begin, stall.end, slow.end) == ("fixed", "stall", "slow")
     assert stall.log_odds == pytest.approx(-1.0, abs=0.5)
     assert slow.log_odds == pytest.approx(-3.0, abs=0.8)
 
 
-def test_shares_of_words_are_those_at_each_word_whatever_the_others_do():
-    """Without scatter the fitted shares are near the flown ones, also of a third word that spoils nearly all."""
+def test_shares_of_words_are_those_at_each_word():
+    """Without scatter the fitted shares are near the flown ones, also for a third word that spoils nearly all."""
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     hurts = {"fixed": 2.0, "stall": 1.0, "slow": -4.0}
     points = [(p, v) for p in policy.levels for v in WIND.levels]
-    told = a_study([policy, WIND], points, lambda p, v: hurts[p], episodes=200, scatter=0.0)
-    flown = {
-        word: np.mean([each.scored.success for each in told.flights if each.levels[0] == word])
+    study = a_study([policy, WIND], points, lambda p, v: hurts[p], episodes=200, scatter=0.0)
+    flown_shares = {
+        word: np.mean([flight.scored.success for flight in study.flights if flight.levels[0] == word])
         for word in policy.levels
     }
-    stall, slow, _ = main_effects(told)
-    for each in (stall, slow):
-        assert each.share_begin == pytest.approx(flown["fixed"], abs=0.02)
-        assert each.share_end == pytest.approx(flown[each.end], abs=0.02)
+    stall, slow, _ = main_effects(study)
+    for effect in (stall, slow):
+        assert effect.share_begin == pytest.approx(flown_shares["fixed"], abs=0.02)
+        assert effect.share_end == pytest.approx(flown_shares[effect.end], abs=0.02)
 
 
-def test_the_correction_counts_a_factor_once_however_many_its_words():
+def test_the_correction_counts_a_factor_of_many_words_once():
     policy = StudiedFactor(name="latency_policy", unit="", levels=("fixed", "stall", "slow"), reference="fixed")
     points = [(p, v) for p in policy.levels for v in WIND.levels]
-    told = a_study([policy, WIND], points, lambda p, v: 1.0 - 0.2 * v - (p == "slow"), episodes=12, flights=1)
-    stall, slow, blown = main_effects(told)
+    study = a_study([policy, WIND], points, lambda p, v: 1.0 - 0.2 * v - (p == "slow"), episodes=12, flights=1)
+    stall, slow, blown = main_effects(study)
     assert stall.p == slow.p
     assert [stall.p_holm, blown.p_holm] == pytest.approx(holm([stall.p, blown.p]))
     assert stall.p_holm == slow.p_holm
@@ -130,26 +132,26 @@ def test_the_correction_counts_a_factor_once_however_many_its_words():
     assert stall.p_holm + blown.p_holm > stall.p + blown.p
 
 
-def test_what_only_adds_up_is_told_from_what_does_not():
+def test_additive_effects_are_distinguished_from_interactions():
     added = a_study([LATENCY, WIND], GRID, lambda s, v: 1.0 - s - 0.1 * v, episodes=40, seed=1)
     worse = a_study([LATENCY, WIND], GRID, lambda s, v: 2.0 - 0.25 * s * v, episodes=40, seed=1)
-    [one], [other] = heat_maps(added), heat_maps(worse)
-    assert one.p is not None
-    assert other.p is not None
-    assert one.p > 0.05
-    assert other.p < 1e-6
-    assert [[known.trials for known in line] for line in one.shares] == [[80] * 3] * 3
+    [additive], [interacting] = heat_maps(added), heat_maps(worse)
+    assert additive.p is not None
+    assert interacting.p is not None
+    assert additive.p > 0.05
+    assert interacting.p < 1e-6
+    assert [[share.trials for share in line] for line in additive.shares] == [[80] * 3] * 3
 
 
 def test_a_factor_that_decides_everything_has_no_best_number():
-    told = a_study([LATENCY, WIND], GRID, lambda s, v: 50.0 if s < 0.5 else -50.0, episodes=10)
-    slow, _ = main_effects(told)
+    study = a_study([LATENCY, WIND], GRID, lambda s, v: 50.0 if s < 0.5 else -50.0, episodes=10)
+    slow, _ = main_effects(study)
     assert (slow.log_odds, slow.low, slow.high) == (None, None, None)
     assert slow.p < 1e-6
     assert heat_maps(a_study([LATENCY, WIND], GRID, lambda s, v: 99.0, episodes=5))[0].p is None
 
 
-def test_of_one_factor_there_is_no_table_of_effects():
-    told = a_study([LATENCY], [(level,) for level in LATENCY.levels], lambda s: 1.0 - s)
-    assert main_effects(told) == []
-    assert heat_maps(told) == []
+def test_one_factor_has_no_table_of_effects():
+    study = a_study([LATENCY], [(level,) for level in LATENCY.levels], lambda s: 1.0 - s)
+    assert main_effects(study) == []
+    assert heat_maps(study) == []

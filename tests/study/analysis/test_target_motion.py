@@ -1,14 +1,14 @@
-"""What a study tells of a target's motion at each step, from rows of the logs."""
+"""A target's motion at each step of a study, from rows of the logs."""
 
 import pytest
 
 from dronecats.study.analysis.steps import view_width
 from tests.judge.episode_logs import decision, frame
-from tests.judge.metrics.episodes import BEGIN, CAP_S, flown
+from tests.judge.metrics.episodes import BEGIN, CAP_S, judged_flight
 
 
 def test_a_view_is_twice_as_wide_as_it_is_deep_and_has_no_width_behind_or_after_the_cap():
-    """The camera sees 90° across. Of a target behind it, or beside it, there is no plane that the picture shows."""
+    """The camera sees 90° across. The picture shows no plane through a target behind or beside the camera."""
     seen = [
         (5.0, [10.0, 3.0, 1.0]),
         (10.0, [-10.0, 3.0, 1.0]),
@@ -17,5 +17,5 @@ def test_a_view_is_twice_as_wide_as_it_is_deep_and_has_no_width_behind_or_after_
     ]
     decisions = [decision(step, step, t, None) for step, (t, _) in enumerate(seen)]
     truth = [frame(step, t - 0.5, 10.0, target_frd=there) for step, (t, there) in enumerate(seen)]
-    told = view_width(flown((decisions, [BEGIN, *truth], None), None))
-    assert told == [pytest.approx(20.0), None, None, None]
+    widths = view_width(judged_flight((decisions, [BEGIN, *truth], None), None))
+    assert widths == [pytest.approx(20.0), None, None, None]

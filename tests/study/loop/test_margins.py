@@ -1,4 +1,4 @@
-"""Delay margins: predicted by python-control beside injected into the flown cascade."""
+"""Delay margins: predictions of python-control compared with delays injected into the flown cascade."""
 
 import math
 
@@ -22,50 +22,50 @@ def hovers():
 
 @pytest.mark.parametrize("name", [SMALL, LARGE])
 @pytest.mark.parametrize("loop", LOOPS, ids=lambda loop: loop.name)
-def test_the_predicted_margin_is_what_is_flown(hovers, name, loop):
-    (found,) = study_loops(hovers[name], (loop,))
-    assert found.injected.delay_s == pytest.approx(found.predicted.delay_s, rel=WITHIN)
-    assert found.injected.frequency == pytest.approx(found.predicted.frequency, rel=WITHIN)
+def test_the_predicted_margin_is_the_flown_one(hovers, name, loop):
+    (margins,) = study_loops(hovers[name], (loop,))
+    assert margins.injected.delay_s == pytest.approx(margins.predicted.delay_s, rel=WITHIN)
+    assert margins.injected.frequency == pytest.approx(margins.predicted.frequency, rel=WITHIN)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 def test_the_predicted_margins_of_every_airframe(name):
-    for found in study_loops(Hover(load(name))):
-        assert abs(found.prediction_error) < WITHIN, found.loop.name
+    for margins in study_loops(Hover(load(name))):
+        assert abs(margins.prediction_error) < WITHIN, margins.loop.name
 
 
 @pytest.mark.parametrize("loop", [LOOPS[0], LOOPS[3], LOOPS[6]], ids=lambda loop: loop.name)
-def test_sensors_that_err_leave_the_margin_where_it_is(loop):
+def test_sensor_errors_do_not_move_the_margin(loop):
     """A tenth below it the oscillation has faded into the noise after twenty periods, a tenth above it has grown."""
-    (found,) = study_loops(Hover(load("x500")), (loop,))
+    (margins,) = study_loops(Hover(load("x500")), (loop,))
     noisy = Hover(load("x500"), suite=Suite())
-    period_s = 2.0 * math.pi / found.injected.frequency
+    period_s = 2.0 * math.pi / margins.injected.frequency
 
     def left(share):
-        value = noisy.step_response(loop, share * found.injected.delay_s, 20.0 * period_s).value
+        value = noisy.step_response(loop, share * margins.injected.delay_s, 20.0 * period_s).value
         return np.ptp(value[-round(period_s / SAMPLE_S) :]) / loop.step
 
     assert left(0.9) < 1.0
     assert left(1.1) > 5.0
 
 
-def test_the_step_figures_are_those_of_the_answer():
+def test_the_step_figures_are_those_of_the_response():
     time = np.linspace(1e-3, 10.0, 10_000)
-    found = step_figures(StepResponse(time, 0.2 * (1.0 - np.exp(-2.0 * time)), 0.2))  # T = 0.5 s
-    assert found.rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
-    assert found.delay_s == pytest.approx(0.5 * math.log(2.0), abs=2e-3)
-    assert found.overshoot_percent == 0.0
-    assert found.settled_s == pytest.approx(0.5 * math.log(10.0), abs=2e-3)
+    figures = step_figures(StepResponse(time, 0.2 * (1.0 - np.exp(-2.0 * time)), 0.2))  # T = 0.5 s
+    assert figures.rise_s == pytest.approx(0.5 * math.log(9.0), abs=2e-3)
+    assert figures.delay_s == pytest.approx(0.5 * math.log(2.0), abs=2e-3)
+    assert figures.overshoot_percent == 0.0
+    assert figures.settled_s == pytest.approx(0.5 * math.log(10.0), abs=2e-3)
 
 
-def test_what_rings_is_settled_when_it_stays_and_not_when_it_first_is_there():
+def test_a_ringing_response_settles_only_when_it_stays():
     time = np.linspace(1e-3, 10.0, 10_000)
     value = 1.0 - np.exp(-time) * np.cos(12.0 * time)
-    found = step_figures(StepResponse(time, value, 1.0))
-    assert found.delay_s < 0.1
-    assert 2.0 < found.settled_s < math.log(10.0) + 0.01  # the envelope is within a tenth from ln 10 on
-    assert np.all(np.abs(value[time >= found.settled_s] - 1.0) <= 0.1)
+    figures = step_figures(StepResponse(time, value, 1.0))
+    assert figures.delay_s < 0.1
+    assert 2.0 < figures.settled_s < math.log(10.0) + 0.01  # the envelope is within a tenth from ln 10 on
+    assert np.all(np.abs(value[time >= figures.settled_s] - 1.0) <= 0.1)
     assert math.isnan(step_figures(StepResponse(time[:100], value[:100], 1.0)).settled_s)
 
 

@@ -1,4 +1,4 @@
-"""What a vehicle bears of the stream of its setpoints, and one trace of them."""
+"""A vehicle's tolerance of a disturbed setpoint stream, and one trace of a stream."""
 
 import math
 
@@ -32,36 +32,36 @@ def test_a_bad_wire_tracks_worse_and_a_dead_one_ends_offboard_after_its_timeout(
 
 
 def trials(level, error, *left):
-    return tuple(StreamTrial(level, error, each) for each in left)
+    return tuple(StreamTrial(level, error, left_s) for left_s in left)
 
 
-def test_what_is_borne_is_read_between_levels():
-    found = Tolerance(
+def test_the_tolerance_is_interpolated_between_levels():
+    tolerance = Tolerance(
         "x500",
         "jitter",
         (trials(0.0, 0.3, None, None), trials(0.5, 0.5, None, None), trials(1.0, 0.9, None, None),
          trials(1.5, math.nan, 0.9, None)),
     )  # fmt: skip
-    assert found.perfect_error == 0.3
-    assert found.doubled_at == pytest.approx(0.625)
-    assert found.left_offboard_at == 1.5
-    assert Tolerance("x500", "loss", found.trials[:2]).doubled_at is None
-    assert Tolerance("x500", "loss", found.trials[:2]).left_offboard_at is None
+    assert tolerance.perfect_error == 0.3
+    assert tolerance.doubled_at == pytest.approx(0.625)
+    assert tolerance.left_offboard_at == 1.5
+    assert Tolerance("x500", "loss", tolerance.trials[:2]).doubled_at is None
+    assert Tolerance("x500", "loss", tolerance.trials[:2]).left_offboard_at is None
 
 
 def test_the_trace_is_flown_through_the_link():
-    flown = trace.fly("x500")
-    assert flown.autopilot == "ours"
-    assert flown.time[-1] == pytest.approx(sum(step.seconds for step in trace.TRACE), abs=0.1)
-    assert np.diff(flown.time) == pytest.approx(0.01, abs=1e-6)
-    found = dict(flown.steps())
-    assert list(found) == ["forward 1.2 m/s", "forward 0.5 m/s", "up 0.5 m/s", "yaw rate 1.05 rad/s"]
-    for figures in found.values():
+    traced = trace.fly("x500")
+    assert traced.autopilot == "ours"
+    assert traced.time[-1] == pytest.approx(sum(step.seconds for step in trace.TRACE), abs=0.1)
+    assert np.diff(traced.time) == pytest.approx(0.01, abs=1e-6)
+    steps = dict(traced.steps())
+    assert list(steps) == ["forward 1.2 m/s", "forward 0.5 m/s", "up 0.5 m/s", "yaw rate 1.05 rad/s"]
+    for figures in steps.values():
         assert 0.1 < figures.delay_s < figures.rise_s < 2.0
         assert figures.overshoot_percent < 15.0
 
 
-def test_a_px4_that_cannot_be_started_or_cannot_fly_it_is_told():
+def test_a_px4_that_cannot_be_started_or_cannot_fly_it_is_reported():
     with pytest.raises(UsageError, match=r"--px4.*/nowhere/px4"):
         trace.fly("x500", px4="/nowhere/px4 -d -i {instance}")
     with pytest.raises(UsageError, match="hexa"):

@@ -1,4 +1,4 @@
-"""The moments of a question: every second of a step is of one link, whoever asks, and however the clock starts."""
+"""The times of a question: every second of a step belongs to one link, for any agent and any start of the clock."""
 
 from collections.abc import Callable
 
@@ -27,10 +27,10 @@ def decision(step: int) -> Decision:
 
 
 def through(begins_s: float, spans: list[float]) -> QuestionTimes:
-    """Return what one question comes to whose links take so long."""
+    """Return the times of one question whose links take these spans."""
     wait, seen_tick, encoding, failed, model, unpacking, reply_tick, parsing, last_tick = spans
-    clock, told = HandClock(begins_s), list[QuestionTimes]()
-    chain = ChainClock(clock, told.append)
+    clock, questions = HandClock(begins_s), list[QuestionTimes]()
+    chain = ChainClock(clock, questions.append)
 
     def after(seconds: float, call: Callable[[], None]) -> None:
         clock.now_s += seconds
@@ -43,9 +43,9 @@ def through(begins_s: float, spans: list[float]) -> QuestionTimes:
     after(reply_tick, chain.ticked)
     after(parsing / 2, lambda: chain.decided(decision(3)))
     after(parsing / 2, chain.controller_done)
-    assert told == []
+    assert questions == []
     after(last_tick, chain.setpoint_ready)
-    (times,) = told
+    (times,) = questions
     return times
 
 
@@ -53,7 +53,7 @@ def through(begins_s: float, spans: list[float]) -> QuestionTimes:
 def test_every_link_has_its_own_time_and_together_they_are_the_step(begins_s, spans):
     times = through(begins_s, spans)
     wait, seen_tick, encoding, failed, model, unpacking, reply_tick, parsing, last_tick = spans
-    near = 1e-5  # µs of each, and what a clock of so many seconds cannot tell
+    near = 1e-5  # rounding to µs, and the resolution of a clock at so many seconds
     assert abs(times.wait_s - wait) < near
     assert abs(times.encode_s - (encoding + unpacking)) < near
     assert abs(times.failed_s - failed) < near
@@ -65,10 +65,10 @@ def test_every_link_has_its_own_time_and_together_they_are_the_step(begins_s, sp
     assert (times.step, times.frame_id, times.age_s, times.rate_hz) == (3, 8, 0.25, 0.5)
 
 
-def test_the_next_picture_may_be_asked_for_before_the_setpoint_is_there():
-    """As the steady agent does, which flies on while it asks."""
-    clock, told = HandClock(), list[QuestionTimes]()
-    chain = ChainClock(clock, told.append)
+def test_the_next_picture_may_be_requested_before_the_setpoint_is_there():
+    """The steady agent does this: it flies on while it asks."""
+    clock, questions = HandClock(), list[QuestionTimes]()
+    chain = ChainClock(clock, questions.append)
     for step in (0, 1):
         chain.picture_requested()
         chain.setpoint_ready()  # of the action before, which is streamed again
@@ -83,12 +83,15 @@ def test_the_next_picture_may_be_asked_for_before_the_setpoint_is_there():
         chain.controller_done()  # it is steered on
     chain.picture_requested()
     chain.setpoint_ready()
-    assert [(each.step, each.step_s, each.tick_s) for each in told] == [(0, 1.25, 0.25), (1, 1.25, 0.25)]
+    assert [(question.step, question.step_s, question.tick_s) for question in questions] == [
+        (0, 1.25, 0.25),
+        (1, 1.25, 0.25),
+    ]
 
 
-def test_a_question_that_leads_to_no_setpoint_is_not_told():
-    told = list[QuestionTimes]()
-    chain = ChainClock(HandClock(), told.append)
+def test_a_question_without_a_setpoint_is_not_recorded():
+    questions = list[QuestionTimes]()
+    chain = ChainClock(HandClock(), questions.append)
     chain.picture_requested()
     chain.picture_arrived(0.0)
     chain.picture_seen()
@@ -96,4 +99,4 @@ def test_a_question_that_leads_to_no_setpoint_is_not_told():
     chain.setpoint_ready()  # the hold that the question was asked in
     chain.picture_requested()  # its model failed
     chain.setpoint_ready()
-    assert told == []
+    assert questions == []

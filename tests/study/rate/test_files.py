@@ -1,4 +1,4 @@
-"""What a measured chain leaves behind is what the rest of the program reads: trace, study and commands."""
+"""The rest of the program can read the files of a measured chain: trace, study and commands."""
 
 import csv
 import random
@@ -42,7 +42,7 @@ def measured(count: int, wait_s: float = 0.01) -> list[QuestionTimes]:
 
 @pytest.fixture
 def rig(tmp_path):
-    folder = tmp_path / "my rig's"  # which wants quotes
+    folder = tmp_path / "my rig's"  # needs quotes in a shell
     folder.mkdir()
     return folder
 
@@ -50,7 +50,7 @@ def rig(tmp_path):
 def test_the_trace_is_read_as_it_was_measured(rig):
     times = measured(30)
     replayed = write_replay(rig, times, 0.21)
-    assert read_trace(replayed.trace) == tuple(each.latency_s for each in times)
+    assert read_trace(replayed.trace) == tuple(question.latency_s for question in times)
 
 
 def test_a_chain_longer_than_any_latency_is_charged_as_the_longest(rig):
@@ -60,9 +60,9 @@ def test_a_chain_longer_than_any_latency_is_charged_as_the_longest(rig):
 
 
 @pytest.mark.parametrize("delay_s", [0.21, 0.0])
-def test_every_command_that_is_named_flies_the_trace_and_the_delay(rig, delay_s):
+def test_every_suggested_command_flies_the_trace_and_the_delay(rig, delay_s):
     times = measured(12)
-    charged = tuple(each.latency_s for each in times)
+    charged = tuple(question.latency_s for question in times)
     commands = next_commands("study rate", **made_by(write_replay(rig, times, delay_s)))
     fly, bench, study = (parse(shlex.split(line)[1:]) for line in commands)
     flight = spec_of(fly)
@@ -70,62 +70,62 @@ def test_every_command_that_is_named_flies_the_trace_and_the_delay(rig, delay_s)
     bench = bench_spec.with_file(bench)
     (entry,) = bench_spec.runs(bench, bench_spec.suite(bench), rig)
     assert (entry.flight.latency.trace, entry.flight.disturbances.frame.delay_s) == (charged, delay_s)
-    flown = study_spec.of_file(study).plan.entries
-    points = {(each.flight.latency.trace, each.flight.disturbances.frame.delay_s) for each in flown}
+    entries = study_spec.of_file(study).plan.entries
+    points = {(planned.flight.latency.trace, planned.flight.disturbances.frame.delay_s) for planned in entries}
     assert points == {(trace, delay) for trace in (None, charged) for delay in {0.0, delay_s}}
-    assert {str(each.flight.latency) for each in flown if each.flight.latency.trace is None} == {"fixed:0"}
+    assert {str(planned.flight.latency) for planned in entries if planned.flight.latency.trace is None} == {"fixed:0"}
 
 
-def test_the_study_finds_its_trace_wherever_its_folder_is_and_the_command_is_run(rig, tmp_path, monkeypatch):
+def test_the_study_finds_its_trace_from_any_folder(rig, tmp_path, monkeypatch):
     times = measured(12)
     monkeypatch.chdir(rig.parent)
     write_replay(Path(rig.name), times, 0.21)
     moved = rig.rename(tmp_path / "moved")
     monkeypatch.chdir("/")
-    flown = study_spec.of_file(parse(["study", "run", str(moved / "study.toml")])).plan.entries
-    charged = tuple(each.latency_s for each in times)
-    assert {each.flight.latency.trace for each in flown} == {None, charged}
+    entries = study_spec.of_file(parse(["study", "run", str(moved / "study.toml")])).plan.entries
+    charged = tuple(question.latency_s for question in times)
+    assert {planned.flight.latency.trace for planned in entries} == {None, charged}
     (moved / "bench.toml").write_text('suite = "quick"\npilot = "vision"\nlatency = "trace:trace.csv"\n')
     bench = bench_spec.with_file(parse(["bench", str(moved / "bench.toml")]))
     (entry,) = bench_spec.runs(bench, bench_spec.suite(bench), tmp_path)
     assert entry.flight.latency.trace == charged
 
 
-def test_the_questions_are_kept_line_by_line_and_each_column_is_told(rig):
+def test_questions_are_written_line_by_line_and_each_column_is_documented(rig):
     log, times = ChainLog(rig), measured(3)
-    for each in times:
-        log.write(each)
-    with (rig / "chain.csv").open(newline="") as file:  # before it is closed, as after a kill
+    for question in times:
+        log.write(question)
+    with (rig / "chain.csv").open(newline="") as file:  # before the log is closed, as after a kill
         rows = list(csv.DictReader(file))
     log.close()
-    assert [float(row["model_s"]) for row in rows] == [each.model_s for each in times]
+    assert [float(row["model_s"]) for row in rows] == [question.model_s for question in times]
     assert [row["rate_hz"] for row in rows] == ["", "0.3", "0.3"]
     page = (ROOT / "docs" / "rate.md").read_text(encoding="utf-8")
     assert all(f"| `{name}` |" in page for name in COLUMNS)
 
 
-def test_a_folder_that_takes_nothing_is_told(tmp_path):
+def test_a_missing_folder_is_reported(tmp_path):
     with pytest.raises(InfrastructureError, match=r"chain\.csv"):
         ChainLog(tmp_path / "nowhere")
 
 
-def test_the_summary_says_how_many_and_what_the_median_costs():
+def test_the_summary_has_counts_and_quantiles():
     times = measured(20)
-    found = summarize(times, "local/m", camera_stamps=False)
-    ordered = sorted(each.model_s for each in times)
-    model = found.links["model_s"]
+    summary = summarize(times, "local/m", camera_stamps=False)
+    ordered = sorted(question.model_s for question in times)
+    model = summary.links["model_s"]
     assert (model.min, model.max) == (ordered[0], ordered[-1])
     assert model.median == pytest.approx((ordered[9] + ordered[10]) / 2, abs=1e-6)
     assert model.p90 == pytest.approx(ordered[17] + 0.1 * (ordered[18] - ordered[17]), abs=1e-6)
-    assert found.chain_hz.max == pytest.approx(1 / min(each.step_s for each in times), abs=1e-6)
-    assert found.served_hz
-    assert found.served_hz.median == 0.3
+    assert summary.chain_hz.max == pytest.approx(1 / min(question.step_s for question in times), abs=1e-6)
+    assert summary.served_hz
+    assert summary.served_hz.median == 0.3
     assert summarize(measured(21), "m", camera_stamps=True).frame_delay_s == 0.21
     assert summarize(measured(20, wait_s=0.7), "m", camera_stamps=True).frame_delay_s == 0.7
-    said = as_terminal(summary_table(found, 30))
-    assert "20 of 30" in said
-    assert "local/m" in said
-    assert said != as_terminal(summary_table(summarize(times, "local/m", camera_stamps=True), 30))
+    text = as_terminal(summary_table(summary, 30))
+    assert "20 of 30" in text
+    assert "local/m" in text
+    assert text != as_terminal(summary_table(summarize(times, "local/m", camera_stamps=True), 30))
     assert summarize(times[:1], "m", camera_stamps=True).served_hz is None
 
 

@@ -9,7 +9,7 @@ from tests.study.studies import APPROACHING, TRACKING, write_study
 
 
 @pytest.fixture(scope="session")
-def flown(tmp_path_factory):
+def study_folder(tmp_path_factory):
     """The folder of a study of two factors and two pilots."""
     out = tmp_path_factory.mktemp("studies") / "slow-and-windy"
     write_study(
@@ -18,16 +18,16 @@ def flown(tmp_path_factory):
         lambda pilot, levels: 2.0 - 1.5 * float(levels["latency"]) - 0.1 * float(levels["wind"]),
         pilots=("vision", "oracle"),
         episodes=(*TRACKING[:3], *APPROACHING[:2]),
-        alike=False,  # else every episode turns once and for all, and effects have no best number
+        same_draws=False,  # else every episode turns once, and effects have no best number
     )
     return out
 
 
 @pytest.fixture(scope="session")
-def report(flown, tmp_path_factory):
-    """Its report."""
+def report(study_folder, tmp_path_factory):
+    """The report of that study."""
     out = tmp_path_factory.mktemp("reports") / "report"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setitem(style.SETTINGS, "savefig.dpi", 50)  # the time that a PNG takes grows with its pixels
-        assert main(["study", "report", str(flown), "--out", str(out)]) == 0
+        patch.setitem(style.SETTINGS, "savefig.dpi", 50)  # drawing time grows with the pixels
+        assert main(["study", "report", str(study_folder), "--out", str(out)]) == 0
     return out

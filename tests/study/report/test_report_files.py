@@ -1,4 +1,4 @@
-"""What stands beside the page: Markdown, tables, figures and data, all telling the same numbers."""
+"""The files beside the page: Markdown, tables, figures and data with the same numbers."""
 
 import csv
 import json
@@ -12,7 +12,7 @@ import pytest
 from dronecats.cli.main import main
 from dronecats.study.report import report_folder
 from dronecats.study.report.report_folder import write_study_report
-from tests.study.studies import changed_run, falling, write_study
+from tests.study.studies import change_run, falling, write_study
 
 FIGURES = {
     *(f"{name}_{factor}" for factor in ("latency", "wind")
@@ -27,14 +27,14 @@ def rows(path):
         return list(csv.DictReader(file))
 
 
-def test_each_figure_is_there_as_vector_and_as_picture(report):
+def test_every_figure_is_written_as_vector_and_as_picture(report):
     drawn = {path.name for path in (report / "figures").iterdir()}
     assert drawn == {f"{name}.{kind}" for name in FIGURES for kind in ("svg", "pdf", "png")}
     assert all(path.stat().st_size > 2000 for path in (report / "figures").iterdir())
 
 
-def test_the_command_stands_with_each_figure(report, flown):
-    command = shlex.join(["dronecats", "study", "report", str(flown), "--out", str(report)])
+def test_the_command_stands_with_each_figure(report, study_folder):
+    command = shlex.join(["dronecats", "study", "report", str(study_folder), "--out", str(report)])
     for page in ("report.md", "index.html"):
         text = (report / page).read_text(encoding="utf-8")
         assert text.count(command) > len(FIGURES)
@@ -44,31 +44,31 @@ def test_the_command_stands_with_each_figure(report, flown):
 
 @pytest.fixture
 def without_figures(monkeypatch):
-    """Leave out the figures, which take most of a report's time."""
-    monkeypatch.setattr(report_folder, "draw", lambda found, out: [])
+    """Omit the figures, which take most of the time of a report."""
+    monkeypatch.setattr(report_folder, "draw", lambda findings, out: [])
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_study_of_which_no_flight_counts_yet_says_so(tmp_path):
+def test_a_study_without_scored_flights_says_so(tmp_path):
     axes = {"latency": (0.0, 1.0), "wind": (0.0, 8.0)}
     write_study(tmp_path / "s", axes, lambda pilot, levels: -99.0, pilots=("vision", "oracle"), errors=1.0)
     assert main(["study", "report", str(tmp_path / "s")]) == 0
-    told = (tmp_path / "s/report/report.md").read_text(encoding="utf-8")
-    assert re.search(r"\b32 flights .*\b4 episodes.*\b0 .*scored", told)
+    text = (tmp_path / "s/report/report.md").read_text(encoding="utf-8")
+    assert re.search(r"\b32 flights .*\b4 episodes.*\b0 .*scored", text)
 
 
 def test_the_data_are_the_flights_as_csv_and_as_parquet(report):
-    told = rows(report / "data/flights.csv")
-    assert len(told) == 3 * 2 * 2 * 5
+    flights = rows(report / "data/flights.csv")
+    assert len(flights) == 3 * 2 * 2 * 5
     stored = duckdb.connect().execute(f"SELECT * FROM '{report / 'data/flights.parquet'}'")
-    assert list(told[0]) == [column[0] for column in stored.description or ()]
+    assert list(flights[0]) == [column[0] for column in stored.description or ()]
     again = stored.fetchall()
-    for line, row in zip(told, again, strict=True):
+    for line, row in zip(flights, again, strict=True):
         for text, value in zip(line.values(), row, strict=True):
             same = text == "" if value is None else text == str(value).lower() or float(text) == value \
                 if not isinstance(value, str) else text == value  # fmt: skip
             assert same, (text, value)
-    won = [row["success"] == "true" for row in told if (row["entrant"], row["level_latency"]) == ("vision", "1.0")]
+    won = [row["success"] == "true" for row in flights if (row["entrant"], row["level_latency"]) == ("vision", "1.0")]
     share = sum(won) / len(won)
     table = rows(report / "tables/measures_latency.csv")
     [line] = [row for row in table if row["block"] == "vision, all cells" and row["level"] == "1 s"]
@@ -87,22 +87,22 @@ def test_the_same_flights_twice_are_the_same_report(tmp_path, monkeypatch, capsy
     monkeypatch.chdir(tmp_path)
     write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
 
-    def told():
+    def report_files():
         kinds = (".csv", ".md", ".tex", ".html", ".svg", ".pdf")
         return {path.name: path.read_bytes() for path in (tmp_path / "r").rglob("*") if path.suffix in kinds}
 
     assert main(["study", "report", "s", "--out", "r"]) == 0
-    once = told()
+    once = report_files()
     capsys.readouterr()
     assert main(["study", "report", "s", "--out", "r", "--json"]) == 0
-    assert told() == once
-    said = json.loads(capsys.readouterr().out)
-    assert re.search(r"\b8 flights .*\b4 episodes.*\b8 .*scored", said["short"][0])
-    assert {row["level"] for row in said["tables"]["measures_latency"]} == {"0 s", "1 s"}
+    assert report_files() == once
+    output = json.loads(capsys.readouterr().out)
+    assert re.search(r"\b8 flights .*\b4 episodes.*\b8 .*scored", output["short"][0])
+    assert {row["level"] for row in output["tables"]["measures_latency"]} == {"0 s", "1 s"}
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_the_half_is_said_and_what_lies_outside_is_said_plainly(tmp_path, capsys):
+def test_the_half_is_a_number_within_the_levels_and_words_outside(tmp_path, capsys):
     write_study(tmp_path / "in", {"latency": (0.0, 1.0, 2.0, 4.0)}, falling(), flights=4, scatter=0.5)
     write_study(tmp_path / "out", {"latency": (0.0, 0.5)}, falling(half=9.0), flights=2)
     page = write_study_report(tmp_path / "in", tmp_path / "r")
@@ -113,22 +113,22 @@ def test_the_half_is_said_and_what_lies_outside_is_said_plainly(tmp_path, capsys
     (outside,) = rows(tmp_path / "out/report/tables/half_success_latency.csv")
     assert not re.search(r"\d", outside["half"])
     assert outside["half"] in capsys.readouterr().out
-    assert (tmp_path / "out/report/index.html").exists()  # beside the study, unless one says where
+    assert (tmp_path / "out/report/index.html").exists()  # beside the study by default
 
 
 @pytest.mark.usefixtures("without_figures")
-def test_a_study_that_is_not_done_says_so(tmp_path, capsys):
-    told = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling(), flights=2)
-    shutil.rmtree(tmp_path / "s" / told.entries[-1].name)
+def test_an_unfinished_study_says_so(tmp_path, capsys):
+    plan = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling(), flights=2)
+    shutil.rmtree(tmp_path / "s" / plan.entries[-1].name)
     assert main(["study", "report", str(tmp_path / "s")]) == 0
     assert "4 of 16 flights" in capsys.readouterr().out
 
 
-def test_what_is_wrong_is_one_sentence(tmp_path, capsys):
+def test_errors_are_one_line(tmp_path, capsys):
     assert main(["study", "report", str(tmp_path)]) == 2
     assert capsys.readouterr().err.count("\n") == 1
-    told = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
-    changed_run(tmp_path / "s" / told.entries[0].name, clock="real time")
+    plan = write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
+    change_run(tmp_path / "s" / plan.entries[0].name, clock="real time")
     assert main(["study", "report", str(tmp_path / "s")]) == 2
     assert re.search("clock.*real time.*lockstep", capsys.readouterr().err)
     (tmp_path / "file").write_text("")

@@ -1,4 +1,4 @@
-"""The page in a real browser, from a disk and without a network, on a screen and on paper."""
+"""The page in a real browser: from a disk, without a network, on a screen and on paper."""
 
 import json
 import shutil
@@ -20,12 +20,12 @@ HOSTILE = "</style><script>window.hacked=1</script><img src=x onerror='window.ha
 
 
 def opened(reader, page):
-    """Open a page that has no program to say that it is ready."""
+    """Open a page that has no program to signal that it is ready."""
     reader.driver.get("about:blank")
     reader.driver.get(page.as_uri())
 
 
-def test_it_is_one_file_that_asks_for_nothing(reader, report, tmp_path):
+def test_the_page_is_one_file_that_requests_nothing(reader, report, tmp_path):
     alone = tmp_path / "alone.html"
     shutil.copy(report / "index.html", alone)
     opened(reader, alone)
@@ -35,14 +35,14 @@ def test_it_is_one_file_that_asks_for_nothing(reader, report, tmp_path):
     assert len(reader.all("figure svg")) == len(FIGURES)
 
 
-def test_on_a_phone_who_a_row_is_of_stays_in_sight_and_more_is_hinted_at(reader, report):
+def test_on_a_phone_row_names_stay_in_sight_and_more_is_hinted_at(reader, report):
     sized(reader.driver, PHONE)
     opened(reader, report / "index.html")
     assert_rows_can_be_read_while_scrolling(reader.driver)
 
 
 def test_on_a_desk_every_level_of_the_success_table_is_seen_at_once(reader, tmp_path, monkeypatch):
-    monkeypatch.setattr(report_folder, "draw", lambda found, out: [])  # figures take most of a report's time
+    monkeypatch.setattr(report_folder, "draw", lambda findings, out: [])  # figures take most of the time of a report
     levels = (0.0, 0.25, 0.5, 1.0, 2.0, 4.0)
     write_study(tmp_path / "s", {"latency": levels}, falling(), episodes=(*TRACKING[:8], *APPROACHING[:3]), flights=2)
     assert main(["study", "report", str(tmp_path / "s"), "--out", str(tmp_path / "r")]) == 0
@@ -57,7 +57,7 @@ def test_on_paper_folded_tables_are_open(reader, report):
                     {contentVisibilityAuto: true, visibilityProperty: true}))"""
     assert not any(reader.script(inside))
     reader.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
-    reader.until(lambda: all(reader.script(inside)))  # its style follows with a frame of its own
+    reader.until(lambda: all(reader.script(inside)))  # the style is applied one frame later
     assert len(reader.script(inside)) > 1
 
 
@@ -75,10 +75,10 @@ def test_every_picture_says_what_it_shows_and_every_link_leads_somewhere(reader,
     assert reader.script(used) == 0
 
 
-def test_whatever_a_study_is_called_stays_words(reader, tmp_path):
+def test_a_hostile_study_name_stays_text(reader, tmp_path):
     write_study(tmp_path / "s", {"latency": (0.0, 1.0)}, falling())
-    told = json.loads((tmp_path / "s/study.json").read_text())
-    (tmp_path / "s/study.json").write_text(json.dumps({**told, "name": HOSTILE, "design": HOSTILE}))
+    document = json.loads((tmp_path / "s/study.json").read_text())
+    (tmp_path / "s/study.json").write_text(json.dumps({**document, "name": HOSTILE, "design": HOSTILE}))
     assert main(["study", "report", str(tmp_path / "s"), "--out", str(tmp_path / "r")]) == 0
     opened(reader, tmp_path / "r/index.html")
     assert HOSTILE in reader.text("h1")

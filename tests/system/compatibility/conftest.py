@@ -1,4 +1,4 @@
-"""Where the examples and the older client lie: neither is part of this repository."""
+"""Paths of the examples and of the older client. Neither is part of this repository."""
 
 from pathlib import Path
 

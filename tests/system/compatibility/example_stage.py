@@ -1,4 +1,4 @@
-"""One example against one fresh simulator, in whatever network this process was started in: a subprocess of the test.
+"""One example against one fresh simulator, in this process's network: a subprocess of the test.
 
 Argument: a JSON object (see `main`). Its last line of output is a JSON object {outcome, seconds, lines, hits}; `hits`
 is what the truth bus said that the vehicle ran into. In a network namespace of its own it first brings the loopback
@@ -23,7 +23,7 @@ READY = "Ctrl-C ends it"
 OPEN_FIELD = Path(__file__).with_name("open_field.py")
 START_S = 240.0  # the first start of an installation compiles
 GROUND_STATION, ARM = 18570, 400  # where the simulator hears ground stations; MAV_CMD_COMPONENT_ARM_DISARM
-TRUTH = 19410  # where the simulator tells the truth
+TRUTH = 19410  # the simulator sends the truth here
 SETTLE_S = 15.0  # a flight just ended: landed, disarmed, log closed
 
 
@@ -54,7 +54,7 @@ class Script:
         return line
 
     def end(self) -> None:
-        """Interrupt it, as Ctrl-C does; what does not listen, and what it left behind, is killed."""
+        """Interrupt it, as Ctrl-C does. Kill it if it does not end, and its left-over processes."""
         with contextlib.suppress(ProcessLookupError):
             os.killpg(self.process.pid, signal.SIGINT)
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -64,7 +64,7 @@ class Script:
 
 
 def follow(script: Script, shows: dict[str, int], limit_s: float, endless: bool, linger_s: float) -> str:
-    """Return "ok", or in a few words what was missing, of a script that runs until it has shown everything."""
+    """Return "ok", or in a few words the missing output, of a script that runs until it has shown everything."""
     missing = dict(shows)
     deadline = time.monotonic() + limit_s
     shown = False
@@ -92,7 +92,7 @@ def follow(script: Script, shows: dict[str, int], limit_s: float, endless: bool,
 
 
 def arm_and_disarm(ended: threading.Event) -> None:
-    """Be a ground station at whose word something happens that is worth a STATUSTEXT."""
+    """Act as a ground station that causes events with a STATUSTEXT."""
     link = mavutil.mavlink_connection(f"udpout:127.0.0.1:{GROUND_STATION}", source_system=255)
     armed = 0
     while not ended.wait(2.0):
@@ -103,7 +103,7 @@ def arm_and_disarm(ended: threading.Event) -> None:
 
 
 def listen(ended: threading.Event, hits: list[str]) -> None:
-    """Note what the vehicle runs into, as the truth bus says it."""
+    """Record the vehicle's contacts, as reported on the truth bus."""
     bus = mavutil.mavlink_connection(f"udpin:127.0.0.1:{TRUTH}")
     while not ended.is_set():
         message = bus.recv_match(type="STATUSTEXT", blocking=True, timeout=0.2)
@@ -117,7 +117,7 @@ def main() -> int:
     task = json.loads(sys.argv[1])
     if task["isolated"]:
         subprocess.run(["ip", "link", "set", "lo", "up"], check=True)
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # what runs is ended on the way out
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # running scripts are ended on the way out
     example, where = task["example"], Path(task["where"])
     running: list[Script] = []
     ended = threading.Event()
@@ -145,10 +145,10 @@ def main() -> int:
         if outcome == "ok":
             if example["server"]:
                 server = "import mavsdk.bin, importlib.resources as r; print(r.files(mavsdk.bin) / 'mavsdk_server')"
-                found = subprocess.run(
+                located = subprocess.run(
                     [task["python"], "-W", "ignore", "-c", server], check=True, capture_output=True, text=True
                 )
-                start(found.stdout.strip(), "-p", "50051", example["server"])
+                start(located.stdout.strip(), "-p", "50051", example["server"])
             if example["eventful"]:
                 threading.Thread(target=arm_and_disarm, args=(ended,)).start()
             began = time.monotonic()

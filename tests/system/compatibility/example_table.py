@@ -1,4 +1,4 @@
-"""The MAVSDK-Python examples that a PX4-like autopilot is expected to serve, and what each prints when it is served.
+"""The MAVSDK-Python examples that a PX4-like autopilot should serve, and the output of each on success.
 
 The selection, the plugins and the words core and yes are those of the client survey (MAVSDK-Python, folder `examples`);
 the lines are what the examples themselves print. A pattern with a count must be printed so many times.
@@ -12,7 +12,7 @@ HEALTHY = "[Gg]lobal position (estimate OK|state is good enough)"
 
 @dataclass(frozen=True)
 class Example:
-    """One script and what counts as having worked."""
+    """One script and its conditions for success."""
 
     script: str  # relative to the examples' folder
     plugins: str
@@ -30,7 +30,7 @@ class Example:
     eventful: bool = False  # meanwhile a ground station arms and disarms: a vehicle at rest has nothing to say
     downloads: str | None = None  # a pattern of files it writes, which must be byte for byte the vehicle's logs
     stays_below_m: float = math.inf  # and never be higher than this
-    refused: str | None = None  # the one error that is right: what it asks for does not exist here
+    refused: str | None = None  # the one correct error: it requests something that does not exist here
     note: str = ""
 
     @property

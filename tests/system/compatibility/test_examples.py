@@ -1,4 +1,4 @@
-"""The unmodified MAVSDK-Python examples fly `dronecats sitl`; what they did is written to docs/compatibility.md.
+"""The unmodified MAVSDK-Python examples fly `dronecats sitl`. docs/compatibility.md gets the results.
 
     make compatibility EXAMPLES=.../MAVSDK-Python/examples MAVSDK3=.../bin/python
 
@@ -39,7 +39,7 @@ REASON = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one example did."""
+    """The result of one example."""
 
     example: Example
     fault: str  # "" when it worked
@@ -49,7 +49,7 @@ class Outcome:
 
 
 def own_network() -> tuple[str, ...]:
-    """Return the command that gives a process its own network, () where there is none."""
+    """Return the command that gives a process its own network; () if that is impossible."""
     if not shutil.which("unshare") or not shutil.which("ip"):
         return ()
     tried = subprocess.run([*OWN_NETWORK, "ip", "link", "set", "lo", "up"], capture_output=True, check=False)
@@ -57,7 +57,7 @@ def own_network() -> tuple[str, ...]:
 
 
 def reach(state: Path) -> tuple[float, float] | None:
-    """Return how high above and how far from its start the vehicle of these logs has been, in m; None without a log."""
+    """Return the greatest height and distance from the start in these logs, in m; None without a log."""
     from pyulog import ULog
 
     reached = []
@@ -69,7 +69,7 @@ def reach(state: Path) -> tuple[float, float] | None:
 
 
 def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tuple[str, ...]) -> Outcome:
-    """Run one example to its end and return what it did."""
+    """Run one example to its end and return its outcome."""
     where = scratch / example.name
     state = where / "state"
     state.mkdir(parents=True)
@@ -97,9 +97,9 @@ def fly(example: Example, folder: Path, python: Path, scratch: Path, network: tu
     reached = reach(state)
     fault = _fault(example, answer, reached[0] if reached else 0.0)
     if not fault and example.downloads:
-        flown = {path.read_bytes() for path in state.rglob("*.ulg")}
+        vehicle_logs = {path.read_bytes() for path in state.rglob("*.ulg")}
         downloaded = {path.read_bytes() for path in where.glob(example.downloads)}
-        fault = "" if downloaded == flown else "what it downloaded is not what the vehicle wrote"
+        fault = "" if downloaded == vehicle_logs else "what it downloaded is not what the vehicle wrote"
     return Outcome(example, fault, answer["seconds"], reached, tuple(answer["lines"]))
 
 
@@ -153,7 +153,7 @@ def test_an_example_does_what_it_shows(outcomes, script):
 
 
 def count(outcomes: list[Outcome]) -> str:
-    """Return how many examples work. One that is refused, though rightly, does not do what it shows."""
+    """Return the number of examples that work. An example that is refused, even rightly, does not count."""
     good = [outcome for outcome in outcomes if not outcome.fault]
     refused = sum(outcome.example.refused is not None for outcome in good)
     works, failed = len(good) - refused, len(outcomes) - len(good)

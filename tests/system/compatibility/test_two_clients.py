@@ -1,4 +1,4 @@
-"""An agent flies on its link while a ground station works on its own: neither notices the other. Real UDP.
+"""An agent flies on its link while a ground station works on its own. Neither notices the other. Real UDP.
 
 The clients' streams keep the simulation's clock, so a busy machine delays simulation and setpoints alike.
 """
@@ -28,7 +28,7 @@ ITEMS = 40
 
 
 class Client:
-    """What a pymavlink user writes, with everything it heard kept in order."""
+    """A typical pymavlink client that keeps every received message in order."""
 
     def __init__(self, port, system, component, kind):
         self.link = mavutil.mavlink_connection(
@@ -66,16 +66,16 @@ class Client:
         self._setpoint = (north, east, down)
 
     def mark(self):
-        """Return the place in what has been heard so far, for `since`."""
+        """Return the position among the received messages, for `since`."""
         return len(self._heard)
 
     def _longer_than(self, count):
         return len(self._heard) > count
 
     def since(self, mark, *kinds):
-        """Return what the vehicle has said since; the heartbeats of other clients are forwarded, and left out here."""
-        heard = self._heard[mark:]
-        return [message for message in heard if message.get_srcSystem() == 1 and message.get_type() in kinds]
+        """Return the vehicle's messages since then, without forwarded heartbeats of other clients."""
+        messages = self._heard[mark:]
+        return [message for message in messages if message.get_srcSystem() == 1 and message.get_type() in kinds]
 
     def until(self, kind, wanted=lambda _: True, mark=None, system=1):
         """Return the first such message of a system heard after `mark` (default: from now on)."""
@@ -147,7 +147,7 @@ def ground(simulator, clients):
 
 
 def list_parameters(client):
-    """Return {index: name} of all parameters, and how many there are said to be."""
+    """Return {index: name} of all parameters, and their reported count."""
     mark = client.mark()
     client.link.mav.param_request_list_send(1, 1)
     count = client.until("PARAM_VALUE", mark=mark).param_count
@@ -192,7 +192,7 @@ def test_a_ground_station_reads_parameters_and_uploads_a_mission_while_an_agent_
     assert acks == [0] * 20
     assert len(agent.since(of_agent, "AUTOPILOT_VERSION")) == 20
 
-    # what one asked for is not heard by the other
+    # one client does not hear the answers to the other
     assert not agent.since(of_agent, "PARAM_VALUE", "MISSION_REQUEST_INT", "MISSION_REQUEST", "MISSION_ACK")
     assert not ground.since(of_ground, "AUTOPILOT_VERSION", "COMMAND_ACK")
 
@@ -204,7 +204,7 @@ def test_a_ground_station_reads_parameters_and_uploads_a_mission_while_an_agent_
     assert max(abs(at.z - DOWN) for at in track) < 1.0
 
 
-def test_what_one_client_changes_the_other_reads(agent, ground):
+def test_changes_by_one_client_are_read_by_the_other(agent, ground):
     agent.until("HEARTBEAT")
     ground.until("HEARTBEAT")
     assert upload_mission(ground, 3) == 0
@@ -226,6 +226,6 @@ def test_a_client_that_begins_with_mavlink_1_disturbs_nobody(simulator, agent):
         packer = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
         beat = dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
         old.sendto(beat.pack(packer, force_mavlink1=True), ("127.0.0.1", simulator.ports.gcs[0].port))
-    heard = agent.until("HEARTBEAT", lambda beat: beat.get_srcSystem() == 255, system=255)
-    assert (heard.get_srcComponent(), heard.type) == (190, dialect.MAV_TYPE_GCS)
+    heartbeat = agent.until("HEARTBEAT", lambda beat: beat.get_srcSystem() == 255, system=255)
+    assert (heartbeat.get_srcComponent(), heartbeat.type) == (190, dialect.MAV_TYPE_GCS)
     agent.until("HEARTBEAT")  # the vehicle goes on

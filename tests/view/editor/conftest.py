@@ -1,4 +1,4 @@
-"""A small map that the software renderer of a browser draws at once, and a free port."""
+"""A small map that a browser's software renderer draws at once, and a free port."""
 
 import socket
 

@@ -1,4 +1,4 @@
-"""Editing without a browser: every operation leaves a record that stands on the ground and can be read back."""
+"""Editing without a browser: every operation leaves a readable record that stands on the ground."""
 
 import itertools
 import math
@@ -33,7 +33,7 @@ def draft(drafting):
 
 
 def sound(drafting, draft) -> None:
-    """Assert what holds of every draft, whatever was done to it."""
+    """Assert the properties of every draft, after any operation."""
     one = draft.record
     assert record.parse(one.to_json(), "draft") == one
     for start in one.starts:
@@ -200,9 +200,9 @@ def test_whatever_is_done_the_record_stays_sound_and_can_be_undone(drafting, tmp
         try:
             session.do(partial(done, name, arguments))
         except UsageError:
-            assert session.draft is before  # refused whole
+            assert session.draft is before  # rejected as a whole
         if session.record.cell == "commanding" and not session.record.target.inscription:
-            session.undo()  # an inscription was taken away: `save` refuses that, and so would `sound`
+            session.undo()  # an inscription was removed: `save` rejects that, and so would `sound`
         sound(drafting, session.draft)
     while session.undo():
         pass
@@ -272,7 +272,7 @@ def test_an_id_never_leads_out_of_the_folder(session, drafting, tmp_path):
         assert list(tmp_path.rglob("*.json")) == [], name
 
 
-def test_what_stands_on_a_stand_is_no_moving_target(drafting):
+def test_things_on_a_stand_cannot_be_moving_targets(drafting):
     draft = drafting.cell(drafting.new("residential"), "tracking")
     with pytest.raises(UsageError, match=r"tracking .*quadrotor"):
         drafting.choose(draft, "quadrotor", "cyan")

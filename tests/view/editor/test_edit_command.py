@@ -1,4 +1,4 @@
-"""`dronecats edit` on the command line: it says where it is, serves the page, and ends when it is told to."""
+"""`dronecats edit` on the command line: it prints its address, serves the page, and ends on request."""
 
 import os
 import re
@@ -26,14 +26,14 @@ def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
         assert str(out) in "".join(lines)
         with urllib.request.urlopen(address[0]) as page:
             assert "text/html" in page.headers["Content-Type"]
-            assert page.read()  # a page half read would hold the server at its end
+            assert page.read()  # a half-read page would hold the server at its end
         process.send_signal(signal.SIGINT)
         rest, errors = process.communicate(timeout=60)
         late.cancel()
     assert process.returncode == 0
     assert rest == ""
     assert "Traceback" not in errors
-    assert not out.exists()  # nothing was written, so nothing is there
+    assert not out.exists()  # nothing was written, so no file exists
 
 
 def test_wrong_usage_is_one_sentence(capsys):
@@ -44,6 +44,6 @@ def test_wrong_usage_is_one_sentence(capsys):
         (["residential", "--port", "70000"], "--port 70000 "),
     ):
         assert main(["edit", *arguments, "--no-browser"]) == 2, arguments
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert said.count("\n") == 1, arguments
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert error.count("\n") == 1, arguments

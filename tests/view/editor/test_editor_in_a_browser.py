@@ -1,4 +1,4 @@
-"""The editor in a real browser: what a person clicks, drags and types is in the record, the checks and the file."""
+"""The editor in a real browser: clicks, drags and text reach the record, the checks and the file."""
 
 import math
 import re
@@ -121,7 +121,7 @@ def click_at(editor, browser, place_ned) -> None:
 
 
 def test_a_person_makes_an_episode(editor, page, tmp_path):
-    """Asset, paint, a click on the map, a drag, undo, words, and the file, each seen on both sides of the wire."""
+    """Asset, paint, a click on the map, a drag, undo, text and the file, each checked on both sides of the wire."""
     record = editor.session.record
     assert record.target.asset == "suv"
     choose(page, "Asset", "van")
@@ -162,7 +162,7 @@ def test_a_person_makes_an_episode(editor, page, tmp_path):
 
 
 def test_dragging_turns_a_check_red_and_back(editor, page):
-    """The gizmo's arrow is taken with the mouse; the shed is in the way of where it goes."""
+    """The mouse drags the gizmo's arrow. The shed blocks the destination."""
     from selenium.webdriver.common.action_chains import ActionChains
 
     assert editor.idle(PATIENCE_S)
@@ -176,8 +176,8 @@ def test_dragging_turns_a_check_red_and_back(editor, page):
     hand.release().perform()
     until(page, lambda: editor.session.record.target.position_ned != before)
     assert editor.idle(PATIENCE_S)
-    found = {f.rule: f for f in editor.findings}
-    assert not found["the obstacle at the target's place"].passed
+    findings = {f.rule: f for f in editor.findings}
+    assert not findings["the obstacle at the target's place"].passed
     until(page, lambda: "required: nothing" in text(page))
     press(page, "Undo")
     until(page, lambda: editor.session.record.target.position_ned == before)

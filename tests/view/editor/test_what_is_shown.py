@@ -1,4 +1,4 @@
-"""What the editor shows: pictures and checks of the newest draft, places in the browser's axes, and nobody's markup."""
+"""The editor's display: pictures and checks of the newest draft, browser axes, and no foreign markup."""
 
 import math
 import re
@@ -42,13 +42,13 @@ def test_the_preview_is_the_first_frame_of_the_flight(drafting, draft):
         start = record.starts[0]
         pose = camera_pose(start.position_ned, (1.0, 0.0, 0.0, 0.0), PREVIEW)
         world = World(record)
-        flown = Renderer(world.scene, PREVIEW, shadow_cells=2048)
-        expected = flown.render(pose)
-        flown.close()
+        flight_renderer = Renderer(world.scene, PREVIEW, shadow_cells=2048)
+        expected = flight_renderer.render(pose)
+        flight_renderer.close()
         shown = previews.picture(record, 0)
         unlike = (np.abs(shown.astype(int) - expected.rgb) > 12).any(axis=2)
         assert (expected.ids == world.target_id).any()
-        assert unlike.mean() < 0.01  # shadows of what may move are cast on a coarser map
+        assert unlike.mean() < 0.01  # shadows of movable things are cast on a coarser map
     previews.close()
 
 
@@ -78,18 +78,18 @@ def test_the_findings_are_those_of_the_command_line(draft):
 
 
 def test_a_record_that_cannot_be_read_is_one_red_finding(draft):
-    (found,) = findings(replace(draft.record, id="Not An Id"))
-    assert not found.passed
-    assert "id" in found.measured
-    (found,) = findings(replace(draft.record, map="nowhere"))
-    assert "map" in found.measured
+    (finding,) = findings(replace(draft.record, id="Not An Id"))
+    assert not finding.passed
+    assert "id" in finding.measured
+    (finding,) = findings(replace(draft.record, map="nowhere"))
+    assert "map" in finding.measured
 
 
 # ---- the newest only
 
 
 def test_only_the_newest_is_worked_on():
-    """While the first is being worked on nine more come; the last of them is the next and the only one."""
+    """Nine more drafts come during the work on the first. The last of them is the next and the only one."""
     started, go_on, done = threading.Event(), threading.Event(), []
 
     def work(number: int) -> None:
@@ -159,7 +159,7 @@ def test_the_map_is_sent_whole_and_in_few_pieces(drafting, tmp_path):
 
 
 def test_no_two_pieces_of_a_thing_share_vertices(tmp_path):
-    """viser writes the normals of each piece anew, over those of any that shares its vertices."""
+    """viser writes the normals of each piece anew, over those of any piece with the same vertices."""
     import trimesh
 
     mesh: Mesh = assets.build("suv", "cyan")

@@ -1,4 +1,4 @@
-"""One short flight after a target that moves, unrendered, in lockstep; its world is built once for all tests."""
+"""One short flight after a moving target, unrendered, in lockstep; its world is built once for all tests."""
 
 import json
 import shutil
@@ -15,20 +15,20 @@ from dronecats.view.film.plan import filmable
 from foundation.run_folder import layout
 from tests.support.flown_runs import MOVING as EPISODE
 
-GREY = 128  # of the frames that stand in for what was never drawn
+GREY = 128  # of the frames that replace the undrawn ones
 
 
 @pytest.fixture(scope="session")
-def flown(unrendered_runs) -> Path:
-    """The folder of the episode, with the unrendered frames that the flight has left; no test may change it."""
+def flight_folder(unrendered_runs) -> Path:
+    """The folder of the episode, with the flight's unrendered frames. No test may change it."""
     return Path(unrendered_runs[0].run / EPISODE)
 
 
 @pytest.fixture(scope="session")
-def pictured(flown, tmp_path_factory) -> Path:
-    """The same as if it had been rendered: frames without a colour."""
+def pictured(flight_folder, tmp_path_factory) -> Path:
+    """The same folder as if it had been rendered: frames without a colour."""
     run = tmp_path_factory.mktemp("film") / "pictured"
-    shutil.copytree(flown.parent, run)
+    shutil.copytree(flight_folder.parent, run)
     about = json.loads((run / layout.RUN).read_text())
     about["flight"]["simulated"]["rendered"] = True
     (run / layout.RUN).write_text(json.dumps(about))
@@ -45,5 +45,5 @@ def flight(pictured) -> RecordedFlight:
 
 @pytest.fixture(scope="session")
 def composed(pictured) -> Composition:
-    """What draws it small."""
+    """The composer that draws the flight small."""
     return composition(str(pictured.resolve()), 320, 180, None)

@@ -1,4 +1,4 @@
-"""A film as a file: how many pictures, when, gone on with, and by which encoder."""
+"""A film file: the number and times of its pictures, resuming it, and its encoder."""
 
 import json
 import re
@@ -25,43 +25,43 @@ SMALL = (320, 180)
 
 
 def wanted(folder, **options) -> FilmPlan:
-    asked = {"size": SMALL, "fps": 10, "speed": 1.0, "from_s": 1.0, "to_s": 2.0, "drone": None, **options}
-    return plan(filmable(folder), **asked)
+    arguments = {"size": SMALL, "fps": 10, "speed": 1.0, "from_s": 1.0, "to_s": 2.0, "drone": None, **options}
+    return plan(filmable(folder), **arguments)
 
 
 def pictures(film):
     """Return the pictures of a film and its rate, by OpenCV's decoder."""
     reader = cv2.VideoCapture(str(film))
-    found: list[Any] = []
+    frames: list[Any] = []
     rate = reader.get(cv2.CAP_PROP_FPS)
     while True:
         more, picture = reader.read()
         if not more:
-            return found, rate
-        found.append(picture)
+            return frames, rate
+        frames.append(picture)
 
 
 def by_ffmpeg(film):
     """Return seconds, (width, height), rate and count of a film, by ffmpeg."""
     command = [str(encoders.ffmpeg()), "-hide_banner", "-i", str(film), "-f", "null", "-"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-    length = re.search(r"Duration: (\d+):(\d+):([\d.]+)", said)
-    video = re.search(r"Video: (\w+).*?, (\d+)x(\d+).*?, ([\d.]+) fps", said)
+    output = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    length = re.search(r"Duration: (\d+):(\d+):([\d.]+)", output)
+    video = re.search(r"Video: (\w+).*?, (\d+)x(\d+).*?, ([\d.]+) fps", output)
     assert length
     assert video
     hours, minutes, seconds = length.groups()
-    count = int(re.findall(r"frame=\s*(\d+)", said)[-1])
+    count = int(re.findall(r"frame=\s*(\d+)", output)[-1])
     return {
         "codec": video[1], "seconds": 3600 * int(hours) + 60 * int(minutes) + float(seconds),
         "size": (int(video[2]), int(video[3])), "fps": float(video[4]), "count": count,
     }  # fmt: skip
 
 
-def test_pictures_and_times_are_those_that_were_asked_for(flown):
-    once = wanted(flown)
+def test_pictures_and_times_are_those_that_were_asked_for(flight_folder):
+    once = wanted(flight_folder)
     assert (once.pictures, once.closing, once.seconds) == (10, 0, 1.0)
     assert [once.time_of(k) for k in (0, 5, 9)] == pytest.approx([1.0, 1.5, 1.9])
-    fast = wanted(flown, speed=4.0, from_s=0.0, to_s=None, fps=30)
+    fast = wanted(flight_folder, speed=4.0, from_s=0.0, to_s=None, fps=30)
     assert fast.to_s == pytest.approx(6.0, abs=0.6)
     assert fast.moving == pytest.approx(fast.to_s / 4.0 * 30, abs=1)
     assert fast.closing == 75
@@ -69,33 +69,33 @@ def test_pictures_and_times_are_those_that_were_asked_for(flown):
     assert [number for numbers in fast.part_ranges for number in numbers] == list(range(fast.pictures))
 
 
-def test_what_cannot_be_is_refused(flown):
+def test_impossible_options_are_rejected(flight_folder):
     for wrong in (
         {"size": (321, 180)}, {"size": (64, 36)}, {"size": (400, 720)}, {"fps": 0}, {"speed": 0.0},
         {"speed": float("nan")}, {"from_s": 2.0}, {"from_s": 99.0, "to_s": None}, {"from_s": float("nan")},
         {"drone": 3},
     ):  # fmt: skip
         with pytest.raises(UsageError):
-            wanted(flown, **wrong)
+            wanted(flight_folder, **wrong)
 
 
-def test_the_drones_of_a_film_are_counted_from_one(flown, tmp_path, capsys):
+def test_the_drones_of_a_film_are_counted_from_one(flight_folder, tmp_path, capsys):
     for number in ("0", "2"):
-        assert main(["film", str(flown), "--drone", number, "--out", str(tmp_path / "film.mp4")]) == 2
+        assert main(["film", str(flight_folder), "--drone", number, "--out", str(tmp_path / "film.mp4")]) == 2
         assert re.search(rf"--drone {number} .*: 1 did", capsys.readouterr().err)
 
 
 @pytest.fixture(scope="module")
 def whole(pictured, composed, tmp_path_factory):
-    """A film of a second in three parts, made at one go."""
+    """A one-second film in three parts, made in one run."""
     film = tmp_path_factory.mktemp("whole") / "film.mp4"
     assert make(replace(wanted(pictured), per_part=4), film, jobs=1) == "h264"
     return film
 
 
 def test_the_film_reads_back(whole, composed):
-    found, rate = pictures(whole)
-    assert (len(found), rate, found[0].shape) == (10, 10.0, (180, 320, 3))
+    frames, rate = pictures(whole)
+    assert (len(frames), rate, frames[0].shape) == (10, 10.0, (180, 320, 3))
     told_of = by_ffmpeg(whole)
     assert told_of == {
         "codec": "h264",
@@ -104,10 +104,10 @@ def test_the_film_reads_back(whole, composed):
         "fps": 10.0,
         "count": 10,
     }
-    for number in (0, 5, 9):  # each the picture of its own time, and of none near it
+    for number in (0, 5, 9):  # each picture is of its own time, not of a time near it
         t = 1.0 + number / 10
         off = {
-            away: np.abs(found[number] - composed.at(t + away)[..., ::-1].astype(int)).mean()
+            away: np.abs(frames[number] - composed.at(t + away)[..., ::-1].astype(int)).mean()
             for away in (-0.3, 0.0, 0.3)
         }
         assert off[0.0] < 6.0
@@ -116,7 +116,7 @@ def test_the_film_reads_back(whole, composed):
     assert list(whole.parent.iterdir()) == [whole]
 
 
-def test_what_is_there_is_not_drawn_again_and_the_film_is_the_same(pictured, composed, whole, tmp_path):
+def test_existing_parts_are_not_drawn_again_and_the_film_is_the_same(pictured, composed, whole, tmp_path):
     film, of = tmp_path / "film.mp4", replace(wanted(pictured), per_part=4)
     with open_parts(film, of, "h264") as parts:
         draw_part(parts, 1)
@@ -151,8 +151,8 @@ def test_parts_of_another_film_are_thrown_away(pictured, composed, tmp_path):
 @pytest.mark.slow("draws a film in a process of its own")
 def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
     film = tmp_path / "film.mp4"
-    asked = ["--out", str(film), "--size", "320x180", "--to", "2.5", "--fps", "40", "--jobs", "1"]
-    command = [sys.executable, "-m", "dronecats.cli.main", "film", str(pictured), *asked]
+    options = ["--out", str(film), "--size", "320x180", "--to", "2.5", "--fps", "40", "--jobs", "1"]
+    command = [sys.executable, "-m", "dronecats.cli.main", "film", str(pictured), *options]
     process = subprocess.Popen(command, cwd=Path(__file__).parents[3])
     first = folder_beside(film) / "00000.mp4"
     while not first.exists():
@@ -176,13 +176,13 @@ def test_a_film_that_was_killed_is_gone_on_with(pictured, composed, tmp_path):
 def test_without_ffmpeg_opencv_encodes_and_says_so(pictured, composed, tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     film = tmp_path / "film.mp4"
-    asked = ["--size", "320x180", "--from", "1", "--to", "2", "--fps", "10", "--jobs", "1"]
-    assert main(["film", str(pictured), "--out", str(film), *asked]) == 0
+    options = ["--size", "320x180", "--from", "1", "--to", "2", "--fps", "10", "--jobs", "1"]
+    assert main(["film", str(pictured), "--out", str(film), *options]) == 0
     assert "OpenCV" in (printed := capsys.readouterr().out)
     assert "dronecats[film]" in printed
-    found, rate = pictures(film)
-    assert (len(found), rate) == (10, 10.0)
-    assert np.abs(found[5] - composed.at(1.5)[..., ::-1].astype(int)).mean() < 6.0
+    frames, rate = pictures(film)
+    assert (len(frames), rate) == (10, 10.0)
+    assert np.abs(frames[5] - composed.at(1.5)[..., ::-1].astype(int)).mean() < 6.0
     monkeypatch.undo()
     assert by_ffmpeg(film)["codec"] == "mpeg4"
 
@@ -195,7 +195,7 @@ def test_without_any_encoder_it_says_how_to_get_one(pictured, composed, tmp_path
 
 
 class _NoWriter:
-    """An OpenCV that was built without encoders."""
+    """An OpenCV without encoders."""
 
     fourcc = staticmethod(lambda *letters: 0)
 
@@ -226,8 +226,8 @@ def test_a_folder_that_is_no_episode_is_one_sentence(pictured, tmp_path, capsys,
             if each != name:
                 (folder / each).write_bytes((pictured / each).read_bytes())
     assert main(["film", str(folder), "--out", str(tmp_path / "film.mp4")]) == 2
-    said = capsys.readouterr().err.strip().splitlines()
-    assert len(said) == 1
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
     assert not folder_beside(tmp_path / "film.mp4").exists()
 
 

@@ -1,4 +1,4 @@
-"""What stands beside the chase view: frame, ring, map and words."""
+"""The panes beside the chase view: frame, ring, map and words."""
 
 import json
 import math
@@ -39,8 +39,8 @@ def test_the_ring_is_around_the_chosen_point_once_it_is_chosen(flight, going, co
             at = (round(middle[0] - 0.5 + radius * math.cos(turn)), round(middle[1] - 0.5 + radius * math.sin(turn)))
             assert near(picture, *at, YELLOW), at
         assert not near(picture, round(middle[0]), round(middle[1]), YELLOW)
-    asked = pilot_view(flight, 0, going.t_decided - 0.01, 400, 225, 1.0)
-    assert not (np.abs(asked.astype(int) - YELLOW).max(axis=-1) < 60).any()
+    earlier = pilot_view(flight, 0, going.t_decided - 0.01, 400, 225, 1.0)
+    assert not (np.abs(earlier.astype(int) - YELLOW).max(axis=-1) < 60).any()
 
 
 def test_the_frame_is_shown_as_it_is_and_one_that_is_missing_is_said_to_be(flight, going, tmp_path):
@@ -81,10 +81,10 @@ def test_the_map_has_target_ring_and_drone_where_they_are(flight):
     assert drawn.px((first[0] + 1.0, first[1], 0.0))[1] < drawn.px(first)[1]
 
 
-def test_what_is_said_follows_the_flight(flight, going):
-    said = action_words(flight, 0, going.t_decided)[0]
-    assert said.startswith(f"step {going.step} ")
-    assert "go (" in said
+def test_the_words_follow_the_flight(flight, going):
+    words = action_words(flight, 0, going.t_decided)[0]
+    assert words.startswith(f"step {going.step} ")
+    assert "go (" in words
     assert "go (" not in action_words(flight, 0, going.t_frame + 0.01)[0]
     outcome, ne_m = flight.verdict.outcome, flight.verdict.ne_m
     assert str(outcome) in verdict_words(flight)[0].lower()
@@ -109,10 +109,10 @@ def test_the_verdict_covers_no_other_words(flight, size, monkeypatch):
 def test_words_stay_in_their_room():
     long = "go to the van that stands between the red car and the second house on the left, then wait"
     for lines in (1, 2):
-        found = fitted(long, 20, 300, lines, True)
-        assert len(found) == lines
-        assert all(width_px(line, 20, True) <= 300 for line in found)
-        assert found[-1].endswith("…")
+        fitted_lines = fitted(long, 20, 300, lines, True)
+        assert len(fitted_lines) == lines
+        assert all(width_px(line, 20, True) <= 300 for line in fitted_lines)
+        assert fitted_lines[-1].endswith("…")
     assert fitted("short", 20, 300) == ["short"]
 
 
@@ -121,8 +121,8 @@ def test_no_pane_covers_another_and_all_are_in_the_picture():
         for drones in (1, 2, 3, 4, 8):
             width, height = size
             covered = np.zeros((height, width), int)
-            found = panes(width, height, drones)
-            for pane in (*found.chase, *found.onboard, found.map, found.bar):
+            division = panes(width, height, drones)
+            for pane in (*division.chase, *division.onboard, division.map, division.bar):
                 assert pane.width > 0, (drones, size)
                 assert pane.height > 0, (drones, size)
                 assert pane.left + pane.width <= width, (drones, size)

@@ -1,4 +1,4 @@
-"""Where everybody was, by somebody else's reader of the same logs."""
+"""Positions of all drones, from an independent reader of the same logs."""
 
 import math
 import shutil
@@ -18,12 +18,12 @@ from tests.support.onboard_logs import with_onboard_log
 
 
 @pytest.fixture(scope="module")
-def messages(flown):
+def messages(flight_folder):
     """The truth of the flight, as pymavlink reads it: [(time in µs, attitude)]."""
-    log, found = mavutil.mavlink_connection(str(flown / layout.TLOG), dialect="development"), []
+    log, samples = mavutil.mavlink_connection(str(flight_folder / layout.TLOG), dialect="development"), []
     while (message := log.recv_match(type="HIL_STATE_QUATERNION")) is not None:
-        found.append((message.time_usec, message.attitude_quaternion))
-    return found
+        samples.append((message.time_usec, message.attitude_quaternion))
+    return samples
 
 
 def angle_deg(a, b):
@@ -32,7 +32,7 @@ def angle_deg(a, b):
     return math.degrees(2.0 * math.acos(min(1.0, same)))
 
 
-def test_the_drone_is_where_truth_jsonl_has_it(flown, flight):
+def test_the_drone_is_where_truth_jsonl_has_it(flight_folder, flight):
     logs, track = flight.logs, flight.tracks[0]
     places = [(each.t, each.position_ned) for each in logs.poses]
     places += [(each.t, each.position_ned) for each in logs.frames.values() if each.position_ned]
@@ -41,7 +41,7 @@ def test_the_drone_is_where_truth_jsonl_has_it(flown, flight):
     assert not track.level
 
 
-def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flown, flight, messages):
+def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flight_folder, flight, messages):
     begin_us, track = flight.t0_us, flight.tracks[0]
     during = [(us, q) for us, q in messages if us >= begin_us]
     assert len(during) > 250
@@ -52,11 +52,11 @@ def test_attitudes_are_the_logged_ones_and_turn_evenly_between_them(flown, fligh
         middle = track.at(halfway).attitude
         assert angle_deg(middle, q) == pytest.approx(angle_deg(middle, next_q), abs=1e-3)
         turned = max(turned, angle_deg(q, next_q))
-    assert turned > 0.05  # it does turn, so that halfway is somewhere else
+    assert turned > 0.05  # it does turn, so halfway is a different attitude
 
 
-def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_down(flown, tmp_path):
-    logs = read(flown)
+def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_down(flight_folder, tmp_path):
+    logs = read(flight_folder)
     assert telemetry(tmp_path / layout.TLOG, 0) == {}
     rows = track_of_rows(logs.poses)
     assert rows
@@ -71,17 +71,17 @@ def test_without_a_tlog_it_is_level_and_through_the_places_that_were_written_dow
         assert abs((yaw - pose.yaw_deg + 180.0) % 360.0 - 180.0) < 2.0
 
 
-def test_before_the_first_sample_and_after_the_last_it_stays(flown):
-    rows = track_of_rows(read(flown).poses)
+def test_before_the_first_sample_and_after_the_last_it_stays(flight_folder):
+    rows = track_of_rows(read(flight_folder).poses)
     assert rows
     track = rows.drawn()
     assert track.at(-5.0) == track.at(float(track.t_s[0]))
     assert track.at(1e6) == track.at(float(track.t_s[-1]))
 
 
-def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flown, tmp_path):
-    folder = tmp_path / flown.parent.name / flown.name
-    shutil.copytree(flown.parent, folder.parent)
+def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flight_folder, tmp_path):
+    folder = tmp_path / flight_folder.parent.name / flight_folder.name
+    shutil.copytree(flight_folder.parent, folder.parent)
     true = with_onboard_log(folder)
     (folder / layout.TLOG).unlink()
     track = filmable(folder).tracks[0]
@@ -94,9 +94,9 @@ def test_without_a_tlog_it_leans_as_the_log_on_board_has_it(flown, tmp_path):
     assert filmable(folder).tracks[0].level
 
 
-def test_a_trace_is_derived_from_the_log_on_board_where_it_was_kept(flown, tmp_path):
-    folder = tmp_path / flown.parent.name / flown.name
-    shutil.copytree(flown.parent, folder.parent)
+def test_a_trace_is_derived_from_the_log_on_board_where_it_was_kept(flight_folder, tmp_path):
+    folder = tmp_path / flight_folder.parent.name / flight_folder.name
+    shutil.copytree(flight_folder.parent, folder.parent)
     derive(folder)
     trace = estimate(folder)
     assert trace is not None

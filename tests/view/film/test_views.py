@@ -1,4 +1,4 @@
-"""What the chase camera shows, by a camera of the test's own and the ids that the renderer puts into each pixel."""
+"""The chase camera's view, checked by the test's own camera and the renderer's ids in each pixel."""
 
 import itertools
 import math
@@ -40,8 +40,10 @@ def seen_at(pose, place):
     return 320.0 + focal * right / ahead, 180.0 + focal * down / ahead, ahead
 
 
-def test_the_target_is_seen_where_the_log_has_it(flown, flight, stage):
-    targets = [(pose.t, pose.target_ned) for pose in read(flown).poses if pose.target_ned and pose.t <= flight.end_s]
+def test_the_target_is_seen_where_the_log_has_it(flight_folder, flight, stage):
+    targets = [
+        (pose.t, pose.target_ned) for pose in read(flight_folder).poses if pose.target_ned and pose.t <= flight.end_s
+    ]
     assert math.dist(targets[0][1], targets[-1][1]) > 1.5
     for t, target in targets[::3]:
         eye = (target[0] - 7.0, target[1] - 1.0, target[2] - 3.0)
@@ -77,7 +79,7 @@ def test_the_camera_moves_without_a_jerk(flight, way):
 
 
 def test_it_keeps_out_of_what_stands_behind_the_drone():
-    """A drone that leaves a wall behind it, and flies past a second one: no eye is beyond them or in them."""
+    """A drone leaves a wall behind it and flies past a second one: no eye is beyond or inside them."""
     t = np.linspace(0.0, 20.0, 400)
     places = np.column_stack([0.6 + 0.3 * t, np.zeros(400), np.full(400, -2.0)])
     track = FlightTrack(t, places, np.zeros_like(places), np.tile((1.0, 0.0, 0.0, 0.0), (400, 1)), level=True)

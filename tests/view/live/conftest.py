@@ -1,4 +1,4 @@
-"""The small map of the editor's tests, and moments to be shown."""
+"""The small map of the editor's tests, and moments to show."""
 
 from dataclasses import replace
 
@@ -28,16 +28,20 @@ def picture(frame_id: int, t_s: float | None = 1.0) -> ShownPicture:
 
 
 def moment(world: World, t_s: float = 1.0, drones: int = 1, **changes) -> Moment:
-    """Return a moment in which everything is known."""
-    said = Decision(step=3, drone=0, frame_id=3, t_frame=0.5, t_decided=t_s, reply="<b>go</b>", action=GO, rate_hz=0.4)
+    """Return a moment with all values known."""
+    decision = Decision(
+        step=3, drone=0, frame_id=3, t_frame=0.5, t_decided=t_s, reply="<b>go</b>", action=GO, rate_hz=0.4
+    )
     one = DroneMoment(
         drone=0, position_ned=(1.0 + t_s, 2.0, -2.0), attitude=(1.0, 0.0, 0.0, 0.0), velocity_ned=(1.0, 0.0, 0.0),
         height_m=2.0, true=True, setpoint_ned=(1.2, 0.0, 0.0), mode="OFFBOARD", armed=True, battery=0.9,
-        messages=("Armed",), prompt="fly & see", picture=picture(3), decision=said, decided_on=picture(3),
+        messages=("Armed",), prompt="fly & see", picture=picture(3), decision=decision, decided_on=picture(3),
         chosen_ned=(7.0, 2.0, -2.0), lens_ned=(1.5, 2.0, -1.9),
     )  # fmt: skip
     fleet = tuple(
-        replace(one, drone=k, position_ned=(1.0 + t_s, 2.0 + 2.0 * k, -2.0), decision=replace(said, drone=k), **changes)
+        replace(
+            one, drone=k, position_ned=(1.0 + t_s, 2.0 + 2.0 * k, -2.0), decision=replace(decision, drone=k), **changes
+        )
         for k in range(drones)
     )
     judge = JudgeMoment(world.target_centre(t_s), (6.54321,) * drones, ("verdict: success",))

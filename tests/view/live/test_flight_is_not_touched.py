@@ -1,4 +1,4 @@
-"""A flight that is watched is the flight that is not: to the byte, whatever becomes of the page and of who looks."""
+"""A watched flight equals an unwatched one to the byte, whatever happens to the page and its viewers."""
 
 import contextlib
 import json
@@ -38,21 +38,21 @@ def contents(run: Path) -> dict[str, bytes]:
 
 @pytest.fixture(scope="module")
 def alone(tmp_path_factory):
-    """Return the run folder of the flight that nobody watches, and the questions that its pilot was asked."""
-    out, asked, render = tmp_path_factory.mktemp("alone"), [], Prompt.render
+    """Return the run folder of the unwatched flight, and the questions to its pilot."""
+    out, questions, render = tmp_path_factory.mktemp("alone"), [], Prompt.render
 
-    def heard(*arguments, **named):
-        asked.append(render(*arguments, **named))
-        return asked[-1]
+    def recording_render(*arguments, **named):
+        questions.append(render(*arguments, **named))
+        return questions[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Prompt, "render", heard)
+        patch.setattr(Prompt, "render", recording_render)
         fly(SPEC, out, lambda line: None)
-    return out, asked
+    return out, questions
 
 
 class Watched:
-    """A page over a run folder, and what happens to it, step by step."""
+    """A page over a run folder, with events at given steps."""
 
     def __init__(self, run: Path, scratch: Path) -> None:
         self.run, self.scratch = run, scratch
@@ -67,12 +67,12 @@ class Watched:
         return str(self.viewers[-1].ready()["url"])
 
     def look(self) -> None:
-        """Connect, and see that the drone is on the page."""
+        """Connect, and check that the drone is on the page."""
         self.clients.append(PageClient(self.url))
         self.clients[-1].until(lambda sent: str(sent.get("name", "")).endswith("/drone-0"), PATIENCE_S)
 
     def at(self, step: int) -> None:
-        """Do what is to happen at a step of the flight."""
+        """Do the event of a step of the flight."""
         viewer = self.viewers[-1]
         todo: dict[int, tuple[str, Callable[[], None]]] = {
             0: ("looked at", self.look),
@@ -123,7 +123,7 @@ def test_a_page_that_hangs_is_killed_and_comes_again_changes_no_byte(alone, tmp_
 
 
 def test_the_questions_that_are_shown_are_those_that_were_asked(alone):
-    out, asked = alone
+    out, questions = alone
     folder = out / EPISODE
     follower = FlightFollower(folder, load_world(folder), 1)
     decided = list(rows(folder / layout.DECISIONS, Decision))
@@ -134,4 +134,4 @@ def test_the_questions_that_are_shown_are_those_that_were_asked(alone):
     for decision in decided:
         follower._take_decisions([decision])
         shown.append(follower._drone(0).prompt)
-    assert shown == asked[: len(decided)]
+    assert shown == questions[: len(decided)]

@@ -1,4 +1,4 @@
-"""The moment that a folder has come to, from files that are still being written."""
+"""The current moment of a folder, from files that are still being written."""
 
 import json
 import math
@@ -29,7 +29,7 @@ T0_US = 24_000_000
 
 
 class Writer:
-    """Writes a flight as the logger and the agent do."""
+    """Writes a flight like the logger and the agent."""
 
     def __init__(self, folder, world) -> None:
         self.folder, self.origin = folder, origin(world)
@@ -88,7 +88,7 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
     writer.pose(T0_US + 500_000, (-41.0, -1.0, -2.2), attitude, (0.5, 0.25, 0.0))
     writer.says(T0_US, dialect.MAVLink_heartbeat_message(2, 12, 128 + 29, 6 << 16, 4, 3))
     writer.says(T0_US, dialect.MAVLink_statustext_message(6, b"Armed", 0, 0))
-    mask = 0b100100100011  # places, the climb and the turn are left open
+    mask = 0b100100100011  # position, climb and turn are left open
     target = dialect.MAVLink_position_target_local_ned_message(
         24_000, 1, mask, math.nan, math.nan, -2.2, 1.0, 0.4, math.nan, 0, 0, 0, 0, 0
     )
@@ -98,7 +98,7 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
     moment = follower.turn()
     (drone,) = moment.drones
     assert drone.true
-    assert drone.position_ned == pytest.approx((-41.0, -1.0, -2.2), abs=0.012)  # as places travel
+    assert drone.position_ned == pytest.approx((-41.0, -1.0, -2.2), abs=0.012)  # as positions are transmitted
     assert drone.attitude == pytest.approx(attitude, abs=1e-6)
     assert drone.velocity_ned == pytest.approx((0.5, 0.25, 0.0))
     assert drone.setpoint_ned == pytest.approx((1.0, 0.4, 0.0))
@@ -109,7 +109,7 @@ def test_where_it_is_and_what_it_says_of_itself(writer, follower):
 
 
 def test_a_go_leads_from_where_its_picture_was_taken_to_its_place(writer, follower):
-    """The drone has gone on since; the ray is that of the picture, leaning as it leant then."""
+    """The drone has moved on since; the ray starts at the picture's pose, with its lean."""
     then, attitude = (-41.0, -1.0, -2.2), quat_from_euler(0.05, -0.1, 0.9)
     writer.truth.write(Begin(t0_us=T0_US, cap_s=300.0))
     writer.pose(T0_US + 100_000, then, attitude)
@@ -131,7 +131,7 @@ def test_a_go_leads_from_where_its_picture_was_taken_to_its_place(writer, follow
 
 
 def test_a_point_on_the_target_is_a_ray_to_the_target(world):
-    """Compared with the judge's own measurement: where the target's centre is in the picture, and how deep."""
+    """Compared with the judge's own measurement: the target's centre in the picture, and its depth."""
     attitude = quat_from_euler(0.08, -0.12, math.radians(20.0))
     place = (-41.0, 0.5, -2.5)
     lens = CameraModel()
@@ -139,9 +139,9 @@ def test_a_point_on_the_target_is_a_ray_to_the_target(world):
     forward, right, down = measured.target_frd
     point = [1000.0 * (0.5 + lens.focal_px * right / forward / lens.width),
              1000.0 * (0.5 + lens.focal_px * down / forward / lens.height)]  # fmt: skip
-    said = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=0.5,
+    decision = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=0.5,
                     action={"action": "go", "point": point, "depth_m": forward})  # fmt: skip
-    go = chosen_go(said)
+    go = chosen_go(decision)
     assert go is not None
     assert sight(go, place, attitude, lens).place_ned == pytest.approx(measured.target_ned, abs=1e-6)
 
@@ -225,8 +225,8 @@ def test_a_limit_that_acts_at_every_step_is_one_line_that_counts(writer, followe
     assert "70" in counted
 
 
-def test_what_the_logger_was_given_is_there_to_be_read_at_once(tmp_path, world):
-    """Not only when eight kilobytes have come together: the page would be a second late."""
+def test_logged_rows_are_readable_at_once(tmp_path, world):
+    """Not only after eight kilobytes: the page would be a second late."""
     recorder = Recorder(tmp_path, origin(world), measured_in(world), CameraModel())
     bus, autopilot = Packer(1, TRUTH_COMPONENT), Packer(1, 1)
     tail = FrameTail(tmp_path / layout.TLOG)
@@ -241,7 +241,7 @@ def test_what_the_logger_was_given_is_there_to_be_read_at_once(tmp_path, world):
     recorder.close()
 
 
-def test_what_an_autopilot_says_of_itself_is_there_at_once_too(tmp_path):
+def test_the_autopilots_own_messages_are_readable_at_once(tmp_path):
     recorder, tail = EstimateRecorder(tmp_path), FrameTail(tmp_path / layout.TLOG)
     frame = Packer(1, 1).pack(dialect.MAVLink_local_position_ned_message(1000, 1, 2, -3, 0, 0, 0))
     recorder.telemetry(frame)
@@ -250,7 +250,7 @@ def test_what_an_autopilot_says_of_itself_is_there_at_once_too(tmp_path):
 
 
 def test_without_truth_the_pose_is_the_autopilots_own(tmp_path):
-    """A connected vehicle, whatever its number: its own estimate, and no judge."""
+    """A connected vehicle of any number: its own estimate, and no judge."""
     folder = tmp_path / "connected"
     (folder / layout.FRAMES).mkdir(parents=True)
     (folder / layout.EPISODE).write_text(json.dumps({"id": "connected", "instruction": "look"}))

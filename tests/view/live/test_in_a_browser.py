@@ -1,4 +1,4 @@
-"""`dronecats fly --view` as a person has it: the command, a real browser, and what the run folder says afterwards."""
+"""`dronecats fly --view` in real use: the command, a real browser, and the run folder afterwards."""
 
 import json
 import re
@@ -27,7 +27,7 @@ NODE = "/world/flight/drone-0"
 
 
 class FlownCommand:
-    """The command, with what it prints."""
+    """The command and its output lines."""
 
     def __init__(self, *words: str) -> None:
         self.lines: list[str] = []
@@ -42,12 +42,12 @@ class FlownCommand:
         for line in self.process.stdout:
             self.lines.append(line.rstrip())
 
-    def said(self, pattern: str) -> "re.Match[str]":
-        """Return the match of a line that is printed sooner or later."""
+    def wait_for_line(self, pattern: str) -> "re.Match[str]":
+        """Wait for a printed line that matches, and return the match."""
         due_s = time.monotonic() + PATIENCE_S
         while True:
-            if found := next((m for line in list(self.lines) if (m := re.search(pattern, line))), None):
-                return found
+            if match := next((m for line in list(self.lines) if (m := re.search(pattern, line))), None):
+                return match
             assert time.monotonic() < due_s, self.lines
             assert self.process.poll() is None, self.lines
             self._reader.join(0.1)
@@ -59,7 +59,7 @@ class FlownCommand:
 
 
 class Listening:
-    """Everything that the page sends to a browser, from the beginning."""
+    """Every message from the page to a browser, from the beginning."""
 
     def __init__(self, url: str) -> None:
         self.messages: list[dict[str, Any]] = []
@@ -82,16 +82,16 @@ class Listening:
 
 
 def until(condition):
-    """Return what a condition is at last."""
+    """Wait until a condition is true, and return its value."""
     due_s = time.monotonic() + PATIENCE_S
-    while not (found := condition()):
+    while not (value := condition()):
         assert time.monotonic() < due_s
         threading.Event().wait(0.1)
-    return found
+    return value
 
 
 def text(browser, selector: str) -> str:
-    """Return the text of an element; of one that is not there or is just changing, nothing."""
+    """Return the text of an element; empty if it does not exist or is just changing."""
     script = "const e = document.querySelector(arguments[0]); return e ? e.textContent : ''"
     return str(browser.execute_script(script, selector))
 
@@ -105,54 +105,56 @@ def canvas(browser) -> Any:
 
 @pytest.fixture(scope="module")
 def seen(browser, tmp_path_factory):
-    """Fly, look on until it is over, and yield what was seen and sent on the way."""
+    """Fly, watch until the end, and yield the display and the messages on the way."""
     run, port = tmp_path_factory.mktemp("live") / "run", free_port(socket.SOCK_STREAM)
     command = FlownCommand(
         "fly", "--sitl", "--speed", "1", "--pilot", "vision", "--episode", EPISODE, "--out", str(run),
         "--view", "--view-port", str(port), "--view-stay",
     )  # fmt: skip
     try:
-        url = command.said(r"http://127\.0\.0\.1:\S+")[0]
+        url = command.wait_for_line(r"http://127\.0\.0\.1:\S+")[0]
         listening = Listening(url)
         browser.get(url)
         until(lambda: "in the air" in text(browser, ".state"))
-        found: dict[str, Any] = {"clocks": [text(browser, ".state")], "canvases": [canvas(browser)]}
+        observed: dict[str, Any] = {"clocks": [text(browser, ".state")], "canvases": [canvas(browser)]}
         until(lambda: "go" in text(browser, ".action"))
-        found["reply"] = text(browser, ".reply")
-        found["step"] = until(lambda: browser.execute_script("return document.querySelector('.action')?.dataset.step"))
+        observed["reply"] = text(browser, ".reply")
+        observed["step"] = until(
+            lambda: browser.execute_script("return document.querySelector('.action')?.dataset.step")
+        )
         until(lambda: browser.execute_script("return document.querySelector('svg.ring')?.dataset.x"))
-        found["ring"] = browser.execute_script(
+        observed["ring"] = browser.execute_script(
             "const r = document.querySelector('svg.ring'), f = r.closest('.frame'), i = f.querySelector('img');"
             "return {x: r.dataset.x, y: r.dataset.y, frame: f.dataset.frame, wide: i.naturalWidth,"
             "high: i.naturalHeight, near: [r.getBoundingClientRect().width, i.getBoundingClientRect().width]}"
         )
-        first = float(re.match(r"[\d.]+", found["clocks"][0])[0])  # type: ignore[index]
+        first = float(re.match(r"[\d.]+", observed["clocks"][0])[0])  # type: ignore[index]
         until(lambda: float((re.match(r"[\d.]+", text(browser, ".state")) or ["0"])[0]) > first + 3.0)
-        found["clocks"].append(text(browser, ".state"))
-        found["canvases"].append(canvas(browser))
-        command.said(r"stays open")
+        observed["clocks"].append(text(browser, ".state"))
+        observed["canvases"].append(canvas(browser))
+        command.wait_for_line(r"stays open")
         until(lambda: "over" in text(browser, ".state"))
-        found["before"] = list(listening.messages)
-        box = next(m for m in found["before"] if m["type"] == "GuiCheckboxMessage")
-        found["judge-before"] = text(browser, ".judge")
+        observed["before"] = list(listening.messages)
+        box = next(m for m in observed["before"] if m["type"] == "GuiCheckboxMessage")
+        observed["judge-before"] = text(browser, ".judge")
         listening.send({"type": "GuiUpdateMessage", "uuid": box["uuid"], "updates": {"value": True}})
-        found["judge-after"] = until(lambda: text(browser, ".judge"))
+        observed["judge-after"] = until(lambda: text(browser, ".judge"))
         until(lambda: any("/judge/ring" in str(m.get("name")) for m in list(listening.messages)))
-        found["after"] = list(listening.messages)[len(found["before"]) :]
+        observed["after"] = list(listening.messages)[len(observed["before"]) :]
         listening.end()
-        found["errors"] = [e["message"] for e in browser.get_log("browser") if e["level"] == "SEVERE"]
-        yield run / EPISODE, found
+        observed["errors"] = [e["message"] for e in browser.get_log("browser") if e["level"] == "SEVERE"]
+        yield run / EPISODE, observed
     finally:
         command.end()
 
 
 def test_the_drone_is_where_it_truly_was_and_moves(seen):
-    folder, found = seen
-    sent = [display.ned_of(m["position"]) for m in found["before"]
+    folder, observed = seen
+    sent = [display.ned_of(m["position"]) for m in observed["before"]
             if m["type"] == "SetPositionMessage" and m["name"] == NODE]  # fmt: skip
     assert len(sent) > 100
     poses = [row for row in truth(folder) if isinstance(row, Pose)]
-    # lines between the places: a busy machine sends fewer of them
+    # lines between the positions: a busy machine sends fewer of them
     ends = np.array(sent)
     starts, steps = ends[:-1], np.diff(ends, axis=0)
     lengths = np.maximum((steps**2).sum(axis=1), 1e-12)
@@ -161,35 +163,35 @@ def test_the_drone_is_where_it_truly_was_and_moves(seen):
         along = np.clip(((pose.position_ned - starts) * steps).sum(axis=1) / lengths, 0.0, 1.0)
         off_m.append(np.linalg.norm(starts + along[:, None] * steps - pose.position_ned, axis=1).min())
     assert float(np.percentile(off_m, 95)) < 0.1
-    before, after = found["canvases"]
-    assert (np.abs(before - after).max(axis=2) > 40).mean() > 0.001  # nothing else of it moves
+    before, after = observed["canvases"]
+    assert (np.abs(before - after).max(axis=2) > 40).mean() > 0.001  # nothing else of the page moves
 
 
 def test_the_reply_and_the_ringed_frame_are_those_of_the_log(seen):
-    folder, found = seen
+    folder, observed = seen
     decisions = {str(one.step): one for one in rows(folder / layout.DECISIONS, Decision)}
-    shown = decisions[found["step"]]
-    assert json.loads(found["reply"]) in [json.loads(str(one.reply)) for one in decisions.values()]
-    ring = found["ring"]
+    shown = decisions[observed["step"]]
+    assert json.loads(observed["reply"]) in [json.loads(str(one.reply)) for one in decisions.values()]
+    ring = observed["ring"]
     assert shown.kind == "go"
     ringed = next(one for one in decisions.values() if str(one.frame_id) == ring["frame"])
     assert ringed.action is not None
     assert [float(ring["x"]), float(ring["y"])] == ringed.action["point"]
     picture: Any = cv2.imread(str(folder / layout.FRAMES / layout.frame_name(ringed.frame_id)))
     assert (ring["high"], ring["wide"]) == picture.shape[:2]
-    assert ring["near"][0] == pytest.approx(ring["near"][1], abs=1.0)  # the drawing lies over the picture
+    assert ring["near"][0] == pytest.approx(ring["near"][1], abs=1.0)  # the drawing covers the picture
 
 
 def test_nothing_of_the_judges_is_sent_before_it_is_asked_for(seen):
-    folder, found = seen
-    told = json.dumps(found["before"], default=str)
+    folder, observed = seen
+    sent_text = json.dumps(observed["before"], default=str)
     verdict = json.loads((folder / layout.VERDICT).read_text())
     assert verdict["success"] is True
     for word in ("judge/", "(judge)", "declares", "verdict", f"{verdict['ne_m']:.2f} m"):
-        assert word not in told
-    assert found["judge-before"] == ""
-    assert "verdict: success" in found["judge-after"]
-    assert "(judge)" in json.dumps(found["after"], default=str)
+        assert word not in sent_text
+    assert observed["judge-before"] == ""
+    assert "verdict: success" in observed["judge-after"]
+    assert "(judge)" in json.dumps(observed["after"], default=str)
 
 
 def test_the_page_has_no_errors(seen):

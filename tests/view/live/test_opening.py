@@ -1,4 +1,4 @@
-"""The page beside a command: what becomes of it is nothing to whoever flies."""
+"""The page beside a command: its fate never affects the flight."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ PATIENCE_S = 60.0
 
 
 class Heard:
-    """What is said, and how to wait for it."""
+    """The notices so far, and a wait for one of them."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -34,7 +34,7 @@ class Heard:
 
 @pytest.fixture
 def children(monkeypatch):
-    """Return the processes that are opened."""
+    """Return the started processes."""
     made: list[ChildProcess] = []
 
     def start(*arguments):
@@ -60,32 +60,32 @@ def test_no_page_is_no_process(tmp_path, children):
 
 
 def test_the_address_is_said_and_the_page_ends_with_the_command(tmp_path, children, port):
-    heard = Heard()
-    with opened(WantedPage(port=port), tmp_path, "vision", heard):
-        heard.wait(f"http://127.0.0.1:{port}")
+    log = Heard()
+    with opened(WantedPage(port=port), tmp_path, "vision", log):
+        log.wait(f"http://127.0.0.1:{port}")
     assert gone(children[0].pid)
-    assert len(heard.lines) == 1
+    assert len(log.lines) == 1
 
 
 def test_a_page_that_hangs_from_the_start_holds_nobody_up(tmp_path, children, port):
-    heard, began_s = Heard(), time.monotonic()
-    with opened(WantedPage(port=port, stays=True), tmp_path, "", heard):
+    log, began_s = Heard(), time.monotonic()
+    with opened(WantedPage(port=port, stays=True), tmp_path, "", log):
         os.kill(children[0].pid, signal.SIGSTOP)
     assert time.monotonic() - began_s < 5.0
     assert gone(children[0].pid)
-    assert heard.lines == []
+    assert log.lines == []
 
 
 def test_a_page_that_cannot_be_opened_is_told_of_and_that_is_all(tmp_path, monkeypatch, port):
     monkeypatch.setattr(opening, "VIEWER", ChildKind("viewer", "dronecats.view.live.nowhere", ViewerConfig))
-    heard, flown = Heard(), False
-    with opened(WantedPage(port=port), tmp_path, "", heard):
-        heard.wait("")
-        flown = True
-    assert flown
+    log, has_flown = Heard(), False
+    with opened(WantedPage(port=port), tmp_path, "", log):
+        log.wait("")
+        has_flown = True
+    assert has_flown
 
 
-def test_what_the_flight_raises_goes_its_way(tmp_path, children, port):
+def test_exceptions_of_the_flight_pass_through(tmp_path, children, port):
     with pytest.raises(KeyboardInterrupt), opened(WantedPage(port=port), tmp_path, "", Heard()):
         raise KeyboardInterrupt
     assert gone(children[0].pid)

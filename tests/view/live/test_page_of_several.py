@@ -1,4 +1,4 @@
-"""The page over a benchmark's folder: which flights there are, which is shown, and what becomes of the last one."""
+"""The page over a benchmark's folder: its list of flights, the shown flight, and the end of the last one."""
 
 import json
 import os
@@ -18,7 +18,7 @@ PATIENCE_S = 30.0
 
 
 def begun(folder: Path, record: str, at_s: int) -> Path:
-    """Make an episode's folder as a flight does that began then."""
+    """Create an episode's folder like a flight that began then."""
     folder.mkdir(parents=True)
     for name in (layout.DECISIONS, layout.TRUTH):
         (folder / name).touch()
@@ -42,8 +42,12 @@ def bench(tmp_path, world):
 
 def test_flights_are_found_newest_first_and_what_was_broken_off_is_not(bench):
     judged(bench / "run-b/one")
-    found = EpisodeList(bench).look()
-    assert [(one.name, one.over) for one in found] == [("run-b/one", True), ("run-a/two", False), ("run-a/one", False)]
+    episodes = EpisodeList(bench).look()
+    assert [(episode.name, episode.over) for episode in episodes] == [
+        ("run-b/one", True),
+        ("run-a/two", False),
+        ("run-a/one", False),
+    ]
 
 
 def test_a_run_and_an_episode_are_folders_too(bench):
@@ -70,7 +74,7 @@ def test_the_newest_is_shown_until_another_is_chosen(bench):
         (choice,) = [m for m in client.until(lambda m: "first" in m.values(), PATIENCE_S) if m.get("value") == NEWEST]
         judged(bench / "run-b/one")
         page.listed(episodes.look())
-        assert page._folder == bench / "run-a/two"  # the newest that is in the air
+        assert page._folder == bench / "run-a/two"  # the newest one in the air
         server.gui.set_panel_label("mark")
         sent = client.until(lambda m: "mark" in m.values(), PATIENCE_S)
         assert not [m for m in sent if m.get("name") == "/world/map"]  # the map is the same, and is not sent again
@@ -88,14 +92,14 @@ def test_the_newest_is_shown_until_another_is_chosen(bench):
 
 
 def placed(client):
-    """Return where the page has put this browser's view, once it has."""
+    """Return the page's view for this browser, once it exists."""
     kind = "SetCameraPositionMessage"
     sent = client.until(lambda m: m["type"] == kind and not m["initial"], PATIENCE_S)
     return next(m["position"] for m in sent if m["type"] == kind and not m["initial"])
 
 
 def test_each_flight_is_looked_at_and_what_was_chosen_stays(bench, world):
-    """Also by a browser that came before the flight did, as whoever opens the address at once."""
+    """Also in a browser that came before the flight did, such as one that opens the address at once."""
     there = replace(world.record, starts=(replace(world.record.starts[0], position_ned=(4.0, 3.0, -2.0), yaw_deg=0.0),))
     (bench / "run-a/two" / layout.EPISODE).write_text(there.to_json())
     os.utime(bench / "run-a/two" / layout.EPISODE, (1_001, 1_001))

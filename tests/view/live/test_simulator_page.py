@@ -1,4 +1,4 @@
-"""`sitl --view`: a simulator's wires, as the page follows them."""
+"""`sitl --view`: the page follows a simulator's wires."""
 
 import pytest
 
@@ -30,12 +30,12 @@ def test_a_simulator_that_stands_on_the_ground(tmp_path):
             world,
         )
         for _ in range(TURNS):
-            follower._listeners[0].read(0.02)  # waits for the bus, where a page waits for its next update
+            follower._listeners[0].read(0.02)  # waits for the bus; a page waits for its next update
             moment = follower.turn()
             if all(drone.true and drone.mode and drone.battery for drone in moment.drones):
                 break
         for drone in moment.drones:
-            assert drone.height_m == pytest.approx(0.21, abs=0.1)  # on its feet
+            assert drone.height_m == pytest.approx(0.21, abs=0.1)  # upright
             assert drone.armed is False
         first, second = (drone.position_ned for drone in moment.drones)
         assert first is not None

@@ -1,4 +1,4 @@
-"""Files that grow, read while they grow: nothing is lost, nothing comes twice, and nothing that is torn is taken."""
+"""Growing files, read while they grow: nothing is lost, nothing comes twice, and no torn row is taken."""
 
 import itertools
 from typing import Any
@@ -23,31 +23,31 @@ def frames(count: int) -> list[bytes]:
 
 
 def tlog(path, count: int = 24) -> tuple[bytes, list[tuple[int, bytes]]]:
-    log, told = TelemetryLog(path), []
+    log, written = TelemetryLog(path), []
     for k, frame in enumerate(frames(count)):
         log.write(1_000_000 + 20_000 * k, frame)
-        told.append((1_000_000 + 20_000 * k, frame))
+        written.append((1_000_000 + 20_000 * k, frame))
     log.close()
-    return path.read_bytes(), told
+    return path.read_bytes(), written
 
 
 def read_in_pieces(path, tail, data: bytes, cuts: list[int]) -> list[Any]:
-    """Let a file grow from cut to cut, and return what its tail gives on the way."""
-    found = []
+    """Let a file grow from cut to cut, and return its tail's entries on the way."""
+    entries = []
     edges = [0, *sorted(min(cut, len(data)) for cut in cuts), len(data)]
     with path.open("wb") as file:
         for low, high in itertools.pairwise(edges):
             file.write(data[low:high])
             file.flush()
-            found += tail.read()
-    return found
+            entries += tail.read()
+    return entries
 
 
 @given(cuts=st.lists(st.integers(0, 2000), max_size=12))
 def test_a_tlog_cut_anywhere_gives_each_frame_once(tmp_path_factory, cuts):
     folder = tmp_path_factory.mktemp("tlog")
-    data, told = tlog(folder / "whole")
-    assert read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts) == told
+    data, written = tlog(folder / "whole")
+    assert read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts) == written
 
 
 LINE = st.binary(max_size=40).filter(lambda line: b"\n" not in line)
@@ -64,24 +64,24 @@ def test_a_log_cut_anywhere_gives_each_line_once_and_no_half_one(tmp_path_factor
     noise=st.binary(min_size=1, max_size=120), after=st.integers(0, 23), cuts=st.lists(st.integers(0, 2000), max_size=6)
 )
 def test_behind_bytes_that_are_no_frames_it_finds_its_way_again(tmp_path_factory, noise, after, cuts):
-    """What a kill has left in the middle costs frames around it, and those behind it are found."""
+    """A kill in the middle costs the frames around it. The frames behind it are found."""
     folder = tmp_path_factory.mktemp("noise")
-    _, told = tlog(folder / "whole", 60)
-    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in told]
+    _, written = tlog(folder / "whole", 60)
+    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in written]
     data = b"".join(packed[:after]) + noise + b"".join(packed[after:])
-    found = read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts)
-    good = [one for one in found if is_intact(one[1]) and one in told]
-    assert good[:after] == told[:after]
-    assert told[-10:] == good[-10:]
+    entries = read_in_pieces(folder / "grows", FrameTail(folder / "grows"), data, cuts)
+    good = [entry for entry in entries if is_intact(entry[1]) and entry in written]
+    assert good[:after] == written[:after]
+    assert written[-10:] == good[-10:]
 
 
-def test_what_looks_like_a_frame_among_other_bytes_swallows_none(tmp_path):
-    """A time, a marker and a length, which reach over six frames behind them."""
-    _, told = tlog(tmp_path / "whole", 12)
-    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in told]
+def test_bytes_that_look_like_a_frame_swallow_no_frame(tmp_path):
+    """A time, a marker and a length that cover the six frames behind them."""
+    _, written = tlog(tmp_path / "whole", 12)
+    packed = [time_us.to_bytes(8, "big") + frame for time_us, frame in written]
     noise = b"\xff" * 9 + bytes(8) + b"\xfd\xff\x00"
     (tmp_path / "torn").write_bytes(noise + b"".join(packed))
-    assert FrameTail(tmp_path / "torn").read() == told
+    assert FrameTail(tmp_path / "torn").read() == written
 
 
 def test_a_file_that_is_not_there_is_empty_until_it_is(tmp_path):

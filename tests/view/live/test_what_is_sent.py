@@ -1,4 +1,4 @@
-"""What goes over the wire to a browser: everything once, the judge's knowledge on demand alone, nobody's markup."""
+"""The messages to a browser: everything once, the judge's knowledge only on demand, no foreign markup."""
 
 import itertools
 import json
@@ -46,11 +46,11 @@ class Page:
         self.panels.show(one)
 
     def sent(self) -> list[dict[str, Any]]:
-        """Return all that has been sent since the last time."""
+        """Return all messages since the last call."""
         mark = f"mark {next(self._count)}"
         self.server.gui.set_panel_label(mark)
-        found = self.client.until(lambda message: mark in message.values(), PATIENCE_S)
-        return [message for message in found if mark not in message.values()]
+        messages = self.client.until(lambda message: mark in message.values(), PATIENCE_S)
+        return [message for message in messages if mark not in message.values()]
 
     def close(self) -> None:
         self.client.close()
@@ -69,7 +69,7 @@ def of(messages, kind: str) -> list[dict[str, Any]]:
 
 
 def tick(page: Page, messages) -> None:
-    """Tick the judge's box as a browser does, and wait until the page has heard of it."""
+    """Tick the judge's box as a browser does, and wait until the page has received it."""
     (box,) = of(messages, "GuiCheckboxMessage")
     wanted, due_s = not page.panels.judge_shown, time.monotonic() + PATIENCE_S
     page.client.send({"type": "GuiUpdateMessage", "uuid": box["uuid"], "updates": {"value": wanted}})
@@ -83,32 +83,32 @@ def test_the_judges_knowledge_is_not_sent_before_it_is_asked_for(page, world):
     target = display.place_of(one.judge.target_ned or (0.0, 0.0, 0.0))
     page.show(one)
     before = page.sent()
-    assert any(str(m.get("name", "")).endswith("/drone-0") for m in before)  # so it is a flight that was sent
-    told = json.dumps(before, default=str)
+    assert any(str(m.get("name", "")).endswith("/drone-0") for m in before)  # so a flight was sent
+    sent_text = json.dumps(before, default=str)
     for word in ("judge/", "6.54", "verdict", "(judge)"):
-        assert word not in told
+        assert word not in sent_text
     assert not any("target" in str(m.get("name")) for m in before)
     tick(page, before)
     page.show(one)
     after = page.sent()
-    told = json.dumps(after, default=str)
+    sent_text = json.dumps(after, default=str)
     for word in ("/judge/ring", "6.54", "verdict: success", "(judge)"):
-        assert word in told
+        assert word in sent_text
     assert any(near(m["position"], target, 2.5) for m in of(after, "SetPositionMessage"))
     tick(page, before)
     page.show(one)
     gone = {m["name"] for m in of(page.sent(), "RemoveSceneNodeMessage")}
     assert {name.rpartition("/")[2] for name in gone} == {"ring", "name"}  # the target itself stays
-    late = PageClient(page.server.url)  # and who comes now is not sent what another had asked for
+    late = PageClient(page.server.url)  # a later viewer does not get another viewer's judge messages
     page.server.gui.set_panel_label("late")
-    told = json.dumps(late.until(lambda m: "late" in m.values(), PATIENCE_S), default=str)
+    sent_text = json.dumps(late.until(lambda m: "late" in m.values(), PATIENCE_S), default=str)
     late.close()
-    assert "/judge/ring" not in told
-    assert "6.54" not in told
+    assert "/judge/ring" not in sent_text
+    assert "6.54" not in sent_text
 
 
-def test_what_pictures_show_of_the_record_is_shown_unasked_and_moves_as_there(yard):
-    """The drone looks at its target from the first moment on, whoever knows which thing that is."""
+def test_things_in_the_pictures_are_shown_by_default_and_move_the_same(yard):
+    """The drone looks at its target from the first moment on. The target itself is not marked."""
     still = World(Drafting(maps.build(yard)).new(yard).record)
     lane = Path3D(waypoints_ned=((4.0, -6.0, 0.0), (4.0, 14.0, 0.0)), speed_mps=0.5)
     target = replace(still.record.target, position_ned=None, yaw_deg=None, path=lane)
@@ -126,7 +126,7 @@ def test_what_pictures_show_of_the_record_is_shown_unasked_and_moves_as_there(ya
             pytest.approx((-6.0, 3.0, 0.0)),
             pytest.approx(world.target_pose(0.0)[0]),
         ]
-        ((name, place),) = after.items()  # what stands is not sent again
+        ((name, place),) = after.items()  # still things are not sent again
         assert name in before
         assert display.ned_of(place) == pytest.approx((4.0, -1.0, 0.0))
     finally:
@@ -137,7 +137,7 @@ def near(place, other, far: float = 0.5) -> bool:
     return math.dist(place, other) < far
 
 
-def test_what_is_shown_twice_is_sent_once(page, world):
+def test_an_unchanged_moment_is_sent_once(page, world):
     page.show(moment(world))
     assert page.sent()
     page.show(moment(world))
@@ -164,7 +164,7 @@ def test_the_drone_is_where_the_moment_says(page, world):
     assert turn["wxyz"] == pytest.approx((0.8, -0.4, -0.4, -0.2))
 
 
-def test_who_is_followed_stays_where_the_view_has_it(page, world):
+def test_a_followed_drone_keeps_its_place_in_the_view(page, world):
     page.show(moment(world, 1.0))
     page.scene.follow(0)
     page.show(moment(world, 1.0))
@@ -172,7 +172,7 @@ def test_who_is_followed_stays_where_the_view_has_it(page, world):
     assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # three metres north are the world's three to the south
     page.scene.follow(None)
     page.show(moment(world, 9.0))
-    assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # the view stays where it is
+    assert page.scene.offset == pytest.approx((0.0, 0.0, 3.0))  # the view does not move
 
 
 def test_four_drones_have_four_pictures_and_four_bodies(world):
@@ -182,8 +182,8 @@ def test_four_drones_have_four_pictures_and_four_bodies(world):
     names = {m["name"] for m in sent if "name" in m}
     assert {f"/world/flight/drone-{k}/camera" for k in range(4)} <= names
     html = "".join(str(m["updates"].get("content", "")) for m in of(sent, "GuiUpdateMessage"))
-    told = html + json.dumps(of(sent, "GuiHtmlMessage"), default=str)
-    assert {f'data-drone="{k}"' in told or f'data-drone=\\"{k}\\"' in told for k in range(4)} == {True}
+    sent_text = html + json.dumps(of(sent, "GuiHtmlMessage"), default=str)
+    assert {f'data-drone="{k}"' in sent_text or f'data-drone=\\"{k}\\"' in sent_text for k in range(4)} == {True}
     page.close()
 
 
@@ -251,14 +251,14 @@ def test_nobodys_words_become_markup(world):
     (drone,) = moment(world).drones
     assert drone.decision is not None
     evil = '</pre><script>alert(1)</script><img src=x onerror="x">'
-    said = replace(drone.decision, reply=evil, action=None, error=evil)
+    decision = replace(drone.decision, reply=evil, action=None, error=evil)
     html = "".join(
         [
-            markup.decision_html(replace(drone, decision=said, prompt=evil)),
+            markup.decision_html(replace(drone, decision=decision, prompt=evil)),
             markup.messages_html([replace(drone, messages=(evil,))]),
             markup.numbers_html([replace(drone, mode=evil)]),
             markup.numbers_html([replace(drone, mode=evil)] * 2),
-            markup.decisions_html([replace(drone, decision=said, prompt=evil)] * 2),
+            markup.decisions_html([replace(drone, decision=decision, prompt=evil)] * 2),
             markup.state_html(replace(moment(world), state=evil, instruction=evil)),
             markup.judge_html(JudgeMoment(messages=(evil,))),
             markup.frame_html(drone, evil),
@@ -293,8 +293,10 @@ def test_actions_in_words():
         ({"action": "think"}, "^think"),
         (None, "nothing said$"),
     ):
-        said = Decision(step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=action, error="nothing said")
-        assert re.search(parts, action_or_reason(said)), action
+        decision = Decision(
+            step=0, drone=0, frame_id=0, t_frame=0.0, t_decided=1.0, action=action, error="nothing said"
+        )
+        assert re.search(parts, action_or_reason(decision)), action
 
 
 def test_a_drone_of_which_nothing_is_known_is_shown_too():

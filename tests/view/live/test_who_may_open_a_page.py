@@ -1,4 +1,4 @@
-"""Who may open a page: a browser of this machine that was given its whole address, and nobody else."""
+"""Access to a page: only a browser of this machine with the complete address."""
 
 import http.server
 import threading
@@ -24,7 +24,7 @@ def server():
     made.stop()
 
 
-def asked(server, path, **headers):
+def get_page(server, path, **headers):
     """Return (status, Set-Cookie) of a GET of the page's server."""
     request = urllib.request.Request(urllib.parse.urljoin(server.url, path), headers=headers)
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
@@ -37,7 +37,7 @@ def asked(server, path, **headers):
 
 
 def listens(server, address, **headers):
-    """Return the status with which a WebSocket is refused, 101 where it is opened."""
+    """Return the status of a refused WebSocket, 101 for an open one."""
     protocol = Subprotocol(f"viser-v{viser.__version__}")
     try:
         with connect(address, subprotocols=[protocol], max_size=None, additional_headers=headers, proxy=None):
@@ -47,23 +47,23 @@ def listens(server, address, **headers):
 
 
 def test_only_the_token_opens_the_page_and_its_cookie_does_so_from_then_on(server):
-    assert asked(server, "/") == (403, None)
-    assert asked(server, "/?token=wrong") == (403, None)
-    assert asked(server, "/?token=") == (403, None)
-    assert asked(server, "/?token=%C3%A9") == (403, None)
-    status, cookie = asked(server, server.url)
+    assert get_page(server, "/") == (403, None)
+    assert get_page(server, "/?token=wrong") == (403, None)
+    assert get_page(server, "/?token=") == (403, None)
+    assert get_page(server, "/?token=%C3%A9") == (403, None)
+    status, cookie = get_page(server, server.url)
     assert status == 200
     assert "HttpOnly" in cookie
     assert "SameSite=Strict" in cookie
-    assert asked(server, "/", Cookie=f"other=1; {cookie.split(';')[0]}") == (200, None)
-    assert asked(server, "/", Cookie=cookie.split(";")[0][:-1]) == (403, None)
+    assert get_page(server, "/", Cookie=f"other=1; {cookie.split(';')[0]}") == (200, None)
+    assert get_page(server, "/", Cookie=cookie.split(";")[0][:-1]) == (403, None)
 
 
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:{port}", "127.0.0.1.evil.example:{port}", "[::1", ""])
 def test_a_name_that_leads_here_does_not(server, host):
     named = host.format(port=server.get_port())
-    assert asked(server, server.url, Host=named)[0] in (400, 403)
-    assert asked(server, server.url, Host=f"localhost:{server.get_port()}")[0] == 200
+    assert get_page(server, server.url, Host=named)[0] in (400, 403)
+    assert get_page(server, server.url, Host=f"localhost:{server.get_port()}")[0] == 200
 
 
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "https://127.0.0.1:{port}", "http://127.0.0.1:1"])
@@ -86,12 +86,12 @@ def behind_a_proxy():
 @pytest.mark.parametrize("scheme", ["http", "https"])
 def test_a_name_that_was_asked_for_opens_the_page_too(behind_a_proxy, host, scheme):
     address = behind_a_proxy.url.replace("http://", "ws://")
-    assert asked(behind_a_proxy, "/", Host=host) == (403, None)  # the token is wanted under any name
-    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host)[0] == 200
-    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}")[0] == 200
-    assert asked(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}1")[0] == 403
-    assert asked(behind_a_proxy, behind_a_proxy.url, Host="evil.example")[0] == 403
-    assert asked(behind_a_proxy, behind_a_proxy.url)[0] == 200
+    assert get_page(behind_a_proxy, "/", Host=host) == (403, None)  # the token is required under any name
+    assert get_page(behind_a_proxy, behind_a_proxy.url, Host=host)[0] == 200
+    assert get_page(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}")[0] == 200
+    assert get_page(behind_a_proxy, behind_a_proxy.url, Host=host, Origin=f"{scheme}://{host}1")[0] == 403
+    assert get_page(behind_a_proxy, behind_a_proxy.url, Host="evil.example")[0] == 403
+    assert get_page(behind_a_proxy, behind_a_proxy.url)[0] == 200
     assert listens(behind_a_proxy, address, Origin=f"{scheme}://{host}") == 403  # it came to a loopback name
 
 
@@ -109,7 +109,7 @@ socket.onerror = () => document.title = "refused";
 
 
 def test_in_a_browser_another_site_is_refused_while_the_page_itself_works(browser, server):
-    """The other site is a page of another port, whose requests carry the cookies of 127.0.0.1."""
+    """The other site is a page on another port, whose requests carry the cookies of 127.0.0.1."""
     body = SITE.replace("{port}", str(server.get_port())).replace("{version}", viser.__version__).encode()
 
     class Site(http.server.BaseHTTPRequestHandler):

@@ -1,4 +1,4 @@
-"""Two short flights of one episode after a target that moves, unrendered, in lockstep."""
+"""Two short flights of one episode after a moving target, unrendered, in lockstep."""
 
 import json
 import shutil
@@ -17,16 +17,16 @@ from tests.support.flown_runs import MOVING as EPISODE
 
 @pytest.fixture(scope="session")
 def runs(unrendered_runs, tmp_path_factory) -> Path:
-    """A folder with copies of the runs `paper` and `other`, of the oracle and of its flight with another seed."""
+    """A folder with copies of the runs `paper` and `other`: the oracle's flights with two seeds."""
     folder = tmp_path_factory.mktemp("replay")
-    for name, flown in zip(("paper", "other"), unrendered_runs, strict=True):
-        shutil.copytree(flown.run, folder / name)
+    for name, run in zip(("paper", "other"), unrendered_runs, strict=True):
+        shutil.copytree(run.run, folder / name)
     return Path(folder)
 
 
 @pytest.fixture(scope="session")
 def folder(runs) -> Path:
-    """The folder of an episode whose frames show something: each a grey of its own."""
+    """The folder of an episode whose frames show something: each a different grey."""
     path = Path(runs / "paper" / EPISODE)
     about = json.loads((path.parent / layout.RUN).read_text())
     about["flight"]["simulated"]["rendered"] = True
@@ -51,7 +51,7 @@ def copied(folder, tmp_path) -> Path:
 
 @pytest.fixture
 def rewrite() -> Callable[..., None]:
-    """What changes the lines of a log: each object through a function, None leaves it out."""
+    """Change the lines of a log: a function maps each object, and None omits it."""
 
     def change(path: Path, how: Callable[[dict[str, Any]], dict[str, Any] | None]) -> None:
         changed = [how(json.loads(line)) for line in path.read_text().splitlines()]

@@ -1,10 +1,10 @@
-"""What a page sends, as a second viewer beside the browser gets it: every viewer gets the same."""
+"""The messages of a page, as received by a second viewer. Every viewer gets the same ones."""
 
 from typing import Any
 
 from benchmarks.page_client import PageClient
 
-QUIET_S = 0.5  # s without a message after which all has come
+QUIET_S = 0.5  # s without a message after which all have come
 
 
 class Sent:
@@ -22,15 +22,15 @@ class Sent:
 
     def newest(self, kind: str, name: str) -> dict[str, Any]:
         """Return the newest message of a kind about a node. Raises LookupError without one."""
-        found = [each for each in self.update() if each["type"] == kind and each.get("name") == name]
-        return found[-1]
+        messages = [message for message in self.update() if message["type"] == kind and message.get("name") == name]
+        return messages[-1]
 
     def text(self) -> str:
-        """Return everything that was said in words: names of nodes, labels, HTML."""
+        """Return all text of the page: names of nodes, labels, HTML."""
         return "\n".join(word for message in self.update() for word in _words(message))
 
     def close(self) -> None:
-        """Go away, with nothing left unread: the end of the wire would wait for it."""
+        """Disconnect with nothing unread; else the end of the wire would wait."""
         self.update()
         self._client.close()
 

@@ -1,4 +1,4 @@
-"""The clock of a replay: what it shows when, whatever was ordered before."""
+"""The clock of a replay: the shown time after any orders."""
 
 import math
 
@@ -34,11 +34,11 @@ def test_speed_is_flight_over_wall_and_a_change_of_it_is_no_jump():
 
 
 def test_plus_and_minus_go_through_all_speeds_and_stay_at_the_last():
-    clock, found = PlaybackClock(20.0, speed=SPEEDS[0]), [SPEEDS[0]]
+    clock, speeds = PlaybackClock(20.0, speed=SPEEDS[0]), [SPEEDS[0]]
     for _ in range(2 * len(SPEEDS)):
         clock = clock.faster(0.0)
-        found.append(clock.speed)
-    assert tuple(dict.fromkeys(found)) == SPEEDS == tuple(sorted(SPEEDS))
+        speeds.append(clock.speed)
+    assert tuple(dict.fromkeys(speeds)) == SPEEDS == tuple(sorted(SPEEDS))
     for speed in reversed(SPEEDS[:-1]):
         clock = clock.slower(0.0)
         assert clock.speed == speed

@@ -1,4 +1,4 @@
-"""A run folder at any moment: held to truth.jsonl, decisions.jsonl and the tlog, read by other means."""
+"""Any moment of a run folder, compared with truth.jsonl, decisions.jsonl and the tlog from other readers."""
 
 import json
 import math
@@ -27,15 +27,15 @@ SOON = 1e-4  # s
 
 
 def places(folder):
-    """Return (t, place, yaw in degrees, distance) of every line of truth.jsonl that tells a place."""
-    told = [row for row in rows(folder / layout.TRUTH) if row.get("position_ned")]
-    return [(row["t"], row["position_ned"], row["yaw_deg"], row["distance_m"]) for row in told]
+    """Return (t, place, yaw in degrees, distance) of every line of truth.jsonl with a position."""
+    placed_rows = [row for row in rows(folder / layout.TRUTH) if row.get("position_ned")]
+    return [(row["t"], row["position_ned"], row["yaw_deg"], row["distance_m"]) for row in placed_rows]
 
 
 def test_a_drone_is_where_truth_jsonl_has_it(flight, folder):
-    told = places(folder)
-    assert len(told) > 12
-    for t, place, yaw_deg, distance_m in told:
+    true_places = places(folder)
+    assert len(true_places) > 12
+    for t, place, yaw_deg, distance_m in true_places:
         moment = flight.moment(t)
         drone = moment.drones[0]
         assert math.dist(drone.position_ned, place) < 0.02
@@ -88,12 +88,12 @@ def test_the_chosen_place_is_behind_its_pixel_as_deep_as_the_pilot_said(flight):
         assert below / ahead * camera.focal_px + camera.height / 2 == pytest.approx(go.action["point"][1] * 0.720)
 
 
-def test_what_the_autopilot_tells_of_itself(flight):
+def test_a_moment_shows_the_autopilots_own_state(flight):
     drone = flight.moment(3.0).drones[0]
     assert (drone.mode, drone.armed) == ("OFFBOARD", True)
     assert 0.5 < drone.battery <= 1.0
-    told = [flight.moment(t).drones[0].setpoint_ned for t in np.arange(0.0, flight.end_s, 0.25)]
-    assert max(math.hypot(*each) for each in told if each) > 0.5
+    setpoints = [flight.moment(t).drones[0].setpoint_ned for t in np.arange(0.0, flight.end_s, 0.25)]
+    assert max(math.hypot(*setpoint) for setpoint in setpoints if setpoint) > 0.5
     north, east, down = drone.position_ned
     assert drone.height_m == pytest.approx(flight.world.scene.terrain.at(north, east) - down, abs=0.05)
 
@@ -107,7 +107,7 @@ def test_the_judge_says_nothing_before_it_can_and_the_verdict_at_the_end(flight)
     assert flight.moment(1e6) == end
     assert flight.moment(-5.0) == flight.moment(0.0)
     moved = math.dist(flight.moment(0.0).judge.target_ned, end.judge.target_ned)
-    assert moved > 1.0  # it follows one that moves
+    assert moved > 1.0  # it follows a moving target
 
 
 def test_it_needs_nothing_but_the_folder(flight, copied):
@@ -158,9 +158,9 @@ def test_a_vehicle_without_truth_is_where_its_autopilot_thought_on_a_plain_grid(
         assert shown.judge.target_ned is None
         assert shown.judge.messages == ()
         assert shown.drones[0].position_ned == own.pose(0, t).position_ned
-        flown = np.subtract(own.pose(0, t).position_ned, own.pose(0, 0.0).position_ned)
+        displacement = np.subtract(own.pose(0, t).position_ned, own.pose(0, 0.0).position_ned)
         truly = np.subtract(flight.pose(0, t).position_ned, flight.pose(0, 0.0).position_ned)
-        assert math.dist(flown, truly) < 0.5  # estimated: half a metre is its wander
+        assert math.dist(displacement, truly) < 0.5  # estimated: half a metre is its wander
         leans = quat_multiply(quat_conjugate(flight.pose(0, t).attitude), own.pose(0, t).attitude)
         assert 2.0 * math.acos(min(1.0, abs(leans[0]))) < math.radians(4.0)
         assert shown.drones[0].velocity_ned is not None
@@ -213,7 +213,7 @@ def test_a_flight_that_never_began_is_refused(copied, rewrite):
 
 
 def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied):
-    """Killed in the middle of a line, at two thirds of its logs; what was flown till then is as it was."""
+    """Killed in the middle of a line, after two thirds of its logs. The rows before that are unchanged."""
     for name in (layout.TRUTH, layout.DECISIONS):
         whole = (copied / name).read_bytes()
         (copied / name).write_bytes(whole[: 2 * len(whole) // 3])
@@ -226,10 +226,10 @@ def test_a_flight_that_was_killed_is_shown_as_far_as_its_logs_go(flight, copied)
     assert killed.moment(t).drones[0].position_ned == flight.moment(t).drones[0].position_ned
     last = killed.moment(killed.end_s)
     assert "air" in last.state
-    assert not any(flight.recorded.verdict.outcome in said for said in last.judge.messages)
+    assert not any(flight.recorded.verdict.outcome in message for message in last.judge.messages)
 
 
-def test_what_is_damaged_or_no_flight_is_refused(copied, tmp_path):
+def test_damaged_and_invalid_flights_are_rejected(copied, tmp_path):
     with pytest.raises(UsageError, match="nothing"):
         flight_moments(tmp_path / "nothing")
     with pytest.raises(UsageError, match=str(tmp_path)):
@@ -255,30 +255,30 @@ def test_flights_of_two_episodes_are_not_laid_over_one_another(flight, copied, t
         of_one_episode([flight, flight_moments(copied)])
 
 
-def test_what_a_setpoint_leaves_open_is_nought_as_on_the_live_page(tmp_path):
-    """A velocity whose climb is NaN once kept the last setpoint on the page: it was no new one."""
+def test_open_axes_of_a_setpoint_are_zero_as_on_the_live_page(tmp_path):
+    """Earlier, a velocity with a NaN climb did not count as new and left the last setpoint on the page."""
     log, vehicle = TelemetryLog(tmp_path / layout.TLOG), Packer(1, 1)
     for time_ms, down, mask in ((1000, 0.3, 0), (2000, math.nan, 0b100000)):
         log.write(0, vehicle.pack(dialect.MAVLink_local_position_ned_message(time_ms, 0, 0, -2, 0, 0, 0)))
         log.write(0, vehicle.pack(dialect.MAVLink_position_target_local_ned_message(
             time_ms, 1, mask, 0, 0, 0, 1.0, 0.5, down, 0, 0, 0, 0, 0)))  # fmt: skip
     log.close()
-    heard = telemetry(tmp_path / layout.TLOG, 0)[0]
-    track = estimated_track(heard)
+    messages = telemetry(tmp_path / layout.TLOG, 0)[0]
+    track = estimated_track(messages)
     assert track is not None
-    assert track.level  # it never told how it leans
-    told = heard.setpoint_velocity
-    assert told.t_s == (1.0, 2.0)
-    assert told.values[0] == pytest.approx((1.0, 0.5, 0.3))
-    assert told.values[1] == (1.0, 0.5, 0.0)
+    assert track.level  # it never reported its attitude
+    velocity = messages.setpoint_velocity
+    assert velocity.t_s == (1.0, 2.0)
+    assert velocity.values[0] == pytest.approx((1.0, 0.5, 0.3))
+    assert velocity.values[1] == (1.0, 0.5, 0.0)
 
 
 def test_the_estimate_is_that_of_the_log_on_board_where_it_was_kept(flight, copied):
     true = with_onboard_log(copied, off=(7.0, 0.0, 0.0))
-    known = flight_moments(copied)
-    own, wire = known.recorded.estimated_tracks[0], flight.recorded.estimated_tracks[0]
+    with_log = flight_moments(copied)
+    own, wire = with_log.recorded.estimated_tracks[0], flight.recorded.estimated_tracks[0]
     assert len(own) > 5 * len(wire)
     for t in (1.0, 2.0, 3.0):
         assert own.at(t).position_ned[0] - true.at(t).position_ned[0] == pytest.approx(7.0, abs=0.01)
-        assert known.recorded.tracks[0].at(t) == flight.recorded.tracks[0].at(t)
-    assert known.recorded.telemetry[0].states == flight.recorded.telemetry[0].states
+        assert with_log.recorded.tracks[0].at(t) == flight.recorded.tracks[0].at(t)
+    assert with_log.recorded.telemetry[0].states == flight.recorded.telemetry[0].states

@@ -1,4 +1,4 @@
-"""What one jumps to: each thing that happened, at its time, and nothing of the judge's."""
+"""The occurrences to jump to: each event at its time, and none of the judge's."""
 
 import json
 
@@ -14,14 +14,14 @@ from foundation.truth import TRUTH_COMPONENT
 from tests.support.json_lines import rows
 
 DECISION, DECLARATION, FAULT = OccurrenceKind.DECISION, OccurrenceKind.DECLARATION, OccurrenceKind.FAULT
-LATER_US = 10_000_000  # µs after the flight's own messages, so that what is added comes last
+LATER_US = 10_000_000  # µs after the flight's own messages, so additions come last
 
 
 def test_decisions_are_those_of_the_log(flight, folder):
-    told = rows(folder / layout.DECISIONS)
-    assert [one.t_s for one in flight.of(DECISION)] == [row["t_decided"] for row in told]
+    decisions = rows(folder / layout.DECISIONS)
+    assert [occurrence.t_s for occurrence in flight.of(DECISION)] == [row["t_decided"] for row in decisions]
     assert flight.of(FAULT) == ()
-    assert all("step" in one.words for one in flight.of(DECISION))
+    assert all("step" in occurrence.words for occurrence in flight.of(DECISION))
 
 
 def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
@@ -39,10 +39,10 @@ def test_a_declaration_and_an_unreadable_reply(copied, rewrite, folder):
     assert declared.drone == 0
     assert "there is no JSON in it" in fault.words
     assert fault.t_s == flight.of(DECISION)[0].t_s
-    said = flight.moment(declared.t_s).judge.messages[0]
+    message = flight.moment(declared.t_s).judge.messages[0]
     assert flight.moment(declared.t_s - 0.01).judge.messages == ()
     frame = rows(folder / layout.TRUTH, "frame")[-1]
-    assert f"{frame['distance_m']:.2f} m" in said
+    assert f"{frame['distance_m']:.2f} m" in message
     (line,) = flight.moment(fault.t_s).drones[0].messages
     assert line.startswith(f"{fault.t_s:.1f} s")
     assert line.endswith(fault.words)
@@ -61,7 +61,7 @@ def test_the_envelope(copied):
 
 @pytest.mark.parametrize("component", [1, TRUTH_COMPONENT])
 def test_warnings_and_collisions(copied, component):
-    """Of the autopilot, and of the simulator that says what was hit; a notice is no fault."""
+    """Of the autopilot, and of the simulator that reports contacts; a notice is no fault."""
     t_s = added(copied, component, dialect.MAV_SEVERITY_WARNING, "Collision: hit a tree at 1.4 m/s")
     flight = flight_moments(copied)
     (fault,) = flight.of(FAULT)
@@ -85,7 +85,7 @@ def test_a_failsafe_and_an_end_that_none_wanted(copied, rewrite):
 
 
 def added(folder, component, severity, text):
-    """Have a component say something in the middle of the flight; return when, s."""
+    """Let a component send a text in the middle of the flight; return its time, s."""
     return spliced(folder, component, dialect.MAVLink_statustext_message(severity, text.encode(), 0, 0))
 
 
@@ -106,7 +106,7 @@ def spliced(folder, component, message):
 
 @given(st.lists(st.floats(0.0, 300.0), max_size=20), st.floats(0.0, 300.0))
 def test_next_and_before_are_the_nearest_on_their_side(times, t_s):
-    found = [Occurrence(t, DECISION, 0, "") for t in sorted(times)]
-    ahead, back = following(found, t_s), preceding(found, t_s)
+    occurrences = [Occurrence(t, DECISION, 0, "") for t in sorted(times)]
+    ahead, back = following(occurrences, t_s), preceding(occurrences, t_s)
     assert (ahead.t_s if ahead else None) == min((t for t in times if t > t_s + 1e-6), default=None)
     assert (back.t_s if back else None) == max((t for t in times if t < t_s - 1e-6), default=None)

@@ -1,4 +1,4 @@
-"""The page without a browser: a fleet made of rows alone, over a plain grid, as every viewer is sent it."""
+"""The page without a browser: a fleet from rows alone, over a plain grid, as sent to every viewer."""
 
 import itertools
 import math
@@ -43,10 +43,10 @@ def test_a_fleet_over_a_plain_grid_and_what_is_missing(page, sent, fleet):
     for drone in range(3):
         place = sent.newest("SetPositionMessage", f"/world/flight/drone-{drone}")["position"]
         assert math.dist(display.ned_of(place), (5.2, 2.0 * drone, -2.0)) < 1e-3
-    said = sent.text()
-    assert "flight.tlog" in said
-    assert re.search(r"4\.0 s\b.*\b15\.6 s", said)
-    assert "/world/map" in said
+    text = sent.text()
+    assert "flight.tlog" in text
+    assert re.search(r"4\.0 s\b.*\b15\.6 s", text)
+    assert "/world/map" in text
 
 
 def test_a_trail_is_the_way_flown_so_far_however_one_came_there(page, sent):
@@ -62,7 +62,7 @@ def test_a_trail_is_the_way_flown_so_far_however_one_came_there(page, sent):
 
 
 def fleet_way(page):
-    """Return how long the way is that a trail of the first drone is laid along, m."""
+    """Return the length of the first drone's trail, m."""
     way = page.flights[0].way(0, page.t_s, 0.1)
     return sum(math.dist(a, b) for a, b in itertools.pairwise(way))
 
@@ -74,10 +74,10 @@ def test_digits_choose_a_drone_and_the_view_goes_with_it(page, sent):
     page.go_to(4.0)
     assert page.idle(PATIENCE_S)
     assert (page.state.drone, page.state.along) == (2, True)
-    assert any((each.get("updates") or {}).get("value") == "drone 3" for each in sent.update())  # the panel says whom
+    assert any((each.get("updates") or {}).get("value") == "drone 3" for each in sent.update())  # in the panel
     x, y, z = sent.newest("SetPositionMessage", "/world")["position"]
     assert math.dist(display.ned_of((-x, -y, -z)), (5.2, 0.0, 0.0)) < 1e-3
-    page.choose(7)  # nobody has that number: the first is meant
+    page.choose(7)  # no drone has that number: it means the first one
     assert page.idle(PATIENCE_S)
 
 
@@ -91,7 +91,7 @@ def test_a_view_of_a_world_that_is_not_known_says_why(page, sent):
         assert page.state.view is view
 
 
-def test_what_is_judged_is_sent_on_demand_only(page, sent):
+def test_the_judges_data_is_sent_only_on_demand(page, sent):
     page.go_to(1e9)
     assert page.idle(PATIENCE_S)
     assert "verdict:" not in sent.text()
@@ -103,16 +103,16 @@ def test_what_is_judged_is_sent_on_demand_only(page, sent):
 
 
 def test_the_target_is_shown_unasked_where_it_is_then_and_of_the_chosen_flight_alone(flight, runs):
-    """Of both it would stand twice where one flight is over and the other goes on."""
+    """With both flights it would appear twice when one is over and the other goes on."""
     page = ReplayPage([flight, flight_moments(runs / "other")], free_port(socket.SOCK_STREAM), at_s=3.0)
     sent = Sent(page.url)
     try:
         for number in (0, 1):
             page.choose(number)
             assert page.idle(PATIENCE_S)
-            told = [each for each in sent.update() if "/thing/" in str(each.get("name"))]
-            shown = {each["name"] for each in told} - {
-                each["name"] for each in told if each["type"] == "RemoveSceneNodeMessage"
+            messages = [each for each in sent.update() if "/thing/" in str(each.get("name"))]
+            shown = {each["name"] for each in messages} - {
+                each["name"] for each in messages if each["type"] == "RemoveSceneNodeMessage"
             }
             (name,) = (each for each in shown if each.startswith(f"/world/{number + 1} "))
             assert len(shown) == 1

@@ -1,4 +1,4 @@
-"""The thread that plays: everything that is ordered is shown, in order, and what goes wrong ends nothing."""
+"""The thread that plays: every order is shown, in order, and errors end nothing."""
 
 import threading
 from functools import partial
@@ -23,7 +23,7 @@ def player(shown):
     made.close()
 
 
-def test_what_is_ordered_is_shown_and_nothing_while_it_stands(player, shown):
+def test_orders_are_shown_and_nothing_else_while_the_clock_stands(player, shown):
     assert player.idle(PATIENCE_S)
     assert shown == [0.0]
     player.order(lambda clock, wall_s: clock.scrubbed(4.0, wall_s))
@@ -49,9 +49,9 @@ def scrubbed(t_s, clock, wall_s):
 
 
 def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
-    said: list[Any] = []
+    exceptions: list[Any] = []
     shown: list[float] = []
-    monkeypatch.setattr(threading, "excepthook", said.append)
+    monkeypatch.setattr(threading, "excepthook", exceptions.append)
 
     def show(t_s, clock):
         if t_s == 3.0:
@@ -66,7 +66,7 @@ def test_a_time_that_cannot_be_shown_ends_nothing(monkeypatch):
     finally:
         player.close()
     assert shown[-1] == 5.0
-    assert [str(one.exc_value) for one in said] == ["no"]
+    assert [str(exception.exc_value) for exception in exceptions] == ["no"]
 
 
 def test_a_slow_page_skips_times_and_falls_behind_by_none(shown):
@@ -74,7 +74,7 @@ def test_a_slow_page_skips_times_and_falls_behind_by_none(shown):
 
     def show(t_s, clock):
         shown.append(t_s)
-        held.wait(0.2)  # a browser that takes its time
+        held.wait(0.2)  # a slow browser
 
     player = Player(PlaybackClock(10.0, speed=20.0), show)
     try:

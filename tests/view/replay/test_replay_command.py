@@ -1,4 +1,4 @@
-"""`dronecats replay` on the command line: it says where it is, serves the page, and ends when it is told to."""
+"""`dronecats replay` on the command line: it prints its address, serves the page, and ends on request."""
 
 import json
 import os
@@ -51,9 +51,9 @@ def test_wrong_options_are_one_sentence(capsys):
         (["--at", "-1"], "--at .*-1"),
     ):
         assert main(["replay", "anything", "--no-browser", *options]) == 2, options
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert said.count("\n") == 1, options
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert error.count("\n") == 1, options
 
 
 def test_wrong_runs_are_one_sentence(tmp_path, capsys):
@@ -73,6 +73,6 @@ def test_wrong_runs_are_one_sentence(tmp_path, capsys):
         ([first] * 10, r"\b10 .*\b9 "),
     ):
         assert main(["replay", *map(str, runs), "--no-browser"]) == 2, parts
-        said = capsys.readouterr().err
-        assert re.search(parts, said), said
-        assert said.count("\n") == 1
+        error = capsys.readouterr().err
+        assert re.search(parts, error), error
+        assert error.count("\n") == 1

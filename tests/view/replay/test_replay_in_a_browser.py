@@ -76,7 +76,7 @@ def press(browser, *keys) -> None:
 
 
 def shown_at(browser, page, t_s):
-    """Wait until the clock stands at a time, and the page says so."""
+    """Wait until the clock is at a time and the page shows it."""
     until(browser, lambda: page.t_s == pytest.approx(t_s) and page.idle(0.0) and f"{t_s:.1f} s of" in text(browser))
 
 
@@ -154,15 +154,15 @@ def test_d_and_f_jump_to_declarations_and_to_what_went_wrong(browser, opened, pl
 
 def test_a_drone_on_the_page_is_where_truth_jsonl_has_it(browser, opened, flight, folder):
     page, sent = opened([flight])
-    told = rows(folder / layout.TRUTH, "pose")
-    for row in told[1:10:3]:
+    poses = rows(folder / layout.TRUTH, "pose")
+    for row in poses[1:10:3]:
         page.go_to(row["t"])
         shown_at(browser, page, row["t"])
         until(browser, lambda row=row: away(sent, "/world/flight/drone-0", row["position_ned"]) < 0.02)
 
 
 def away(sent, node, place):
-    """Return how far a node of the browser is from a place, m."""
+    """Return the distance of a browser's node from a place, m."""
     position = sent.newest("SetPositionMessage", node)["position"]
     return math.dist(display.ned_of(tuple(position)), place)
 
@@ -193,9 +193,9 @@ def test_the_judges_view_is_not_sent_before_it_is_wanted(browser, opened, flight
     shown_at(browser, page, flight.end_s)
     press(browser, "v")
     assert page.idle(PATIENCE_S)
-    said = sent.text()
-    assert "/world/flight/drone-0" in said
-    assert [word for word in JUDGES if word in said] == []
+    sent_text = sent.text()
+    assert "/world/flight/drone-0" in sent_text
+    assert [word for word in JUDGES if word in sent_text] == []
     press(browser, "j")
     until(browser, lambda: "known to the judge only" in text(browser) and "verdict:" in text(browser))
     assert [word for word in JUDGES if word in sent.text()] == list(JUDGES)
@@ -221,11 +221,11 @@ def test_views_are_drawn_again(browser, opened, flight):
 
 
 def picture(browser):
-    """Return what identifies the picture that is shown among the views, None where there is none."""
+    """Return the identity of the picture shown among the views; None without one."""
     from selenium.webdriver.common.by import By
 
-    found = [each for each in browser.find_elements(By.CSS_SELECTOR, "img[src^=blob]") if each.is_displayed()]
-    return found[0].get_attribute("src") if found else None
+    images = [image for image in browser.find_elements(By.CSS_SELECTOR, "img[src^=blob]") if image.is_displayed()]
+    return images[0].get_attribute("src") if images else None
 
 
 def test_g_goes_with_a_drone_and_buttons_and_lists_do_what_keys_do(browser, opened, flight):
@@ -237,8 +237,8 @@ def test_g_goes_with_a_drone_and_buttons_and_lists_do_what_keys_do(browser, open
     press_button(browser, "▶|")
     shown_at(browser, page, flight.end_s)
     moved = sent.newest("SetPositionMessage", "/world")["position"]
-    flown = math.dist(flight.pose(0, 0.0).position_ned, flight.pose(0, flight.end_s).position_ned)
-    assert math.hypot(*moved) == pytest.approx(flown, abs=0.05)
+    distance_m = math.dist(flight.pose(0, 0.0).position_ned, flight.pose(0, flight.end_s).position_ned)
+    assert math.hypot(*moved) == pytest.approx(distance_m, abs=0.05)
     press_button(browser, "-0.1")
     shown_at(browser, page, flight.end_s - 0.1)
     box = until(browser, lambda: next((e for e in browser.find_elements(By.TAG_NAME, "input")

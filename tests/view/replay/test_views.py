@@ -1,4 +1,4 @@
-"""Views that are drawn again: the drone is in those from outside, and not in its own."""
+"""Redrawn views: the drone is visible from outside, and not in its own view."""
 
 import numpy as np
 import pytest

@@ -21,7 +21,7 @@ def test_a_flight_from_arming_to_disarming(bench: Bench) -> None:
     client.arm()
     bench.run(0.5)
     assert bench.core.setpoint["armed"] == 1
-    assert bench.core.setpoint["kind"] == 0  # armed on the ground: idle, whatever HOLD would like
+    assert bench.core.setpoint["kind"] == 0  # armed on the ground: idle, whatever the target of HOLD
     client.command(dialect.MAV_CMD_NAV_TAKEOFF)
     bench.until(lambda: not bench.commander.landed, 10)
     assert landed_state(bench) == dialect.MAV_LANDED_STATE_TAKEOFF
@@ -37,7 +37,7 @@ def test_a_flight_from_arming_to_disarming(bench: Bench) -> None:
     touch_down = bench.time_us
     bench.until(lambda: not bench.commander.armed, 5)
     assert (bench.time_us - touch_down) * 1e-6 == pytest.approx(2.0, abs=0.2)
-    assert client.arm() == 0  # the next flight needs no other mode: arming leaves LAND for HOLD
+    assert client.arm() == 0  # the next flight needs no mode change: arming leaves LAND for HOLD
     assert bench.commander.mode == "HOLD"
 
 
@@ -160,7 +160,7 @@ def test_the_pilot_overrides_a_battery_failsafe(bench: Bench) -> None:
     assert bench.client.mode(4, 3) == 0
     bench.run(1.0)
     assert bench.commander.mode == "HOLD"
-    bench.sensors["battery_remaining"] = 0.04  # a worse level is news
+    bench.sensors["battery_remaining"] = 0.04  # a worse level is reported
     bench.run(5.5)
     assert bench.commander.mode == "LAND"
 
@@ -173,7 +173,7 @@ def test_position_loss_sinks(bench: Bench) -> None:
     assert bench.velocity[2] == pytest.approx(0.7, abs=0.05)
     assert bench.commander.in_failsafe
     bench.core.converge()
-    bench.run(1.3)  # what was lost must be good for a second
+    bench.run(1.3)  # a regained estimate must be good for a second
     assert bench.commander.mode == "HOLD"
 
 
@@ -181,7 +181,7 @@ def test_ground_station_loss(bench: Bench) -> None:
     bench.autopilot.parameters.set("NAV_DLL_ACT", 3)
     bench.fly()
     bench.run(12.0)
-    assert bench.commander.mode == "HOLD"  # there never was one
+    assert bench.commander.mode == "HOLD"  # there was never a link
     bench.client.send(dialect.MAVLink_heartbeat_message(dialect.MAV_TYPE_GCS, 8, 0, 0, 4, 3))
     bench.run(9.5)
     assert not bench.commander.in_failsafe

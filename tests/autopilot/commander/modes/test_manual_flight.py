@@ -1,4 +1,4 @@
-"""What the sticks mean in each manual mode."""
+"""The effect of the sticks in each manual mode."""
 
 import math
 
@@ -16,7 +16,7 @@ from tests.autopilot.commander_bench import Bench
 P = ParameterTable()
 
 
-def flown(bench: Bench, main: int, seconds: float = 1.0, **axes: int) -> None:
+def fly_mode(bench: Bench, main: int, seconds: float = 1.0, **axes: int) -> None:
     """Fly the mode with these stick positions."""
     values = {"x": 0, "y": 0, "z": 500, "r": 0} | axes
 
@@ -32,25 +32,25 @@ def test_position_control_directions_and_speeds(bench: Bench) -> None:
     bench.autopilot.parameters.set("MPC_VEL_MAN_BACK", 4.0)
     bench.autopilot.parameters.set("MPC_VEL_MAN_SIDE", 6.0)
     bench.fly(10.0)
-    flown(bench, 3, 3.0, x=1000)
+    fly_mode(bench, 3, 3.0, x=1000)
     assert bench.velocity[0] == pytest.approx(10.0, abs=0.2)
-    flown(bench, 3, 3.0, x=-1000)
+    fly_mode(bench, 3, 3.0, x=-1000)
     assert bench.velocity[0] == pytest.approx(-4.0, abs=0.2)
-    flown(bench, 3, 3.0, y=1000)
+    fly_mode(bench, 3, 3.0, y=1000)
     assert bench.velocity[1] == pytest.approx(6.0, abs=0.2)
-    flown(bench, 3, 2.0, z=0)
+    fly_mode(bench, 3, 2.0, z=0)
     assert bench.velocity[2] == pytest.approx(1.5, abs=0.1)
 
 
 def test_centred_sticks_hold_the_place(bench: Bench) -> None:
     bench.fly(10.0)
-    flown(bench, 3, 3.0, x=1000)
-    flown(bench, 3, 3.0)
+    fly_mode(bench, 3, 3.0, x=1000)
+    fly_mode(bench, 3, 3.0)
     held = tuple(bench.core.setpoint["position_ned"])
     assert all(math.isfinite(x) for x in held)
-    flown(bench, 3, 3.0, x=60, y=-60)  # within MPC_HOLD_DZ
+    fly_mode(bench, 3, 3.0, x=60, y=-60)  # within MPC_HOLD_DZ
     assert tuple(bench.core.setpoint["position_ned"]) == held
-    flown(bench, 3, 0.5, z=800)
+    fly_mode(bench, 3, 0.5, z=800)
     held = bench.core.setpoint["position_ned"]
     assert math.isfinite(held[0])
     assert math.isnan(held[2])
@@ -58,18 +58,18 @@ def test_centred_sticks_hold_the_place(bench: Bench) -> None:
 
 def test_altitude_control_tilts_and_keeps_the_height(bench: Bench) -> None:
     bench.fly(10.0)
-    flown(bench, 2, 1.0, x=1000)
+    fly_mode(bench, 2, 1.0, x=1000)
     wanted = 9.80665 * math.tan(math.radians(35.0))
     assert bench.core.setpoint["acceleration_ned"][0] == pytest.approx(wanted, rel=1e-3)
     assert math.isnan(bench.core.setpoint["velocity_ned"][0])
     assert math.isfinite(bench.core.setpoint["position_ned"][2])
-    flown(bench, 2, 1.0, z=1000)
+    fly_mode(bench, 2, 1.0, z=1000)
     assert bench.core.setpoint["velocity_ned"][2] == pytest.approx(-3.0)
 
 
 def test_stabilized_tilts(bench: Bench) -> None:
     bench.fly(10.0)
-    flown(bench, 7, 0.5, x=500, y=-500)
+    fly_mode(bench, 7, 0.5, x=500, y=-500)
     assert bench.core.setpoint["kind"] == KIND_ATTITUDE
     roll, pitch, _ = quat_to_euler(tuple(bench.core.setpoint["attitude"]))
     assert math.degrees(roll) == pytest.approx(-17.5, abs=0.5)
@@ -79,7 +79,7 @@ def test_stabilized_tilts(bench: Bench) -> None:
 
 def test_acro_commands_rates(bench: Bench) -> None:
     bench.fly(10.0)
-    flown(bench, 5, 0.5, x=1000, y=500, r=-1000, z=1000)
+    fly_mode(bench, 5, 0.5, x=1000, y=500, r=-1000, z=1000)
     s = bench.core.setpoint
     assert s["kind"] == KIND_RATES
     assert [math.degrees(x) for x in s["rates_frd"]] == pytest.approx([50.0, -100.0, -100.0])
@@ -87,13 +87,13 @@ def test_acro_commands_rates(bench: Bench) -> None:
 
 
 def test_take_off_and_landing_by_hand(bench: Bench) -> None:
-    flown(bench, 3, 0.2)
+    fly_mode(bench, 3, 0.2)
     assert bench.client.arm() == 0
-    flown(bench, 3, 6.0, z=900)
+    fly_mode(bench, 3, 6.0, z=900)
     assert bench.height > 1.0
-    flown(bench, 3, 12.0, z=0)
+    fly_mode(bench, 3, 12.0, z=0)
     assert bench.commander.landed
-    flown(bench, 3, 3.0, z=0)
+    fly_mode(bench, 3, 3.0, z=0)
     assert not bench.commander.armed
 
 

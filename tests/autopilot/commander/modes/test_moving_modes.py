@@ -18,7 +18,7 @@ def place(bench: Bench) -> tuple[float, float]:
 
 
 class Walker:
-    """A target on foot that tells its place once a second."""
+    """A walking target that sends its position once a second."""
 
     def __init__(self, bench: Bench, north: float, east: float, *, vn: float = 0.0, ve: float = 0.0) -> None:
         self.bench, self.north, self.east, self.vn, self.ve = bench, north, east, vn, ve
@@ -59,7 +59,7 @@ def test_follow_keeps_its_place_beside_a_walker(bench: Bench, angle: float, behi
     to_target = math.atan2(-e, -n)
     assert abs(wrap_pi(bench.autopilot.state.yaw - to_target)) < math.radians(10.0)
     stopped = place(bench)
-    bench.run(8.0)  # the target falls silent
+    bench.run(8.0)  # the target stops sending
     assert math.dist(place(bench), stopped) < 8.0
     still = place(bench)
     bench.run(3.0)

@@ -1,4 +1,4 @@
-"""Missions, fences and rally points outlive a restart, as in PX4's dataman; a damaged file is said, never flown."""
+"""Missions, fences and rally points survive a restart, as in PX4's dataman. A damaged file is reported, never flown."""
 
 import json
 import math
@@ -17,7 +17,7 @@ from tests.support.refusal import refusal
 
 
 def wire(bench: Bench, kind: int) -> list[bytes]:
-    """Return what a client downloads, without the flag of the current item."""
+    """Return a client's download, without the flag of the current item."""
     messages = download(bench.client, kind)
     for message in messages:
         message.current = 0
@@ -37,7 +37,7 @@ def test_a_new_process_serves_the_very_bits_of_the_upload(tmp_path: Path) -> Non
     after = Bench(profile="minimal", plan_file=file)
     for kind in PLANS:
         assert wire(after, kind) == wire(before, kind) != []
-    assert json.loads(file.read_text())  # no number in it that JSON does not have
+    assert json.loads(file.read_text())  # contains no number outside JSON
     assert "NaN" not in file.read_text()
     assert list(tmp_path.iterdir()) == [file]
 
@@ -102,7 +102,7 @@ def test_a_damaged_file_is_refused_with_its_name(tmp_path: Path) -> None:
         file = tmp_path / "plans.json"
         file.write_text(content)
         assert "plans.json" in refusal(Plans, file), content
-        assert file.read_text() == content, content  # and left for whoever wants to mend it
+        assert file.read_text() == content, content  # and left for a person to mend
 
 
 @settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
@@ -138,5 +138,5 @@ def test_a_partial_write_is_refused_at_once_and_changes_nothing() -> None:
     bench.client.send(dialect.MAVLink_mission_write_partial_list_message(1, 1, 1, 2, 0))
     assert [(ack.type, ack.mission_type) for ack in bench.client.of("MISSION_ACK")] == [(UNSUPPORTED, 0)]
     bench.client.send(item(1, north=400.0))
-    assert bench.client.of("MISSION_ACK")[-1].type != ACCEPTED  # nor is an item taken that nobody asked for
+    assert bench.client.of("MISSION_ACK")[-1].type != ACCEPTED  # an unrequested item is not taken either
     assert wire(bench, 0) == before

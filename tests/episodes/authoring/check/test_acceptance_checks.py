@@ -1,4 +1,4 @@
-"""The acceptance checks: a sound record is green throughout, and each thing done wrong to it turns its own rule red."""
+"""The acceptance checks: a sound record is green throughout, and each fault turns its own rule red."""
 
 import json
 import math
@@ -94,10 +94,10 @@ def test_a_sound_record_is_green(record: EpisodeRecord) -> None:
     ],
 )  # fmt: skip
 def test_each_wrong_thing_turns_its_own_rule_red(record: EpisodeRecord, change: Change, rule: str, field: str) -> None:
-    found = [f for name, f in red(change(record)).items() if rule in name]
-    assert [f.field for f in found] == [field]
-    assert found[0].measured in found[0].sentence
-    assert found[0].wanted in found[0].sentence
+    findings = [f for name, f in red(change(record)).items() if rule in name]
+    assert [f.field for f in findings] == [field]
+    assert findings[0].measured in findings[0].sentence
+    assert findings[0].wanted in findings[0].sentence
 
 
 def test_a_start_beside_a_lamp_is_not_free() -> None:
@@ -120,7 +120,7 @@ def test_a_path_that_passes_the_start_is_refused() -> None:
 
 
 def test_a_path_over_a_kerb_at_a_slant_lifts_a_wheel() -> None:
-    """The path itself lies on the ground; it is the four wheels that cannot all touch."""
+    """The path itself is on the ground; the four wheels cannot all touch it."""
     world = World(MOVING)
     drive = world.target_pose(0.0)[0]
     slant = [(drive[0] + k * 0.1, drive[1] + k * 0.1) for k in range(-150, 151)]
@@ -151,7 +151,7 @@ def test_pixels_are_those_that_the_renderer_draws() -> None:
 
 
 def test_a_triangle_reaches_into_a_box_when_a_point_of_it_does() -> None:
-    """Against points spread over the triangle; a triangle kept off by a plane between them never counts."""
+    """Against points spread over the triangle. A triangle beyond a separating plane never counts."""
     rng = np.random.default_rng(8)
     weights = rng.dirichlet((1.0, 1.0, 1.0), 4000)
     met = 0
@@ -163,7 +163,7 @@ def test_a_triangle_reaches_into_a_box_when_a_point_of_it_does() -> None:
         inside = bool((np.abs(local) <= box.half).all(axis=1).any())
         met += inside
         assert overlaps(triangle, box) or not inside
-        grown = Box(box.centre_ned, box.half + 0.35, box.yaw)  # farther than the points lie from each other
+        grown = Box(box.centre_ned, box.half + 0.35, box.yaw)  # farther than the distance between the points
         assert (np.abs(local) <= grown.half).all(axis=1).any() or not overlaps(triangle, box)
     assert 50 < met < 250
 

@@ -38,7 +38,7 @@ def beside(place: Vec3, metres: float) -> Vec3:
 
 
 def fleet_at(record: EpisodeRecord, away_m: float) -> EpisodeRecord:
-    """Return the record with its fleet moved along its line of sight until it is that far from its target."""
+    """Return the record with its fleet moved along its line of sight to that distance from its target."""
     goal = World(record).target_centre(0.0)
     first = record.starts[0].position_ned
     share = 1.0 - away_m / math.dist(first[:2], goal[:2])
@@ -110,8 +110,8 @@ def second_drone_before(record: EpisodeRecord, which: int, aside_m: float) -> Ep
 )
 def test_a_drone_in_the_way_hides_what_is_behind_it(which: int, rule: str) -> None:
     def measured(aside_m: float) -> str:
-        found = check(World(second_drone_before(FACING, which, aside_m)))
-        return next(f.measured for f in found if f.rule == rule)
+        findings = check(World(second_drone_before(FACING, which, aside_m)))
+        return next(f.measured for f in findings if f.rule == rule)
 
     assert float(measured(0.0).split()[0]) == 0.0
     assert rule in red(second_drone_before(FACING, which, 0.0))
@@ -125,7 +125,7 @@ def test_an_asset_without_an_inscription_is_no_candidate() -> None:
 
 
 def facing(distance_m: float, turned_deg: float) -> float:
-    """Return how high the letters of the named sign are for a drone straight before its board, the sign then turned."""
+    """Return the letter height of the named sign for a drone straight before its board, after the sign is turned."""
     world = World(SIGNS)
     one = replace(world.target, position_ned=(0.0, 0.0, 0.0), yaw=math.pi + math.radians(turned_deg))
     other = Instance(99, "other", "sign", one.mesh, (500.0, 0.0, 0.0))
@@ -147,12 +147,12 @@ near = st.tuples(st.floats(-40.0, 40.0), st.floats(-40.0, 40.0), st.floats(-4.0,
 @settings(max_examples=12, deadline=None)
 @given(place=somewhere | near, spot=somewhere | near, yaw=st.floats(-360.0, 360.0), count=st.integers(1, 8))
 def test_any_record_that_can_be_read_gets_findings(place: Vec3, spot: Vec3, yaw: float, count: int) -> None:
-    """Nonsense is red, never an exception: a drone inside its target, below the ground, or a kilometre off."""
+    """Nonsense is red, never an exception: a drone inside its target, below the ground, or a kilometre away."""
     wild = replace(
         SIGNS,
         target=replace(SIGNS.target, position_ned=spot, yaw_deg=yaw),
         starts=tuple(StartPose((place[0] + 2.0 * k, place[1], place[2]), yaw) for k in range(count)),
     )
-    found = check(World(wild))
-    assert any(not f.passed for f in found)
-    assert all(f.field and f.rule and "\n" not in f.sentence for f in found)
+    findings = check(World(wild))
+    assert any(not f.passed for f in findings)
+    assert all(f.field and f.rule and "\n" not in f.sentence for f in findings)

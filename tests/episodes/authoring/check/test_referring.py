@@ -1,4 +1,4 @@
-"""Referring expressions: what is left is left from where one stands, and what might be meant too is no reference."""
+"""Referring expressions: left depends on the viewer's position, and an ambiguous expression does not refer."""
 
 import math
 from typing import Any
@@ -52,7 +52,7 @@ def test_between_two_landmarks() -> None:
     assert named("between", (20.0, 11.0), "the fountain", "the statue")
     assert not named("between", (20.0, 30.0), "the fountain", "the statue")
     assert not named("between", (30.0, 10.0), "the fountain", "the statue")
-    assert not named("between", (10.0, 25.0), "the fountain", "Euler Hall")  # a hall is no point
+    assert not named("between", (10.0, 25.0), "the fountain", "Euler Hall")  # a hall is not a point
 
 
 def test_a_rival_that_might_be_meant_spoils_the_reference() -> None:
@@ -91,12 +91,12 @@ def test_directions_do_not_depend_on_the_compass(off: float, away: float, turned
                 assert len(here[0]) == len(there[0]) or abs(away - 12.0) < 0.01
 
 
-def test_what_is_said_is_read_again() -> None:
+def test_an_expression_in_words_is_read_back() -> None:
     for pattern in ("go to {}", "find {} and go to it", "locate {}, go after it and reach it"):
         for relation in RELATIONS:
             marks = ("the fountain", "Euler Hall") if relation == "between" else ("Euler Hall",)
-            said = Expression("bike rack", relation, marks)
-            assert read(pattern.format(said.words), MARKS) == said, (relation, pattern)
+            expression = Expression("bike rack", relation, marks)
+            assert read(pattern.format(expression.words), MARKS) == expression, (relation, pattern)
 
 
 def test_only_known_landmarks_are_read() -> None:
@@ -108,12 +108,12 @@ def test_only_known_landmarks_are_read() -> None:
 
 def test_every_expression_offered_refers() -> None:
     things = {"it": (20.0, -5.0, 0.0), "other": (21.0, 15.0, 0.0)}
-    found = expressions("bench", "it", things, MARKS, VIEWER)
-    assert {one.relation for one in found} >= {"left of", "nearest"}
-    assert all(refers(one, "it", things, MARKS, VIEWER) for one in found)
+    offered = expressions("bench", "it", things, MARKS, VIEWER)
+    assert {expression.relation for expression in offered} >= {"left of", "nearest"}
+    assert all(refers(expression, "it", things, MARKS, VIEWER) for expression in offered)
 
 
-def test_who_walks_is_told_from_who_stands() -> None:
+def test_a_pedestrian_has_the_kind_and_nouns_of_a_person() -> None:
     assert kind_of("pedestrian") == kind_of("person")
     assert kind_of("delivery_robot") == "delivery-robot"
     assert set(nouns("pedestrian")) == set(nouns("person"))

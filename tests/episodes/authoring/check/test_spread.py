@@ -1,4 +1,4 @@
-"""The rules about a suite: even draws are green, and each way of giving a target's place away turns its rule red."""
+"""The rules about a suite: even draws are green, and each way to reveal a target's place turns its rule red."""
 
 import dataclasses
 import json
@@ -32,18 +32,30 @@ def record(name: str) -> EpisodeRecord:
     return catalogue.load(name)
 
 
-def told(one: EpisodeRecord) -> Layout:
-    """Return a record's layout as its own numbers tell it, without its scene."""
-    off = math.remainder(one.bearing_deg - one.starts[0].yaw_deg, 360.0)
-    hidden = one.cell in HIDDEN
+def layout_of_record(episode: EpisodeRecord) -> Layout:
+    """Return a record's layout from its own numbers, without its scene."""
+    off = math.remainder(episode.bearing_deg - episode.starts[0].yaw_deg, 360.0)
+    hidden = episode.cell in HIDDEN
     column = None if hidden else 0.5 + 0.5 * math.tan(math.radians(off))
-    row, fewest = None if hidden else 0.5, 500 if one.cell == "commanding" else None
-    return Layout(one.id, one.map, one.cell, one.seed, off, column, row, one.start_distance_m, 1.7, frozenset(), fewest)
+    row, fewest = None if hidden else 0.5, 500 if episode.cell == "commanding" else None
+    return Layout(
+        episode.id,
+        episode.map,
+        episode.cell,
+        episode.seed,
+        off,
+        column,
+        row,
+        episode.start_distance_m,
+        1.7,
+        frozenset(),
+        fewest,
+    )
 
 
 def made(map_name: str = "residential", cell: str = "approaching") -> list[Layout]:
-    """Return ten even layouts of a cell, each passed on the headings within a few degrees of its target."""
-    hidden, found = cell in HIDDEN, []
+    """Return ten even layouts of a cell; the headings within a few degrees of the target pass it."""
+    hidden, layouts = cell in HIDDEN, []
     for k in TEN:
         off = 50.0 + 28.0 * k if hidden else math.degrees(math.atan(-0.8 + 1.6 * k / 9.0))
         passed = frozenset(h for h in range(-180, 180, 2) if abs(math.remainder(h - off, 360.0)) < 10.0)
@@ -51,10 +63,10 @@ def made(map_name: str = "residential", cell: str = "approaching") -> list[Layou
         distance = 16.0 if map_name == "residential" else 12.5 + 35.0 * k / 9.0
         name = f"{map_name}-{cell}-{k + 1:02d}"
         seed, height, row = zlib.crc32(name.encode()), 1.22 + 0.96 * k / 9.0, 0.5 + 0.01 * k
-        found.append(
+        layouts.append(
             Layout(name, map_name, cell, seed, off, column, None if hidden else row, distance, height, passed, None)
         )
-    return found
+    return layouts
 
 
 def suite() -> list[Layout]:
@@ -102,16 +114,18 @@ def test_an_even_suite_is_green() -> None:
          "the rows between the uppermost and the lowest target"),
     ],
 )  # fmt: skip
-def test_what_gives_a_place_away_turns_its_rule_red(worse: Callable[[list[Layout]], list[Layout]], rule: str) -> None:
+def test_layouts_that_reveal_the_place_turn_their_rule_red(
+    worse: Callable[[list[Layout]], list[Layout]], rule: str
+) -> None:
     assert any(rule in one for one in red(worse(suite())))
 
 
 def test_the_shipped_records_are_spread_and_those_of_version_1_are_not() -> None:
-    """By the records' own numbers; the scenes are built for it among the slow ones."""
-    drawn = [told(record(name)) for name in catalogue.ids()]
+    """By the records' own numbers; a slow test builds the scenes for it."""
+    drawn = [layout_of_record(record(name)) for name in catalogue.ids()]
     about = ("off the nose", "uneven", "seeds", "campus")
     assert not [rule for rule in red(drawn) if any(word in rule for word in about)]
-    former = red([told(record(name)) for name in catalogue.v1_ids()])
+    former = red([layout_of_record(record(name)) for name in catalogue.v1_ids()])
     assert sum("off the nose" in rule for rule in former) == 4
     assert sum("yaws" in rule for rule in former) == 4
 
@@ -127,23 +141,25 @@ def test_the_suite_that_ships_keeps_the_rules_about_a_suite() -> None:
     assert [f.sentence for f in rules.check_suite([one for one in layouts if one]) if not f.passed] == []
 
 
-def test_what_a_straight_flight_passes_is_what_is_ahead_of_it() -> None:
+def test_a_straight_flight_passes_targets_ahead_of_it() -> None:
     world = World(record(catalogue.DEFAULT))
-    found = layout(world)
-    middle = [h for h in found.straight_deg if abs(math.remainder(h - found.off_deg, 360.0)) < 3.0]
+    measured = layout(world)
+    middle = [h for h in measured.straight_deg if abs(math.remainder(h - measured.off_deg, 360.0)) < 3.0]
     assert middle  # straight at the target
-    assert all(abs(math.remainder(h - found.off_deg, 360.0)) < 20.0 for h in found.straight_deg)  # asin 5/16 is 18°
-    assert 15 <= 2 * len(found.straight_deg) <= 38
+    assert all(
+        abs(math.remainder(h - measured.off_deg, 360.0)) < 20.0 for h in measured.straight_deg
+    )  # asin 5/16 is 18°
+    assert 15 <= 2 * len(measured.straight_deg) <= 38
     start = world.record.starts[0]
     turned = dataclasses.replace(world.record, starts=(dataclasses.replace(start, yaw_deg=start.yaw_deg + 40.0),))
     moved = layout(World(turned)).straight_deg
-    assert {h - 40 for h in found.straight_deg} == set(moved)
+    assert {h - 40 for h in measured.straight_deg} == set(moved)
 
 
-def test_whoever_passes_was_within_the_radius_and_saw_it() -> None:
-    """A second count, in steps of a decimetre and without the bounds on where to look."""
+def test_a_passing_flight_was_within_the_radius_and_saw_the_target() -> None:
+    """A second count, in steps of a decimetre and without bounds on the search."""
     world = World(record(catalogue.DEFAULT))
-    found, start = layout(world), world.record.starts[0]
+    measured, start = layout(world), world.record.starts[0]
     for heading in range(-40, 80, 2):
         yaw = math.radians(start.yaw_deg + heading)
         attitude, met = quat_from_euler(0.0, 0.0, yaw), False
@@ -152,7 +168,7 @@ def test_whoever_passes_was_within_the_radius_and_saw_it() -> None:
             place = (n + along * math.cos(yaw), e + along * math.sin(yaw), d)
             if math.dist(place, world.target_centre(0.0)) <= 5.0:
                 met = met or bool(world.measure(0.0, place, attitude, CameraModel()).visible)
-        assert met or heading not in found.straight_deg
+        assert met or heading not in measured.straight_deg
 
 
 @given(st.lists(st.floats(0.0, 1.0), min_size=1, max_size=30))
@@ -173,7 +189,7 @@ def test_shares_use_every_stratum_once(count: int, seed: int) -> None:
 
 
 def test_framing_agrees_with_the_pixels() -> None:
-    """Wholly shown: nothing reaches an edge; hidden: not one pixel, and a little nearer there is one."""
+    """Fully shown: nothing reaches an edge. Hidden: no pixel, and a little nearer there is one."""
     world = World(record("residential-searching-01"))
     place, yaw = world.target_upright(0.0)
     here = world.record.starts[0].position_ned
@@ -224,7 +240,7 @@ def test_check_says_what_is_wrong_with_a_suite(
     (wrong,) = answer["suite"]
     assert "'seed'" in wrong
     assert f"{catalogue.DEFAULT}, {name}" in wrong
-    assert main(["episodes", "check", "--jobs", "1", name]) == 0  # a rule about the suite is none about a record
+    assert main(["episodes", "check", "--jobs", "1", name]) == 0  # a rule about the suite does not apply to a record
 
 
 def test_the_middle_of_the_picture_is_no_better_than_its_sides() -> None:

@@ -1,4 +1,4 @@
-"""Contact sheets: one row per asset, each of them to be seen in every column, and the same bytes each time."""
+"""Contact sheets: one row per asset, visible in every column, with the same bytes each time."""
 
 import re
 from pathlib import Path

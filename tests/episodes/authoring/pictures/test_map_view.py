@@ -1,4 +1,4 @@
-"""The pictures of the maps: there is one of each, small enough, and drawn the same each time."""
+"""The pictures of the maps: one of each, small enough, drawn the same each time."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def test_unknown_maps_and_unwritable_files_are_refused(tmp_path: Path) -> None:
 
 
 def test_the_plan_names_what_stands(tmp_path: Path) -> None:
-    """Without names the picture from above would have no ink as dark as theirs."""
+    """Without names the plan would have no ink as dark as theirs."""
     write_map_plan("blocks", tmp_path / "plan.jpg")
     plan = pictures.read(tmp_path / "plan.jpg", cv2.IMREAD_GRAYSCALE)
     assert plan.shape == (SIDE_PX, SIDE_PX)

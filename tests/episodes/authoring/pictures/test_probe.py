@@ -1,4 +1,4 @@
-"""The reading probe: letters as high as geometry has them, in the very pictures that a model gets."""
+"""The reading probe: letters of the geometric height, in the same pictures that a model gets."""
 
 import json
 
@@ -22,7 +22,7 @@ def written(tmp_path_factory):
 
 
 def height_of_ink(grey, focal, kind, text, distance):
-    """Return how high the letters stand, px: rows between the half heights of the ink's profile, to sub-pixels."""
+    """Return the height of the letters, px: rows between the half heights of the ink's profile, to sub-pixels."""
     face = reading.face_of(assets.build(kind.asset, kind.paint, text), kind.material)
     middle = grey.shape[0] / 2 + focal * max(0.0, reading.LEAST_EYE_M - face.height) / distance
     letter = focal * kind.letter_m / distance

@@ -1,4 +1,4 @@
-"""Proposed records: the same from the same seed, and sound without exception."""
+"""Proposed records: the same from the same seed, and always sound."""
 
 import itertools
 import math
@@ -34,13 +34,15 @@ from foundation.terrain import HeightField
     ],
 )
 def test_proposals_are_sound_and_the_same_again(wanted: RecordRequest) -> None:
-    found = propose(wanted)
-    assert [r.id for r in found] == [f"{wanted.map}-{wanted.cell}-{wanted.first + k:02d}" for k in range(wanted.count)]
-    for record in found:
+    proposals = propose(wanted)
+    assert [r.id for r in proposals] == [
+        f"{wanted.map}-{wanted.cell}-{wanted.first + k:02d}" for k in range(wanted.count)
+    ]
+    for record in proposals:
         assert parse(record.to_json(), "again") == record
         assert all(f.passed for f in check(World(record)))
         assert record.visible_at_start == (record.cell not in HIDDEN)
-    assert [r.to_json() for r in propose(wanted)] == [r.to_json() for r in found]
+    assert [r.to_json() for r in propose(wanted)] == [r.to_json() for r in proposals]
 
 
 def test_another_seed_makes_other_records() -> None:
@@ -49,22 +51,22 @@ def test_another_seed_makes_other_records() -> None:
 
 
 def test_command_writes_records_that_load(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    asked = ["--map", "residential", "--cell", "approaching", "--count", "1", "--seed", "3", "--out", str(tmp_path)]
-    assert main(["episodes", "new", *asked]) == 0
+    options = ["--map", "residential", "--cell", "approaching", "--count", "1", "--seed", "3", "--out", str(tmp_path)]
+    assert main(["episodes", "new", *options]) == 0
     file = tmp_path / "residential-approaching-11.json"  # ten ship
     assert str(file) in capsys.readouterr().out
     assert catalogue.load(file).cell == "approaching"
-    assert main(["episodes", "new", *asked]) == 0  # the same once more
+    assert main(["episodes", "new", *options]) == 0  # the same once more
     file.write_text("what somebody has made of it")
-    assert main(["episodes", "new", *asked]) == 2
+    assert main(["episodes", "new", *options]) == 2
     assert str(file) in capsys.readouterr().err
     assert file.read_text() == "what somebody has made of it"
 
 
 def test_a_file_that_cannot_be_written_is_a_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "blocks-commanding-20.json").mkdir()
-    asked = ["--map", "blocks", "--cell", "commanding", "--first", "20", "--out", str(tmp_path)]
-    assert main(["episodes", "new", *asked]) == 2
+    options = ["--map", "blocks", "--cell", "commanding", "--first", "20", "--out", str(tmp_path)]
+    assert main(["episodes", "new", *options]) == 2
     assert "blocks-commanding-20.json" in capsys.readouterr().err
 
 
@@ -108,9 +110,9 @@ def test_words_suit_cell_and_target() -> None:
             text = draft.instruction(cell, "the thing", asset, rng)
             assert "the thing" in text
             assert "{" not in text
-    said = {draft.instruction("tracking", "the person", "person", rng) for _ in range(40)}
-    assert any(text.endswith(" them") for text in said)
-    assert not any(text.endswith(" it") for text in said)
+    instructions = {draft.instruction("tracking", "the person", "person", rng) for _ in range(40)}
+    assert any(text.endswith(" them") for text in instructions)
+    assert not any(text.endswith(" it") for text in instructions)
 
 
 def test_plates_are_alike_but_not_the_same() -> None:

@@ -1,4 +1,4 @@
-"""Each effect by the law it claims, on scenes whose picture is known."""
+"""Each effect against its physical law, on scenes with a known picture."""
 
 import dataclasses
 import hashlib
@@ -123,7 +123,7 @@ def test_a_layer_of_haze_lets_the_sky_overhead_through():
     level = picture(scene_of(), layer)[44, 80].astype(int)
     assert np.abs(clear - overhead).max() < 60
     assert overhead[2] > overhead[0]  # still blue
-    assert level[0] > level[2] + 60  # at the horizon nothing but haze is seen
+    assert level[0] > level[2] + 60  # at the horizon only haze is visible
 
 
 @pytest.mark.parametrize(
@@ -141,7 +141,7 @@ def test_the_lens_is_opencvs(lens):
 
 
 def test_the_picture_is_bent_where_the_lens_says_and_full_to_its_corners():
-    """The right edge of a board lands on the column that OpenCV's model gives it."""
+    """The right edge of a board is at the column that OpenCV's model predicts."""
     lens, camera = LensModel(k1=-0.12, k2=0.01), CameraModel(640, 360, 90.0, (0.0, 0.0, 0.0))
     scene = scene_of(wall(10.0, 14.0, 8.0))
     row = Codes().light(picture(scene, Optics(lens=lens), camera=camera))[180, :, 0]
@@ -167,7 +167,7 @@ def test_noise_has_the_variance_of_its_electrons():
 
 
 def test_blur_is_as_long_as_the_way_moved_while_the_shutter_was_open():
-    """A board's edge, seen while flying sideways, becomes a ramp of f · v · T / depth pixels about its place."""
+    """A board's edge, seen in sideways flight, becomes a ramp of f · v · T / depth pixels about its place."""
     camera = CameraModel(640, 64, 90.0, (0.0, 0.0, 0.0))
     scene = scene_of(wall(8.0, 8.0, 20.0, centre=(-4.0, -2.0)))
     flying = dataclasses.replace(STILL, velocity_ned=(0.0, 4.0, 0.0))
@@ -215,7 +215,7 @@ def test_nothing_is_rained_upon_that_stands_before_the_drops():
 
 def test_streaks_are_vertical_when_hovering_and_slant_in_flight():
     def spread(mask):
-        """Return how much more the mask changes across columns than along them."""
+        """Return the mask's change across columns relative to its change along them."""
         return np.abs(np.diff(mask, axis=1)).sum() / np.abs(np.diff(mask, axis=0)).sum()
 
     camera = CameraModel(640, 360, 90.0, (0.0, 0.0, 0.0))

@@ -1,4 +1,4 @@
-"""Camera options from TOML: what is said is what is flown, and what is wrong is one sentence."""
+"""Camera options from TOML: the flight uses the file's options, and an invalid file gives one sentence."""
 
 import json
 import re

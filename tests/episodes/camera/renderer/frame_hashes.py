@@ -1,4 +1,4 @@
-"""What the shipped maps look like from a handful of poses, as one SHA-256 per frame.
+"""Views of the shipped maps from a handful of poses, as one SHA-256 per frame.
 
     python -m tests.episodes.camera.renderer.frame_hashes
 
@@ -27,13 +27,13 @@ def frame_hashes(name: str, threads: int) -> list[str]:
     scene = maps.build(name)
     n, e, d = scene.spawn_ned
     renderer = Renderer(scene, CAMERA, threads)
-    found = []
+    digests = []
     for height, pitch, turn in VIEWS:
         attitude = quat_from_euler(0.0, math.radians(pitch), scene.spawn_yaw + math.radians(turn))
         view = renderer.render(CameraPose((n, e, d - height), attitude))
-        found.append(hashlib.sha256(view.rgb.tobytes() + view.depth.tobytes() + view.ids.tobytes()).hexdigest())
+        digests.append(hashlib.sha256(view.rgb.tobytes() + view.depth.tobytes() + view.ids.tobytes()).hexdigest())
     renderer.close()
-    return found
+    return digests
 
 
 if __name__ == "__main__":

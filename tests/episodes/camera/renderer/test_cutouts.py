@@ -1,4 +1,4 @@
-"""Cut-out surfaces: the picture, the shadows, rays and obstacles agree on what is a hole."""
+"""Cut-out surfaces: the picture, the shadows, rays and obstacles agree on the holes."""
 
 import numpy as np
 import pytest
@@ -100,7 +100,7 @@ def test_only_foliage_does_not_stop_a_vehicle():
 
 
 def test_foliage_is_lit_alike_from_both_sides():
-    """By its normals, whichever side of it is seen."""
+    """By its normals, from either side."""
     lit = []
     for foliage in (False, True):
         mesh = board(np.array([[True, True]]), foliage)

@@ -1,4 +1,4 @@
-"""Depth and ids are those of a ray through the middle of each pixel."""
+"""Depth and ids equal those of a ray through the middle of each pixel."""
 
 import math
 
@@ -20,7 +20,7 @@ CAMERA = CameraModel(width=160, height=90)
 
 @pytest.fixture(scope="module")
 def dots():
-    """A renderer of one cube of 0.1 m that can be put anywhere."""
+    """A renderer of one movable cube of 0.1 m."""
     cube = instance(1, box_mesh(0.1, 0.1, 0.1), (0, 0, 0), movable=True)
     return Renderer(scene_of([cube]), CAMERA, shadow_cells=64)
 
@@ -52,7 +52,7 @@ def test_depth_of_level_ground_is_the_analytic_one(pose):
 
 
 def test_ground_below_and_behind_survives_the_near_plane():
-    """Corners behind the camera, and a plane that runs through the near distance itself."""
+    """Corners behind the camera, and a plane that crosses the near distance."""
     renderer = Renderer(scene_of([instance(1, ground_mesh(), (0, 0, 0), "ground")]), CAMERA, shadow_cells=64)
     for height in (0.01, 0.06, 0.5):
         view = renderer.render(looking((0, 0, -height), 10.0))
@@ -141,7 +141,7 @@ def test_more_samples_change_neither_depth_nor_ids():
 
 
 def test_a_closed_box_has_walls_for_an_eye_within():
-    """Backs of closed surfaces are left out only where they cannot be seen."""
+    """Backs of closed surfaces are omitted only if they cannot be seen."""
     room = instance(1, box_mesh(10.0, 8.0, 6.0), (0.0, 0.0, 0.0), movable=True)
     renderer = Renderer(scene_of([room]), CAMERA, shadow_cells=64)
     for north, distance in ((0.0, 5.0), (-4.99, 9.99), (-5.02, 10.02)):  # the last one: the near plane cuts the wall

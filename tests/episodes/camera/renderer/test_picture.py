@@ -1,4 +1,4 @@
-"""What the picture shows: light, shadow, textures, moving things; and that it is always the same picture."""
+"""The picture: light, shadow, textures and moving things, and the same picture every time."""
 
 import dataclasses
 import hashlib
@@ -70,7 +70,7 @@ def test_shadow_falls_away_from_the_sun_and_nowhere_else(post):
 
 
 def test_shadow_begins_at_the_foot(post):
-    """No gap between a thing and its shadow that a person would see (a few cells of the map)."""
+    """No visible gap between a thing and its shadow (a few cells of the map)."""
     view = post.render(from_above(12.0))
     assert ground_at(view, 12.0, 0.0, -2.2) < 0.75 * ground_at(view, 12.0, 4.0, -4.0)
     low = post.render(looking((0.0, -6.0, -1.0), 90.0, -10.0))
@@ -79,7 +79,7 @@ def test_shadow_begins_at_the_foot(post):
 
 
 def test_lit_planes_do_not_shade_themselves(post):
-    """Acne would show as a spread of brightness on ground and walls that the sun reaches everywhere."""
+    """Acne would spread the brightness on ground and walls in full sun."""
     view = post.render(looking((8.0, 8.0, -3.0), 20.0, -25.0))
     ground = view.rgb[(view.ids == 1) & (view.depth < 6.0)].mean(axis=1)
     assert ground.size > 500
@@ -105,7 +105,7 @@ def test_a_moved_thing_may_be_tilted_or_not_be_there(post):
     level = post.render(from_above(20.0), {2: (place, quat_from_euler(0.0, 0.0, 0.7))})
     assert (yawed.ids != level.ids).mean() < 1e-4
     rolled = post.render(from_above(20.0), {2: (place, quat_from_euler(np.pi / 2, 0.0, 0.0))})
-    rows, columns = np.nonzero(rolled.ids == 2)  # its right has become its down, so its top points to the right
+    rows, columns = np.nonzero(rolled.ids == 2)  # its right is now down, so its top points to the right
     assert np.ptp(columns) > 3.0 * np.ptp(rows)
     assert columns.mean() > CAMERA.width / 2 + CAMERA.focal_px * -2.0 / 19.0
     assert (post.render(from_above(20.0)).ids == 2).any()
@@ -158,7 +158,7 @@ def test_a_texture_stands_upright_and_is_not_mirrored():
 
 
 def test_texture_coordinates_are_correct_in_perspective():
-    """On a floor with a boundary every metre, the boundaries stand where the analytic floor has them."""
+    """On a floor with a boundary every metre, the boundaries are at their analytic places."""
     stripes = np.zeros((64, 64, 3), np.uint8)
     stripes[:32] = 255
     uv = [(0.0, 0.0), (1.0, 0.0), (1.0, 20.0), (0.0, 20.0)]  # two metres per repeat, counted from 40 m towards 0 m
@@ -183,7 +183,7 @@ def test_texture_coordinates_are_correct_in_perspective():
 
 
 def test_a_fine_texture_far_away_becomes_its_mean():
-    """A checkerboard finer than the pixels must turn grey, not into a pattern of its own."""
+    """A checkerboard finer than the pixels must turn grey, without a pattern of its own."""
     checks = np.where(np.indices((64, 64)).sum(axis=0) % 2, 255, 0).astype(np.uint8)
     material = Material("checks", (1.0, 1.0, 1.0), np.repeat(checks[..., None], 3, axis=2))
     wall = mesh_of(
@@ -267,7 +267,7 @@ def test_looking_at_nothing_but_sky():
 
 
 def test_clouds_hide_their_share_of_the_sky():
-    """A place of the sky is behind a cloud where it is less blue than in a clear sky."""
+    """A cloudy place in the sky is less blue than in a clear sky."""
 
     def blue(clouds):
         sun = dataclasses.replace(OVERHEAD, toward_ned=(0.8, 0.0, -0.6), clouds=clouds)
@@ -296,7 +296,7 @@ def test_sky_and_haze_meet_at_the_horizon():
 
 
 def test_a_thing_on_the_ground_darkens_it_under_and_around_itself():
-    """In an overcast light nothing throws a shadow, and still a thing does not seem to float."""
+    """In overcast light nothing throws a shadow, but a thing must not seem to float."""
     grey = dataclasses.replace(EASTERN, strength=0.0, clouds=1.0)
     things = [
         instance(1, ground_mesh(40.0), (0, 0, 0), "ground"),
@@ -307,7 +307,7 @@ def test_a_thing_on_the_ground_darkens_it_under_and_around_itself():
     view = renderer.render(from_above(20.0))
     far = ground_at(view, 20.0, 8.0, -8.0)
     assert ground_at(view, 20.0, 1.25, 0.0) < 0.9 * far
-    assert ground_at(view, 20.0, 12.7, 15.0) < 0.9 * far  # of what never moves
+    assert ground_at(view, 20.0, 12.7, 15.0) < 0.9 * far  # of static things
     away = renderer.render(from_above(20.0), {2: ((6.0, 0.0, 0.0), 0.3)})
     assert ground_at(away, 20.0, 0.0, 0.0) == pytest.approx(far, abs=4.0)
     flying = renderer.render(from_above(20.0), {2: ((0.0, 0.0, -3.0), 0.3)})
@@ -343,7 +343,7 @@ def test_the_far_side_of_a_cage_is_seen_through_its_holes():
 
 
 def test_a_pane_shows_what_is_before_it():
-    """At a grazing angle glass mirrors the sky, and the ground where it leans forward."""
+    """At a grazing angle glass mirrors the sky, and the ground if it leans forward."""
     glass = Material("glass", (0.02, 0.02, 0.02), specular=1.0)
     pane = quad_mesh([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], glass)
     clear = dataclasses.replace(EASTERN, clouds=0.0)

@@ -1,4 +1,4 @@
-"""A texel that counts for nothing need not be read: the colour is that of all reads that the footprint asks for."""
+"""Texels without weight need no read: the colour equals that of all reads in the footprint."""
 
 import numpy as np
 
@@ -49,5 +49,5 @@ def test_a_colour_is_that_of_every_read():
                         (u + 0.5 * (i * right[0] + j * down[0]), v + 0.5 * (i * right[1] + j * down[1]))
                         for i, j in ((-1, -1), (1, -1), (-1, 1), (1, 1))
                     ]
-                    found = texture_color(ATLAS, u, v, *how, right[0], right[1], down[0], down[1], 2)
-                    np.testing.assert_allclose(found, every_read(four, *how), rtol=0.02, atol=0.002)
+                    color = texture_color(ATLAS, u, v, *how, right[0], right[1], down[0], down[1], 2)
+                    np.testing.assert_allclose(color, every_read(four, *how), rtol=0.02, atol=0.002)

@@ -20,7 +20,7 @@ from foundation.terrain import FLAT
 
 LETTERS_M = {"sign": 0.136}  # paper, appendix "Maps and Episodes"
 PLATE_M = 0.10
-# length, width, height in metres, of which a person would say: that is about how large such a thing is
+# length, width, height in metres: plausible sizes of such things
 SIZES = {
     "bus": ((9.5, 12.0), (2.3, 2.7), (2.8, 3.4)),
     "cyclist": ((1.6, 1.9), (0.5, 0.8), (1.6, 1.9)),
@@ -52,7 +52,7 @@ def test_an_asset_is_sound() -> None:
 
 @pytest.mark.parametrize("name", assets.names())
 def test_faces_look_outwards(name: str) -> None:
-    """From all around, next to nothing is seen from behind: neither holes nor triangles turned inside out."""
+    """From all around, almost no back face is visible: neither holes nor triangles turned inside out."""
     mesh = assets.build(name, "red", "AB 123")
     points, _ = surface_samples(mesh, 4000)
     own = RayScene.of_mesh(mesh)
@@ -90,7 +90,7 @@ def test_every_paint_will_do_and_no_other() -> None:
             assets.build(name, "mauve")
 
 
-def test_who_shows_an_inscription() -> None:
+def test_only_inscribed_assets_show_an_inscription() -> None:
     for name in assets.names():
         a, b = (assets.build(name, "blue", text) for text in ("AB 123", "XY 789"))
         pictures = [{m.texture.tobytes() for m in mesh.materials if m.texture is not None} for mesh in (a, b)]
@@ -98,7 +98,7 @@ def test_who_shows_an_inscription() -> None:
 
 
 def test_letters_have_the_height_of_the_reading_probe() -> None:
-    """Measured where they are: rows of ink in the texture times the metres that one row covers on the mesh."""
+    """Measured in place: rows of ink in the texture times the height of one row on the mesh."""
     for text in ("HEH 308", "88", "QB 0"):
         for name in sorted(assets.inscribed()):
             mesh = assets.build(name, "white", text)
@@ -157,7 +157,7 @@ def seen(name: str, color: str, text: str, away: float) -> np.ndarray:
 @pytest.mark.parametrize(("name", "color", "away"), [("sign", "blue", 8.0), ("sign", "yellow", 8.0),
                                                      ("sedan", "white", 6.0), ("bus", "black", 6.0)])  # fmt: skip
 def test_characters_that_look_alike_are_told_apart(name: str, color: str, away: float) -> None:
-    """Where the paper's models still read them, a changed character changes the picture by much of its contrast."""
+    """If the paper's models still read them, a changed character changes the picture by much of its contrast."""
     texts = ("RB 8063", "RB 8083", "PB 8063", "RB 3063", "R8 8063", "RB 8068")
     pictures = [seen(name, color, text, away) for text in texts]
     contrast = max(np.ptp(p[150:230, 300:340]) for p in pictures)
@@ -165,7 +165,7 @@ def test_characters_that_look_alike_are_told_apart(name: str, color: str, away: 
         assert np.abs(a - b).max() > 0.12 * contrast
 
 
-def test_what_can_be_a_target_from_sixteen_metres_fills_enough_of_the_picture() -> None:
+def test_targets_from_sixteen_metres_fill_enough_of_the_picture() -> None:
     """The paper accepts 0.40 … 12 % of the frame; people and cyclists are for nearer starts."""
     for name in set(assets.names()) - {"cyclist", "pedestrian", "person", "sign"}:
         mesh = assets.build(name, "cyan")

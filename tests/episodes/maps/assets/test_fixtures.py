@@ -1,4 +1,4 @@
-"""What stands on the campus: faces look outwards, feet reach the ground, sizes are those of the real things."""
+"""Fixtures of the campus: faces look outwards, feet reach the ground, sizes are realistic."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from foundation.errors import UsageError
 
 DRIVEN = {"delivery_robot": service_vehicles.delivery_robot, "service_cart": service_vehicles.service_cart}
 RAYS = 4000
-# kind → length along its forward axis, width, height (m), as such things are bought
+# kind → length along its forward axis, width, height (m), as sold
 SIZES = {
     "bench": (0.7, 2.6, 1.0),
     "bike-rack": (2.4, 4.5, 2.4),
@@ -33,13 +33,13 @@ SIZES = {
 
 
 def facing_share(mesh: Mesh, seed: int = 1) -> float:
-    """Return the share of rays from outside that meet a triangle on its front."""
+    """Return the share of outside rays that hit a triangle on its front."""
     rng = np.random.default_rng(seed)
     corners = mesh.vertices[mesh.triangles].astype(np.float64)
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     reach = float(np.linalg.norm(high - low))
     way = rng.normal(size=(RAYS, 3))
-    way[:, 2] = np.abs(way[:, 2]) * 0.6  # from above or level: nobody looks from below the ground
+    way[:, 2] = np.abs(way[:, 2]) * 0.6  # from above or level: no camera looks from below the ground
     way /= np.linalg.norm(way, axis=1, keepdims=True)
     start = rng.uniform(low, high, (RAYS, 3)) - way * reach
     scene = EmbreeScene()
@@ -65,7 +65,7 @@ def test_fixtures() -> None:
 
 
 @pytest.mark.parametrize("name", sorted(DRIVEN))
-def test_what_drives(name: str) -> None:
+def test_driven_fixtures_stand_on_wheels_and_show_their_paint(name: str) -> None:
     mesh, other = DRIVEN[name]("white"), DRIVEN[name]("orange")
     assert mesh.vertices[:, 2].max() == pytest.approx(0.0, abs=1e-6)  # wheels on the ground
     assert np.array_equal(mesh.vertices, other.vertices)
@@ -74,7 +74,7 @@ def test_what_drives(name: str) -> None:
     painted = np.array([m.name == "paint-white" for m in mesh.materials])[mesh.material]
     t = mesh.vertices[mesh.triangles].astype(np.float64)
     area = np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1)
-    assert area[painted].sum() > 0.3 * area.sum()  # enough of it to name its colour
+    assert area[painted].sum() > 0.3 * area.sum()  # enough to name its colour
     with pytest.raises(UsageError, match="orange"):
         DRIVEN[name]("orang")
 
@@ -94,7 +94,7 @@ def test_halls(plan: buildings.HallPlan) -> None:
 
 @pytest.mark.parametrize("plan", [plan for plan, *_ in HALLS], ids=lambda plan: plan.name)
 def test_nothing_stands_before_a_hall_s_doors(plan: buildings.HallPlan) -> None:
-    """From three metres before each door the first thing met is the door."""
+    """From three metres before each door, the first thing hit is the door."""
     mesh = buildings.hall(plan)
     corners = mesh.vertices[mesh.triangles].astype(np.float32)
     scene = EmbreeScene()

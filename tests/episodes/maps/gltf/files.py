@@ -1,4 +1,4 @@
-"""glTF files put together field by field, so that each test can write what no exporter would."""
+"""glTF files built field by field, so each test can write files that no exporter would."""
 
 import json
 import struct
@@ -15,7 +15,7 @@ SQUARE = np.array([0, 1, 2, 0, 2, 3])
 
 
 class Glb:
-    """A file under construction: `doc` may be changed at will before `write`."""
+    """A file under construction. Tests change `doc` freely before `write`."""
 
     def __init__(self) -> None:
         self.binary = bytearray()

@@ -1,4 +1,4 @@
-"""Files of other programs as maps: everything that their exporters do with the same geometry."""
+"""Maps from files of other programs, with every way that their exporters write the same geometry."""
 
 import base64
 import math
@@ -33,8 +33,8 @@ def corners(one) -> np.ndarray:
     c, s = math.cos(one.yaw), math.sin(one.yaw)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     placed: np.ndarray = one.mesh.vertices.astype(float) @ turn.T + np.array(one.position_ned)
-    found: np.ndarray = placed[one.mesh.triangles]
-    return found
+    placed_corners: np.ndarray = placed[one.mesh.triangles]
+    return placed_corners
 
 
 def normals_outward(one) -> bool:
@@ -49,7 +49,7 @@ def test_a_lawn_alone_is_a_map(tmp_path):
     assert [one.kind for one in scene.instances] == ["ground"]
     assert scene.spawn_ned == (0.0, 0.0, 0.0)
     assert np.allclose(scene.terrain.down, 0.0)
-    assert np.allclose(thing(scene, "Lawn").mesh.normals, (0.0, 0.0, -1.0))  # flat ones, where the file has none
+    assert np.allclose(thing(scene, "Lawn").mesh.normals, (0.0, 0.0, -1.0))  # flat normals, if the file has none
 
 
 def test_minus_z_is_north_x_is_east_and_y_is_up(tmp_path):
@@ -92,7 +92,7 @@ def test_points_and_lines_are_left_out_with_a_remark(tmp_path):
 
 
 def test_a_tree_of_moved_turned_and_scaled_nodes(tmp_path):
-    """A cube under three parents stands where its corners say, whatever way the transform is written."""
+    """A cube under three parents is at its correct corners, for any way of writing the transform."""
     file = Glb().lawn()
     box = block((1.0, 1.0, 1.0))
     mesh = file.mesh(file.primitive(box.vertices, box.faces.ravel()))
@@ -178,9 +178,9 @@ def test_the_texture_transform_is_applied(tmp_path):
     uv = file.accessor([(0, 0), (1, 0), (1, 1), (0, 1)])
     file.node(mesh=file.mesh(file.primitive(material=0, attributes={"TEXCOORD_0": uv})))
     mesh = gltf.load(file.write(tmp_path / "m.glb"), (0, 0)).instances[0].mesh
-    found = {tuple(np.round(row, 4)) for row in mesh.uv}
+    coordinates = {tuple(np.round(row, 4)) for row in mesh.uv}
     # counter-clockwise as a picture is looked at, v down: (2, 0) → (0, −2) and (0, 3) → (3, 0)
-    assert found == {(0.5, 0.25), (0.5, -1.75), (3.5, -1.75), (3.5, 0.25)}
+    assert coordinates == {(0.5, 0.25), (0.5, -1.75), (3.5, -1.75), (3.5, 0.25)}
 
 
 def test_the_alpha_of_a_texture_cuts_out_what_is_below_the_cutoff(tmp_path):
@@ -202,7 +202,7 @@ def test_the_alpha_of_a_texture_cuts_out_what_is_below_the_cutoff(tmp_path):
     assert masked.cutout is not None
     assert opaque.texture is not None
     assert np.array_equal(masked.cutout, alpha == 255)
-    # what lies under holes is not seen, but for a trace of it at their edges
+    # surfaces under holes are invisible, except a trace at the edges
     assert np.all(masked.texture == (30, 160, 20))
     assert np.all(blended.texture == (30, 160, 20))
     assert low.cutout is blended.cutout is opaque.cutout is None
@@ -299,7 +299,7 @@ def test_roofs_bridges_and_table_tops_are_not_ground_even_in_one_mesh(tmp_path):
     assert len(soil.mesh.triangles) == 4  # the tops of slab and kerb
     hit = obstacles(scene)
     tops = hit.corners.reshape(-1, 3, 3)[:, :, 2].min()
-    assert tops == pytest.approx(-5.0)  # the house is still there to be hit
+    assert tops == pytest.approx(-5.0)  # a drone can still hit the house
     assert len(hit.corners) == len(rest.mesh.triangles)
 
 

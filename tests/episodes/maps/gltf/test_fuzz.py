@@ -1,4 +1,4 @@
-"""Files changed at random: each loads to a sound scene or is refused in one sentence, and nothing else ever."""
+"""Randomly changed files: each loads to a sound scene or is rejected in one sentence."""
 
 import copy
 import json
@@ -16,7 +16,7 @@ from tests.episodes.maps.gltf.files import LAWN, Glb, container
 
 
 def healthy() -> Glb:
-    """Return a small file with a bit of everything, as seed for the fuzzers."""
+    """Return a small file with a bit of everything, the seed of the fuzzers."""
     file = Glb().lawn()
     picture = cv2.imencode(".png", np.full((4, 4, 3), 99, np.uint8))[1].tobytes()
     file.doc["images"].append({"bufferView": file.view(picture), "mimeType": "image/png"})
@@ -95,7 +95,7 @@ def test_fuzzed_documents(tmp_path, changes):
         if drop:
             del node[last]
         else:
-            node[last] = copy.deepcopy(value)  # a later change may be made inside it
+            node[last] = copy.deepcopy(value)  # a later change may be inside it
     text = json.dumps(file.doc).encode()
     path = tmp_path / "fuzz.glb"
     path.write_bytes(container(text, bytes(file.binary)))

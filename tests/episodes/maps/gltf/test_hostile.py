@@ -1,4 +1,4 @@
-"""Damaged and hostile files: one sentence each, before memory is spent, and nothing but UsageError ever."""
+"""Damaged and hostile files: one sentence each, before memory is spent, and only UsageError."""
 
 import base64
 import math
@@ -18,7 +18,7 @@ from tests.episodes.maps.gltf.files import LAWN, SQUARE, Glb, container
 
 
 def refused(path, *words, spawn=(0.0, 0.0)) -> str:
-    """Return the sentence with which a file is refused; it names the file and every one of `words`."""
+    """Return the sentence that rejects a file; it names the file and every one of `words`."""
     with pytest.raises(UsageError) as raised:
         gltf.load(path, spawn)
     text = str(raised.value)
@@ -31,7 +31,7 @@ def refused(path, *words, spawn=(0.0, 0.0)) -> str:
 
 
 def png(width, height, body=b"\0" * 100) -> bytes:
-    """Return a PNG whose header says width and height, whatever its body holds."""
+    """Return a PNG with this width and height in its header, for any body."""
 
     def chunk(kind, data):
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
@@ -79,7 +79,7 @@ def test_containers_that_lie(tmp_path):
         refused(path, *words)
 
 
-def test_what_is_no_file(tmp_path):
+def test_missing_and_invalid_files_are_rejected(tmp_path):
     refused(tmp_path, "regular file")
     refused(tmp_path / "absent.glb", "absent.glb")
     os.mkfifo(tmp_path / "pipe.glb")
@@ -217,7 +217,7 @@ def test_a_small_mesh_placed_too_often(tmp_path):
 
 
 def test_one_block_of_vertices_read_over_and_over(tmp_path):
-    """A few kilobytes of JSON that name one megabyte of vertices hundreds of times."""
+    """A few kilobytes of JSON that refer to one megabyte of vertices hundreds of times."""
     file = Glb()
     many = file.accessor(np.zeros((100_000, 3)))
     order = file.accessor([0, 1, 2], "u2")
@@ -286,7 +286,7 @@ def test_many_pictures_are_reduced_together(tmp_path, monkeypatch):
 
 
 def test_wrong_facts_about_the_scene(tmp_path):
-    for said in (
+    for facts in (
         {"sun": 3},
         {"sun": {"toward_ned": [0, 0, 0]}},
         {"origin": [91, 0, 0]},
@@ -297,5 +297,5 @@ def test_wrong_facts_about_the_scene(tmp_path):
         {"terrain": {"shape": [0, 0], "cell_m": 1.0}},
     ):
         file = Glb().lawn()
-        file.doc["scenes"][0]["extras"] = {"dronecats": said}
+        file.doc["scenes"][0]["extras"] = {"dronecats": facts}
         refused(file.write(tmp_path / "hostile.glb"), "dronecats")

@@ -1,4 +1,4 @@
-"""A map of ours written as glTF and read again: the same scene, the same bytes, the same picture."""
+"""A map of ours written as glTF and read back: the same scene, the same bytes, the same picture."""
 
 import dataclasses
 import math
@@ -81,7 +81,7 @@ def test_the_loaded_map_gives_the_very_picture_of_the_built_one(built, loaded, n
     assert np.array_equal(a.rgb, b.rgb)
     assert np.array_equal(a.ids, b.ids)
     assert np.array_equal(a.depth, b.depth)
-    assert len(np.unique(a.ids)) > 10  # and there is something to see
+    assert len(np.unique(a.ids)) > 10  # and the picture is not empty
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +139,7 @@ def test_unusual_values_come_back_too(tmp_path):
 
 
 def test_another_program_reads_what_we_write(tmp_path):
-    """trimesh finds the same corners in the same places: north is −Z, east +X, up +Y."""
+    """trimesh reads the same corners at the same places: north is −Z, east +X, up +Y."""
     import trimesh
 
     scene, path = small(), tmp_path / "small.glb"
@@ -152,7 +152,7 @@ def test_another_program_reads_what_we_write(tmp_path):
     )
 
 
-def test_what_another_program_changed_wins_over_our_extras(tmp_path):
+def test_changes_by_another_program_override_our_extras(tmp_path):
     import json
     import struct
 

@@ -1,4 +1,4 @@
-"""Maps that a user brings: kept under a name, listed, drawn, bumped into, and flown like the ones that ship."""
+"""User maps: stored under a name, listed, drawn, bumped into, and flown like the shipped ones."""
 
 import json
 import math
@@ -27,7 +27,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def yard(tmp_path):
-    """Return a .glb that trimesh wrote: a yard with a shed and a wall, and nothing said about any of it."""
+    """Return a .glb written by trimesh: a yard with a shed and a wall, without any further data."""
     import trimesh
 
     scene = trimesh.Scene()
@@ -155,10 +155,10 @@ def test_the_oracle_flies_a_users_map_to_success(folder, yard, tmp_path, capsys)
     episode = tmp_path / "yard-approaching-01.json"
     episode.write_text(a_record("yard").to_json(), encoding="utf-8")
     arguments = ["--pilot", "oracle", "--latency", "fixed:0.5", "--speed", "max"]
-    result, flown = fly_simulated(capsys, tmp_path / "run", "--episode", str(episode), *arguments)
+    result, flight_folder = fly_simulated(capsys, tmp_path / "run", "--episode", str(episode), *arguments)
     assert result["success"]
     assert result["ne_m"] <= 5.0
-    assert json.loads((flown / "episode.json").read_text())["map"] == "yard"
+    assert json.loads((flight_folder / "episode.json").read_text())["map"] == "yard"
 
 
 def test_a_map_has_no_negative_seed(capsys):

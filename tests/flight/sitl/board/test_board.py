@@ -1,4 +1,4 @@
-"""A board at the end of a pseudo-terminal: a real PX4's recorded speech in HIL mode, and what our end makes of it."""
+"""A board at the end of a pseudo-terminal: recorded messages of a real PX4 in HIL mode, and our end of the line."""
 
 import itertools
 import os
@@ -39,7 +39,7 @@ class Board:
         tty.setraw(self.slave)
         path.unlink(missing_ok=True)
         path.symlink_to(os.ttyname(self.slave))
-        self.heard = b""
+        self.received = b""
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._listen, daemon=True)
         self._thread.start()
@@ -54,7 +54,7 @@ class Board:
             self.say(data)
 
     def messages(self):
-        return Parser().feed(self.heard)
+        return Parser().feed(self.received)
 
     def count(self, name):
         return sum(m.get_type() == name for m in self.messages())
@@ -68,7 +68,7 @@ class Board:
     def _listen(self):
         while not self._over.is_set():
             if select.select([self.master], [], [], 0.05)[0]:
-                self.heard += os.read(self.master, 65536)
+                self.received += os.read(self.master, 65536)
 
 
 @pytest.fixture
@@ -113,7 +113,7 @@ def test_a_board_that_is_not_in_hil_mode_gets_no_sensors(vehicle, board):
     for _ in range(20):
         vehicle.advance()
     assert not vehicle.is_flying
-    until(vehicle, lambda: board.count("HEARTBEAT"))  # but it is told that somebody is there
+    until(vehicle, lambda: board.count("HEARTBEAT"))  # but it hears that a client is there
     assert {m.get_type() for m in board.messages()} == {"HEARTBEAT"}
 
 
@@ -139,11 +139,11 @@ def test_clients_get_all_but_the_motor_outputs_byte_for_byte(vehicle, board):
     speech = b"".join(data for _, data in SPEECH)
     frames, _ = split(speech)
     wanted = b"".join(frame for frame in frames if frame[7:10] != b"\x5d\x00\x00")
-    said = vehicle.line.take()
-    while len(said) < len(wanted):
+    received = vehicle.line.take()
+    while len(received) < len(wanted):
         vehicle.line.exchange()
-        said += vehicle.line.take()
-    assert said == wanted
+        received += vehicle.line.take()
+    assert received == wanted
     assert len(Parser().feed(wanted)) > 50
     assert len(wanted) < len(speech)
 
@@ -151,7 +151,7 @@ def test_clients_get_all_but_the_motor_outputs_byte_for_byte(vehicle, board):
 def test_a_client_s_words_reach_the_board_unchanged(vehicle, board):
     words = Packer(255, 190).pack(dialect.MAVLink_param_request_list_message(1, 1))
     vehicle.line.give(words)
-    until(vehicle, lambda: words in board.heard)
+    until(vehicle, lambda: words in board.received)
 
 
 def test_rotors_stop_when_the_board_falls_silent(vehicle, board):
@@ -214,7 +214,7 @@ def test_a_wire_that_is_too_slow_is_refused(capsys):
 
 
 @pytest.mark.parametrize("words", [["--speed", "2"], ["--count", "2"], ["--px4", "px4"]])
-def test_what_a_board_cannot_do_is_refused(words, capsys):
+def test_options_that_a_board_does_not_support_are_rejected(words, capsys):
     assert main(["sitl", "--hitl", "serial:///dev/ttyACM0:921600", *words]) == 2
     assert words[0] in capsys.readouterr().err
 
@@ -233,25 +233,25 @@ def free_instance():
 
 def test_a_client_on_the_offboard_port_talks_with_the_board(board, path):
     instance = free_instance()
-    said: list[str] = []
+    notices: list[str] = []
     client = connect(f"udpin://127.0.0.1:{14540 + instance}")
     simulator = BoardSimulator(
         SimulatorConfig(episode="blocks-commanding-01", instance=instance, hitl=f"serial://{path}:921600"),
-        said.append,
+        notices.append,
     )
     try:
         simulator.ready()
         board.say(heartbeat(base_mode=1))
-        heard = b""
-        while not heard:
+        data = b""
+        while not data:
             simulator.turn()
-            heard = client.receive(0.0)
-        assert heard == heartbeat(base_mode=1)
+            data = client.receive(0.0)
+        assert data == heartbeat(base_mode=1)
         words = Packer(255, 190).pack(dialect.MAVLink_param_request_list_message(1, 1))
         client.send(words)
-        while words not in board.heard:
+        while words not in board.received:
             simulator.turn()
-        assert any("SYS_HITL" in line for line in said)
+        assert any("SYS_HITL" in line for line in notices)
     finally:
         simulator.close()
         client.close()

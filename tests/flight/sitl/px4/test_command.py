@@ -1,4 +1,4 @@
-"""What the command line says to words that do not go together, and a PX4 that cannot be had."""
+"""Error messages of the command line for conflicting options, and for a PX4 that does not start."""
 
 import itertools
 import subprocess
@@ -64,7 +64,7 @@ def test_a_px4_that_ends_before_it_answered_is_an_error_that_names_its_log(tmp_p
 
 
 def test_the_log_that_px4_wrote_is_kept_when_it_has_ended(tmp_path):
-    """It writes two, and the end of the newest when it is told to end."""
+    """PX4 writes two logs, and the end of the newest one at its exit."""
     script = tmp_path / "px4.py"
     script.write_text(
         "import pathlib, signal, sys, time\n"
@@ -166,7 +166,7 @@ def test_a_port_in_use_comes_with_advice_that_the_command_can_follow(instance, a
 
 
 def test_no_time_passes_until_px4_has_come(tmp_path):
-    """The process as a user starts it: it says what it waits for, and an interrupt ends it with status 0."""
+    """The process as a user starts it: it reports that it waits, and an interrupt ends it with status 0."""
     instance = str(free_instance())
     words = [*DRONECATS, "sitl", "--autopilot", "px4", "--instance", instance]
     process = subprocess.Popen([*words, "--state", str(tmp_path)], stdout=subprocess.PIPE, text=True)

@@ -1,4 +1,4 @@
-"""The simulated vehicle and PX4's end of the wire: who waits for whom, and what happens when PX4 comes and goes."""
+"""The simulated vehicle and PX4's end of the wire: waiting for each other, and PX4 that connects and disconnects."""
 
 import threading
 
@@ -51,7 +51,7 @@ def fly(vehicle, seconds):
 
 
 def come_into_step(vehicle, client):
-    """Let time go on until PX4 is waited for; until then nothing but this makes the two keep the same pace."""
+    """Advance until PX4 is waited for. Until then nothing else keeps both at the same pace."""
     while not vehicle.in_step:
         vehicle.advance()
         client.keep_up(vehicle.time_us // EXCHANGE_US * EXCHANGE_US)
@@ -169,7 +169,7 @@ def test_px4_dies_in_the_air_and_comes_back(vehicle, connect):
     first.close()
     fly(vehicle, 0.2)
     assert not vehicle.in_step
-    assert vehicle.plant.actuators["armed"] == 0  # nobody drives the rotors any more
+    assert vehicle.plant.actuators["armed"] == 0  # no motor outputs arrive any more
     second = connect(lambda sensor: controls(sensor.time_usec) if sensor.time_usec > died_us + 400_000 else b"")
     come_into_step(vehicle, second)
     fly(vehicle, 0.5)
@@ -202,9 +202,9 @@ def test_a_wait_is_given_up_when_nobody_needs_it_any_more(vehicle, connect):
 
 
 def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle, connect, monkeypatch):
-    """A real PX4 publishes no outputs any more then, and waits for time to pass as anybody does."""
+    """A real PX4 then publishes no more outputs, and waits for time to pass like other clients."""
     monkeypatch.setattr(px4_vehicle, "ANSWER_S", 0.3)
-    quiet = [10**9, 10**9]  # µs, from when to when PX4 is silent
+    quiet = [10**9, 10**9]  # µs, from the begin to the end of PX4's silence
 
     def answer(sensor):
         silenced = quiet[0] <= sensor.time_usec < quiet[1]
@@ -218,7 +218,7 @@ def test_after_a_flight_is_terminated_time_goes_on_and_the_rotors_stand(vehicle,
     assert not vehicle.in_step
     assert vehicle.server.connected
     assert vehicle.plant.actuators["armed"] == 0
-    come_into_step(vehicle, client)  # and one that comes to itself again is waited for as before
+    come_into_step(vehicle, client)  # and a PX4 that recovers is waited for as before
     assert vehicle.plant.actuators["armed"] == 1
 
 
@@ -237,7 +237,7 @@ def test_the_same_answers_give_the_same_flight(connect):
     """Lockstep: the vehicle's side is a function of what PX4 answers."""
     outputs = [m.controls[:4] for m in recorded("px4-takeoff.bin")]
 
-    def flown():
+    def fly_once():
         vehicle = settled(seed=7)
         client = StandIn(
             vehicle.server.port,
@@ -248,14 +248,14 @@ def test_the_same_answers_give_the_same_flight(connect):
         try:
             while not vehicle.server.accept():
                 pass
-            vehicle.in_step = True  # from the first message on, so that nothing depends on the threads' pace
+            vehicle.in_step = True  # from the first message on, so the result does not depend on thread timing
             fly(vehicle, 2.0)
             return vehicle.plant.truth.tobytes(), [bytes(m.get_msgbuf()) for m in client.got]
         finally:
             client.close()
             vehicle.close()
 
-    first, second = flown(), flown()
+    first, second = fly_once(), fly_once()
     assert first == second
 
 

@@ -1,4 +1,4 @@
-"""A PX4 that we start never outlives us, and a command that cannot be run is said before anything is."""
+"""A PX4 that we start never outlives us. A command that does not run is reported before anything starts."""
 
 import os
 import signal
@@ -12,7 +12,7 @@ import pytest
 from dronecats.flight.sitl.px4 import Px4Process, arguments, environment
 from foundation.errors import UsageError
 
-# a wrapper script that leaves its PX4 in the background and waits, as many do; `pids` is there when all else is done
+# a wrapper script that leaves its PX4 in the background and waits, as many do; `pids` exists once the rest is done
 WRAPPER = "echo $PX4_SIM_MODEL $PX4_INSTANCE $PWD; sleep 600 & sleep 601 & echo $! > pids; wait"
 
 
