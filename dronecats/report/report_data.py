@@ -298,10 +298,10 @@ def pilot_description(pilot: str) -> str:
         return "knows where the target is, and makes the errors of classical vision"
     if pilot.startswith(roster.FAILING):
         failing = FAILURES.get(pilot.removeprefix(roster.FAILING))
-        return f"knows the truth and fails on purpose{f': {failing.description}' if failing else ''}"
+        return f"knows the truth and fails on purpose{f'. It {failing.description}' if failing else ''}"
     if pilot == "blind" or pilot.startswith(roster.BLIND):
         pattern = PATTERNS.get(pilot.removeprefix(roster.BLIND))
-        return f"never looks at an image{f': {pattern.description}' if pattern else ''}"
+        return f"never looks at an image{f'. It {pattern.description}' if pattern else ''}"
     if pilot.startswith(roster.RECORDED):
         return "repeats the replies in a file"
     return "looks at the images with classical vision" if pilot in roster.SERVED else ""

@@ -286,7 +286,7 @@ class VehicleFaults:
             size=_speed,
             words=_wind_words,
             option=DisturbanceOption(
-                name="wind", metavar="N,E", help="m/s that the air moves north and east, for example --wind=-4,3",
+                name="wind", metavar="N,E", help="wind velocity towards north and east, m/s, for example --wind=-4,3",
                 more="the speed is at most 30",
                 read=lambda text: {"wind_ned": (*_pair("wind", text, "N,E in m/s, for example 4,-3"), 0.0)},
             ),
@@ -342,7 +342,7 @@ class VehicleFaults:
         option=DisturbanceOption(
             name="host_stalls", metavar="P,S",
             help="at the start of each second, stall the simulator with probability P, for S seconds",
-            more="the seconds that begin are those of vehicle time; S is wall time; real time only",
+            more="the seconds are those of vehicle time; S is wall time; real time only",
             read=lambda text: dict(zip(("stalled", "stall_s"), _pair("host-stalls", text, STALLS), strict=True)),
         ),
     )  # fmt: skip
@@ -382,7 +382,7 @@ class FlightConditions:
     )  # fmt: skip
     season: Literal["autumn"] | None = _word(
         "season", "season of trees and grass", ("summer", "autumn"), words="{value}",
-        more="clear and summer: as the map has it",
+        more="clear and summer are the map's own light and season",
     )  # fmt: skip
 
     def __post_init__(self) -> None:

@@ -219,7 +219,7 @@ def _about(entry: Verification, common: Sequence[str]) -> str:
     kind = (
         f"The model {pilot}"
         if entry.is_model
-        else f"The built-in pilot {pilot}, no model: it {pilot_description(entry.pilot) or 'is built in'}"
+        else f"The built-in pilot {pilot} is no model. It {pilot_description(entry.pilot) or 'is built in'}"
     )
     lines = [f"### {_heading(entry)}\n", f"{kind}. {escaped(entry.note)}".rstrip() + "\n"]
     if entry.partial:

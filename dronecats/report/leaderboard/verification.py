@@ -292,7 +292,7 @@ def _unchecked(manifest: Manifest, runs: Sequence[RecordedRun], frames: int) -> 
         yield f"the origin of the replies: {manifest.pilot} is only the name in the requests"
         yield "the replies: a reply and its action can be changed together"
     else:
-        yield "the origin of the replies: to check it, fly again; in lockstep, the same seed gives the same replies"
+        yield "the origin of the replies: to check it, fly again; a built-in pilot gives the same replies in lockstep"
     if frames:
         yield f"the images: of {frames} frames, only the digests were compared"
     else:

@@ -27,7 +27,7 @@ def _of(description: str) -> Meta:
     return Meta(description=description)
 
 
-RunName = Annotated[str, _of("the run's folder, with as many folders above it as make it unique")]
+RunName = Annotated[str, _of("the end of the run folder's path, long enough to be unique")]
 EpisodeId = Annotated[str, _of("id of the episode")]
 DroneIndex = Annotated[int, _of("index of the drone; 0 is drone 1")]
 
@@ -64,25 +64,27 @@ class EpisodeRow:
     scored: Annotated[bool, _of("whether the outcome is success or failure; other outcomes are not scored")]
     error: Annotated[str | None, _of("why the flight is not scored, or what is damaged; null: it is scored")]
     note: Annotated[str | None, _of("what remains uncertain in the verdict")]
-    censored: Annotated[bool | None, _of("whether the flight ended before its cap, with a final outcome")]
+    censored: Annotated[
+        bool | None, _of("whether the flight ended before its cap; what would have followed is not known")
+    ]
     ended: Annotated[str | None, _of("why it ended: cap, decided, budget, rejected, interrupted, takeover or error")]
     ended_s: Annotated[float | None, _of("s of vehicle time at which the flight ended")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepRow:
-    """One decision of one drone, with the true state at the time of its picture."""
+    """One decision of one drone, with the true state at the time of its image."""
 
     run: RunName
     episode: EpisodeId
     drone_index: DroneIndex
     step: Annotated[int, _of("number of the decision, from 0")]
-    frame_id: Annotated[int, _of("number of the picture")]
-    t_frame_s: Annotated[float, _of("s since the episode began, time of the picture")]
+    frame_id: Annotated[int, _of("number of the image")]
+    t_frame_s: Annotated[float, _of("s since the episode began, time of the image")]
     t_decided_s: Annotated[float, _of("s since the episode began, time of the reply")]
     action: Annotated[str | None, _of("go, rotate, think or finished; null: the reply holds no valid action")]
-    point_x: Annotated[float | None, _of("point of a go: 0 is the picture's left edge, 1000 its right edge")]
-    point_y: Annotated[float | None, _of("point of a go: 0 is the picture's upper edge, 1000 its lower edge")]
+    point_x: Annotated[float | None, _of("point of a go: 0 is the image's left edge, 1000 its right edge")]
+    point_y: Annotated[float | None, _of("point of a go: 0 is the image's upper edge, 1000 its lower edge")]
     depth_m: Annotated[float | None, _of("m, depth of a go, as in the reply")]
     angle_deg: Annotated[float | None, _of("°, angle of a rotate, positive to the right, as in the reply")]
     reply: Annotated[str | None, _of("the reply as received")]
@@ -93,13 +95,15 @@ class StepRow:
     tokens_out: Annotated[int | None, _of("tokens of the reply")]
     thinking: Annotated[bool | None, _of("whether extended reasoning was on")]
     rate_hz: Annotated[float | None, _of("Hz, 1 / vehicle time since the previous decision; null: first decision")]
-    finish: Annotated[str | None, _of("why the reply ends: length, filtered, refusal, …; null: it is complete")]
-    north_m: Annotated[float | None, _of("m, NED, position of the drone at the picture")]
-    east_m: Annotated[float | None, _of("m, NED, position of the drone at the picture")]
-    down_m: Annotated[float | None, _of("m, NED, position of the drone at the picture")]
-    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east, at the picture")]
-    distance_m: Annotated[float | None, _of("m, distance to the target's centre, at the picture")]
-    distance_box_m: Annotated[float | None, _of("m, distance to the nearest point of the target's box, at the picture")]
+    finish: Annotated[
+        str | None, _of("why the reply was cut off or withheld: length, filtered, refusal, …; null: it is complete")
+    ]
+    north_m: Annotated[float | None, _of("m, NED, position of the drone at the image")]
+    east_m: Annotated[float | None, _of("m, NED, position of the drone at the image")]
+    down_m: Annotated[float | None, _of("m, NED, position of the drone at the image")]
+    yaw_deg: Annotated[float | None, _of("°, heading from north, positive to the east, at the image")]
+    distance_m: Annotated[float | None, _of("m, distance to the target's centre, at the image")]
+    distance_box_m: Annotated[float | None, _of("m, distance to the nearest point of the target's box, at the image")]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
     visible_fraction: Annotated[float | None, _of("visible share of the target's silhouette, 0 … 1")]
     bearing_deg: Annotated[float | None, _of("°, angle from the nose to the target's centre, positive to the right")]
@@ -139,10 +143,10 @@ class DeclarationRow:
     t_s: Annotated[float, _of("s of vehicle time, time of the decision")]
     counts: Annotated[bool, _of("whether it was made within the cap")]
     distance_m: Annotated[
-        float | None, _of("m, distance to the target's centre, at its own picture; null: not measured")
+        float | None, _of("m, distance to the target's centre, at the image of its decision; null: not measured")
     ]
     visible: Annotated[bool | None, _of("whether the target was in view; null: not measured")]
-    qualifies: Annotated[bool | None, _of("whether it is a success if it is within the cap; null: not known")]
+    qualifies: Annotated[bool | None, _of("whether it meets the success rule, apart from the cap; null: not known")]
     unmeasured: Annotated[str | None, _of("why the declaration was not measured; null: it was measured")]
 
 
