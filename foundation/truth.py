@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
 from foundation import wire
-from foundation.frames import Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized, quat_to_euler
+from foundation.frames import GRAVITY, Quat, Vec3, geodetic_to_ned, ned_to_geodetic, quat_normalized, quat_to_euler
 from foundation.mavlink import Parser, dialect
 
 TRUTH_COMPONENT = 51  # MAV_COMP_ID_USER27: a simulator has no id of its own, and 1 would pass for the autopilot
@@ -57,7 +57,7 @@ def truth_message(
         *(_int16(v * 100) for v in velocity),
         0,
         0,
-        *(_int16(a / 9.80665 * 1000) for a in accel),
+        *(_int16(a / GRAVITY * 1000) for a in accel),
     )
 
 

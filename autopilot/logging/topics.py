@@ -13,7 +13,7 @@ from typing import Any
 from autopilot.mavlink.motion_makers import estimator_flags
 from autopilot.mavlink.status_makers import TelemetrySource
 from autopilot.records import HEADING_TEST, HEIGHT_TEST, KIND_TRAJECTORY, POSITION_TEST, VELOCITY_TEST
-from foundation.frames import rotate
+from foundation.frames import GRAVITY, rotate
 from foundation.sensors import RANGE_M
 
 
@@ -44,7 +44,6 @@ class Readings:
             fields[name] = values[place]
 
 
-GRAVITY = 9.80665  # m/s²
 NAN = math.nan
 
 # vehicle_status.nav_state of PX4 1.15

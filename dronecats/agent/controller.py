@@ -122,14 +122,6 @@ class Aircraft(Protocol):
         ...
 
 
-class GimballedAircraft(Aircraft, Protocol):
-    """A drone whose camera is on a gimbal. `hil.link.link.Link` implements it."""
-
-    def point_camera(self, pitch: float) -> None:
-        """Command the gimbal to a pitch (rad, up from the horizon). Raises LinkError when it is refused."""
-        ...
-
-
 class Drone:
     """Flies one action after the other. A decider chooses them."""
 

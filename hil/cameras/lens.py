@@ -225,7 +225,6 @@ class Fit:
 
     calibration: Calibration
     views: int
-    worst_view: int  # index of the view with the largest error
     worst_px: float
     tilt: float  # standard deviation of the boards' normals, across or down, the smaller one
     focal_sigma: float  # standard deviation of the focal length, relative
@@ -276,7 +275,6 @@ def fit(views: Sequence[Corners], board: Board, width: int, height: int) -> Fit:
     result = Fit(
         Calibration(width, height, _rows(matrix), tuple(map(float, distortion.ravel())), error_px=float(error_px)),
         len(views),
-        worst,
         worst_px,
         tilt(turns),
         float(max(sigma[0, 0] / matrix[0, 0], sigma[1, 0] / matrix[1, 1])),

@@ -13,7 +13,7 @@ from dronecats.flight.sitl.simulation import TruthBus, boot_poses, load_world, o
 from dronecats.flight.sitl.sockets import UdpPort
 from dronecats.flight.sitl.truth_listener import Listener
 from foundation.errors import UsageError
-from foundation.frames import Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
+from foundation.frames import GRAVITY, Vec3, geodetic_to_ned, quat_from_euler, quat_multiply, quat_yaw, rotate, wrap_pi
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.truth import TRUTH_COMPONENT, Origin, TruthSample, truth_message, truth_sample
 
@@ -86,7 +86,7 @@ class TruthClock:
 
 SILENT_S = 10.0  # wall seconds in which a truth stream has to speak
 STILL_MPS = 0.2  # m/s, below which a vehicle stands
-G_PER_UNIT = 9.80665 / 1000.0  # m/s² of HIL_STATE_QUATERNION's thousandths of g
+G_PER_UNIT = GRAVITY / 1000.0  # m/s² of HIL_STATE_QUATERNION's thousandths of g
 
 
 class TruthSource:

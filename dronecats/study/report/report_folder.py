@@ -16,7 +16,6 @@ from dronecats.report.results.database import array, literal
 from dronecats.report.table import ReportTable
 from dronecats.report.writers import as_html, as_markdown, as_shell, escaped
 from dronecats.report.writers import as_json as tables_as_json
-from dronecats.study.analysis.loading import load_results
 from dronecats.study.analysis.study_results import StudyResults
 from dronecats.study.report.drawing import StudyFigure, draw
 from dronecats.study.report.findings import compute_findings
@@ -36,15 +35,6 @@ class StudyReport:
     markdown: Path
     content: ReportContent
     parquet: Path | None  # None: the extra `query` is not installed
-
-
-def write_study_report(folder: Path, out: Path) -> Path:
-    """Write the report of a study's folder into the folder `out`, and return the path of the page.
-
-    Raises UsageError if the folder is no study or its runs differ in more than its factors; InfrastructureError if the
-    report cannot be written.
-    """
-    return write(load_results(folder), f"dronecats study report {folder} --out {out}", out).page
 
 
 def write(results: StudyResults, command: str, out: Path) -> StudyReport:

@@ -10,8 +10,9 @@ import duckdb
 import pytest
 
 from dronecats.cli.main import main
+from dronecats.study.analysis.loading import load_results
 from dronecats.study.report import report_folder
-from dronecats.study.report.report_folder import write_study_report
+from dronecats.study.report.report_folder import write
 from tests.study.studies import change_run, falling, write_study
 
 FIGURES = {
@@ -105,7 +106,7 @@ def test_the_same_flights_twice_are_the_same_report(tmp_path, monkeypatch, capsy
 def test_the_half_is_a_number_within_the_levels_and_words_outside(tmp_path, capsys):
     write_study(tmp_path / "in", {"latency": (0.0, 1.0, 2.0, 4.0)}, falling(), flights=4, scatter=0.5)
     write_study(tmp_path / "out", {"latency": (0.0, 0.5)}, falling(half=9.0), flights=2)
-    page = write_study_report(tmp_path / "in", tmp_path / "r")
+    page = write(load_results(tmp_path / "in"), "dronecats study report", tmp_path / "r").page
     (within,) = rows(tmp_path / "r/tables/half_success_latency.csv")
     assert re.fullmatch(r"[01]\.\d+ s", within["half"])
     assert re.search(rf"latency\b.* {within['half']} \(", page.read_text(encoding="utf-8"))
