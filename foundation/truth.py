@@ -227,7 +227,7 @@ def _int16(value: float) -> int:
 
 
 @dataclass(frozen=True, slots=True)
-class SaidHit:
+class HitReport:
     """The beginning of a contact, in a STATUSTEXT."""
 
     what: str  # name of the obstacle
@@ -239,7 +239,7 @@ HIT = re.compile(r"(Collision|Crash): hit (.+?)(?: at ([\d.]+) m/s)?")
 CLEAR = re.compile(r"Collision: clear after ([\d.]+) s")
 
 
-def hit_text(hit: SaidHit) -> str:
+def hit_text(hit: HitReport) -> str:
     """Return the text of a hit, at most 50 bytes of UTF-8, the limit of MAVLink."""
     speed = "" if hit.closing_speed is None else f" at {hit.closing_speed:.1f} m/s"
     begin = f"{'Crash' if hit.crash else 'Collision'}: hit "
@@ -252,10 +252,10 @@ def clear_text(seconds: float) -> str:
     return f"Collision: clear after {seconds:.2f} s"
 
 
-def hit_of(text: str) -> SaidHit | None:
+def hit_of(text: str) -> HitReport | None:
     """Return the hit in a text; None for another text."""
     match = HIT.fullmatch(text)
-    return match and SaidHit(match[2], float(match[3]) if match[3] else None, match[1] == "Crash")
+    return match and HitReport(match[2], float(match[3]) if match[3] else None, match[1] == "Crash")
 
 
 def seconds_of(text: str) -> float | None:

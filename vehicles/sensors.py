@@ -66,7 +66,7 @@ class Suite:
     baro_drift_time_s: float = 1200.0  # so that it wanders by 0.1 m in a minute, as 1 hPa an hour of weather does
     gps_period_us: int = 100_000
     gps_latency_us: int = 100_000  # receiver and serial line: u-blox M8 at 10 Hz
-    gps_late_us: int = 0  # on top of it, and not told: a fix is that much older than its stamp says
+    gps_late_us: int = 0  # on top of it, and not reported: a fix is that much older than its time stamp
     gps_error_h: float = 0.4  # m per horizontal axis: open sky with SBAS, Gauss-Markov
     gps_error_v: float = 0.8  # m
     # s: the atmosphere's delay wanders over 900 to 2700 s (Joerger and Pervan, NAVIGATION 2020, bounds of their

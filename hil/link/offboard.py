@@ -108,8 +108,8 @@ class Destination:
 class OffboardStream:
     """Remembers what is being flown and turns it into the setpoint of the next tick.
 
-    What moves the vehicle lasts no longer than the decision behind it: when its time is over and nothing else has been
-    said, it has become a hold.
+    A setpoint that moves the vehicle lasts no longer than its decision. When its time is over without a new one, the
+    setpoint is a hold.
     """
 
     def __init__(self) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from foundation.frames import Vec3, wrap_pi
 from foundation.mavlink import dialect
 from foundation.record_reader import reader
-from foundation.truth import SaidHit, clear_text, hit_text
+from foundation.truth import HitReport, clear_text, hit_text
 from vehicles.collision import BOX
 from vehicles.encounter import DRONE, balls, push_apart
 from vehicles.multirotor import Multirotor
@@ -108,15 +108,15 @@ class CollisionReport:
             return _text(dialect.MAV_SEVERITY_INFO, clear_text(seconds)) if known else None
         return None
 
-    def _hit(self, struck: bool, crashed: bool, leans: bool) -> SaidHit | None:
+    def _hit(self, struck: bool, crashed: bool, leans: bool) -> HitReport | None:
         """Return what the vehicle has run into, or what it has leant on for so long that it counts as a hit."""
         state, near = self._vehicle.state, self._vehicle.near
         if struck:
-            return SaidHit(self._name(int(state["hit_owner"])), float(state["hit_speed"]), crashed)
+            return HitReport(self._name(int(state["hit_owner"])), float(state["hit_speed"]), crashed)
         if crashed:
-            return SaidHit("the ground", None, True)
+            return HitReport("the ground", None, True)
         if leans and self._since_us is not None and self._last_us - self._since_us >= LASTING_US:
-            return SaidHit(self._name(int(near["leant_on"])), max(float(near["leant_speed"]), 0.0), False)
+            return HitReport(self._name(int(near["leant_on"])), max(float(near["leant_speed"]), 0.0), False)
         return None
 
     def _name(self, owner: int) -> str:

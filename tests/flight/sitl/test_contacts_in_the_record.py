@@ -9,14 +9,14 @@ from dronecats.judge.metrics.judging import METRICS
 from foundation.camera import CameraModel
 from foundation.measurement import TargetMeasurement
 from foundation.run_folder.reading import read
-from foundation.truth import SaidHit, clear_text, hit_of, hit_text, seconds_of
+from foundation.truth import HitReport, clear_text, hit_of, hit_text, seconds_of
 from tests.flight.sitl.before_a_wall import WALL_M, flying, stream, wall
 from tests.vehicles import fleet
 from vehicles.collision import HIT_LEAST
 
 ORIGIN = (47.4, 8.5, 488.0)
 NOTHING = TargetMeasurement(target_ned=(0.0, 0.0, 0.0), distance_m=50.0, visible=False)
-HITS = (SaidHit("house-25", 1.2, False), SaidHit("another drone", 0.0, True), SaidHit("the ground", None, True))
+HITS = (HitReport("house-25", 1.2, False), HitReport("another drone", 0.0, True), HitReport("the ground", None, True))
 
 
 @pytest.mark.parametrize("hit", HITS, ids=lambda hit: hit.what)
@@ -26,12 +26,12 @@ def test_a_hit_is_read_back(hit):
 
 
 def test_a_long_name_fits_into_a_message():
-    text = hit_text(SaidHit("x" * 80, 12.3, True))
+    text = hit_text(HitReport("x" * 80, 12.3, True))
     assert len(text) == 50
-    accented = hit_text(SaidHit("é" * 40, 12.3, True))
+    accented = hit_text(HitReport("é" * 40, 12.3, True))
     assert len(accented.encode()) <= 50
     assert accented.endswith(" at 12.3 m/s")
-    assert hit_of(text) == SaidHit(text[11:].partition(" at ")[0], 12.3, True)
+    assert hit_of(text) == HitReport(text[11:].partition(" at ")[0], 12.3, True)
     assert seconds_of(clear_text(7.25)) == 7.25
     assert hit_of("Collision of interests") is None
 
@@ -110,7 +110,7 @@ def test_a_touch_that_no_hit_began_counts_when_it_lasts(touch_s, counts):
     assert bool(texts) == counts
     if counts:
         begin, end = texts
-        assert hit_of(begin) == SaidHit("wall", 0.0, False)
+        assert hit_of(begin) == HitReport("wall", 0.0, False)
         assert seconds_of(end) == pytest.approx(touch_s, abs=0.03)
 
 

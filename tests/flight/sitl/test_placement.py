@@ -66,7 +66,7 @@ def test_a_truth_without_time_takes_that_of_the_actuators():
     assert clock.see(truth_at(time_us=7_654_321)) == 7_654_000
 
 
-class Somebody:
+class ReportingVehicle:
     """A vehicle that reports its position like PX4's own simulation: 25 Hz, a separate time message, system 6."""
 
     def __init__(self, port, *, speed=0.0, timed=True):
@@ -99,7 +99,7 @@ def port():
 
 
 def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
-    somebody = Somebody(port)
+    somebody = ReportingVehicle(port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
         TRUTH_BRIDGE,
@@ -144,7 +144,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
 
 
 def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
-    somebody = Somebody(port, speed=2.0)
+    somebody = ReportingVehicle(port, speed=2.0)
     source = TruthSource(f"udpin://127.0.0.1:{port}")
     with pytest.raises(UsageError, match=r"2\.0 m/s"):
         source.first()
@@ -155,7 +155,7 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
 @pytest.mark.slow
 @pytest.mark.parametrize("timed", [None, False])
 def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
-    somebody = None if timed is None else Somebody(port, timed=timed)
+    somebody = None if timed is None else ReportingVehicle(port, timed=timed)
     config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}")
     bridge = ChildProcess(TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=rf"--truth udpin://127\.0\.0\.1:{port}"):

@@ -15,7 +15,7 @@ from dronecats.view.live.opening import WantedPage, opened
 PATIENCE_S = 60.0
 
 
-class Heard:
+class Notices:
     """The notices so far, and a wait for one of them."""
 
     def __init__(self) -> None:
@@ -54,13 +54,13 @@ def gone(pid: int) -> bool:
 
 
 def test_no_page_is_no_process(tmp_path, children):
-    with opened(None, tmp_path, "", Heard()):
+    with opened(None, tmp_path, "", Notices()):
         pass
     assert children == []
 
 
 def test_the_address_is_said_and_the_page_ends_with_the_command(tmp_path, children, port):
-    log = Heard()
+    log = Notices()
     with opened(WantedPage(port=port), tmp_path, "vision", log):
         log.wait(f"http://127.0.0.1:{port}")
     assert gone(children[0].pid)
@@ -68,7 +68,7 @@ def test_the_address_is_said_and_the_page_ends_with_the_command(tmp_path, childr
 
 
 def test_a_page_that_hangs_from_the_start_holds_nobody_up(tmp_path, children, port):
-    log, began_s = Heard(), time.monotonic()
+    log, began_s = Notices(), time.monotonic()
     with opened(WantedPage(port=port, stays=True), tmp_path, "", log):
         os.kill(children[0].pid, signal.SIGSTOP)
     assert time.monotonic() - began_s < 5.0
@@ -78,7 +78,7 @@ def test_a_page_that_hangs_from_the_start_holds_nobody_up(tmp_path, children, po
 
 def test_a_page_that_cannot_be_opened_is_told_of_and_that_is_all(tmp_path, monkeypatch, port):
     monkeypatch.setattr(opening, "VIEWER", ChildKind("viewer", "dronecats.view.live.nowhere", ViewerConfig))
-    log, has_flown = Heard(), False
+    log, has_flown = Notices(), False
     with opened(WantedPage(port=port), tmp_path, "", log):
         log.wait("")
         has_flown = True
@@ -86,6 +86,6 @@ def test_a_page_that_cannot_be_opened_is_told_of_and_that_is_all(tmp_path, monke
 
 
 def test_exceptions_of_the_flight_pass_through(tmp_path, children, port):
-    with pytest.raises(KeyboardInterrupt), opened(WantedPage(port=port), tmp_path, "", Heard()):
+    with pytest.raises(KeyboardInterrupt), opened(WantedPage(port=port), tmp_path, "", Notices()):
         raise KeyboardInterrupt
     assert gone(children[0].pid)

@@ -31,7 +31,7 @@ class Echo(BaseHTTPRequestHandler):
 
     def do_POST(self):
         self.rfile.read(int(self.headers["Content-Length"]))
-        assert isinstance(self.server, Told)
+        assert isinstance(self.server, RecordingEndpoint)
         self.server.paths.append(self.path)
         outputs = " ".join((self.path, quote(self.path, safe=""), *map(str, self.headers.values()), *SECRETS))
         outputs += f" http://{self.headers['Host']}{self.path}"
@@ -68,7 +68,7 @@ ENDS = {
 }
 
 
-class Told(ThreadingHTTPServer):
+class RecordingEndpoint(ThreadingHTTPServer):
     """An endpoint that stores the paths of its requests."""
 
     def __init__(self, end: str) -> None:
@@ -79,7 +79,7 @@ class Told(ThreadingHTTPServer):
 
 @pytest.mark.parametrize("end", ENDS)
 def test_a_key_in_the_address_is_told_nowhere(tmp_path, monkeypatch, capfdbinary, end):
-    server = Told(end)
+    server = RecordingEndpoint(end)
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     path = f"/{IN_THE_PATH}/v1"
     query = f"api_key={quote(IN_THE_QUERY, safe='')}"
