@@ -1,7 +1,7 @@
-"""A recorded flight through estimator and cascade again: the same samples and setpoints in, what they make of them out.
+"""Runs estimator and cascade again on a recorded flight: the same samples and setpoints in, their outputs out.
 
-A recording holds each sensor's samples once, at the time they came, inertial ones in single precision; the setpoints
-and the commander's word on standing hold from their row on.
+The file stores each sample once, with the row at which it came; inertial and magnetic ones in single precision. The
+setpoints stay valid until the next stored row. It has the commander's landed flag of every row.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from autopilot.records import SETPOINT
 from foundation.errors import UsageError
 from foundation.sensors import ACTUATORS, SENSORS
 
-GROUPS = {  # what is sampled together: the time that tells a new sample, its fields, and whether half of them will do
+GROUPS = {  # fields that are sampled together: the time that changes with a new sample, the fields, single precision
     "imu": ("imu_time_us", ("accel_frd", "gyro_frd"), True),
     "mag": ("mag_time_us", ("mag_frd",), True),
     "baro": ("baro_time_us", ("pressure_hpa", "temperature_c"), False),
@@ -41,17 +41,17 @@ class Recording:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayedFlight:
-    """The inner loop's outputs for a recording, every `every` rows."""
+    """The inner loop's outputs for a recording, at every n-th row."""
 
     time_us: NDArray[np.int64]  # (m,)
     position_ned: NDArray[np.float64]  # (m, 3) m
     velocity_ned: NDArray[np.float64]  # (m, 3) m/s
-    attitude: NDArray[np.float64]  # (m, 4)
+    attitude: NDArray[np.float64]  # (m, 4) w, x, y, z, FRD → NED
     gyro_bias: NDArray[np.float64]  # (m, 3) rad/s
     accel_bias: NDArray[np.float64]  # (m, 3) m/s²
     rates_setpoint: NDArray[np.float64]  # (m, 3) rad/s
-    thrust_setpoint: NDArray[np.float64]  # (m,)
-    command: NDArray[np.float64]  # (m, 8)
+    thrust_setpoint: NDArray[np.float64]  # (m,) share of full thrust
+    command: NDArray[np.float64]  # (m, 8) of each actuator, 0 … 1
 
 
 def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
@@ -74,7 +74,7 @@ def save(recording: Recording, path: Path, **extra: NDArray[Any]) -> None:
 
 
 def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
-    """Return a recording and the other arrays of its file. Raises UsageError when it is none."""
+    """Return a recording and the other arrays of its file. Raises UsageError when the file is no recording."""
     try:
         with np.load(path) as file:
             arrays = dict(file)
@@ -99,7 +99,7 @@ def load(path: Path) -> tuple[Recording, dict[str, NDArray[Any]]]:
 
 
 def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight:
-    """Return the outputs of a fresh inner loop for a recording. The state of `core` changes."""
+    """Return the outputs of an inner loop for a recording. `core` must be fresh; its state changes."""
     sample, actuators = np.zeros(1, SENSORS), np.zeros(1, ACTUATORS)[0]
     arguments = core.kernel_args(sample[0], actuators)  # an element of a structured array is a view of it
     kept: dict[str, list[Any]] = {name: [] for name in ReplayedFlight.__slots__}
@@ -117,5 +117,5 @@ def replay(core: FlightCore, recording: Recording, every: int) -> ReplayedFlight
 
 
 def _held(rows: NDArray[np.int32], count: int) -> NDArray[np.int64]:
-    """Return (count,) the number of the newest of `rows` at or before each row; -1 before the first."""
+    """Return, for each of `count` rows, the index in `rows` of the last entry not after it; -1: none."""
     return np.searchsorted(rows, np.arange(count), side="right") - 1

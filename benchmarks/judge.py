@@ -25,8 +25,8 @@ from foundation.run_folder import layout
 from foundation.run_folder.rows import Begin, Decision, End, FrameTruth, Pose
 from foundation.run_folder.writing import write_lines
 
-EVERY_S = 2.6  # between two decisions
-FLEET_EVERY, FLEET = 5, 4  # one of so many episodes is a fleet's; its drones
+EVERY_S = 2.6  # s between two decisions
+FLEET_EVERY, FLEET = 5, 4  # every fifth episode has a fleet; drones in a fleet
 GOAL_S = 5.0
 TARGET: Vec3 = (20.0, 0.0, -0.7)
 
@@ -59,7 +59,7 @@ def write_episode(folder: Path, number: int) -> None:
 
 
 class _Walk:
-    """A drone that wanders, as it is logged."""
+    """A drone on a random walk, as rows of the log."""
 
     def __init__(self, rng: random.Random) -> None:
         self._rng, self._yaw_deg = rng, 0.0

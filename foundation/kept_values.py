@@ -1,4 +1,4 @@
-"""Values that take seconds to compute and depend on sources alone, kept in the user's cache for the next process."""
+"""Values that take seconds to compute and depend only on sources and libraries, kept in the user's cache."""
 
 import contextlib
 import hashlib
@@ -17,24 +17,24 @@ from foundation.machine import user_cache
 
 ROOT = Path(__file__).resolve().parents[1]
 LIBRARIES = ("numpy", "scipy", "opencv-python-headless")  # whose arithmetic may differ from version to version
-KEPT_S = 86_400.0  # after which a file of other sources is removed
+KEPT_S = 86_400.0  # a file of older sources that was unused for this long is removed
 T = TypeVar("T")
 
 
 def kept(name: str, sources: Iterable[str], make: Callable[[], T]) -> T:
     """Return what `make` returns, from the cache if a process with the same sources left it there.
 
-    `name`: of its file. `sources`: patterns of files below the project's root. The value must be made of plain types,
-    arrays and the project's own classes. A cache that cannot be read or written only costs time.
+    `name`: start of the file's name. `sources`: patterns of files below the project's root. The value must be made of
+    plain types, arrays and the project's own classes. A cache that cannot be read or written only costs time.
     """
     try:
         folder = user_cache() / "values"
     except UsageError:
         return make()
     file = folder / f"{name}.{digest(sources)}"
-    with contextlib.suppress(Exception):  # a damaged pickle may raise any
+    with contextlib.suppress(Exception):  # a damaged pickle may raise any exception
         value: T = pickle.loads(file.read_bytes())
-        with contextlib.suppress(OSError):  # of a folder that can only be read
+        with contextlib.suppress(OSError):  # the folder may be read-only
             os.utime(file)
         return value
     value = make()
@@ -49,7 +49,7 @@ def kept(name: str, sources: Iterable[str], make: Callable[[], T]) -> T:
 
 
 def digest(sources: Iterable[str]) -> str:
-    """Return a digest of the files of some patterns, and of the libraries that compute with them."""
+    """Return a digest of the files that match the patterns, and of the versions of Python and LIBRARIES."""
     state = hashlib.sha256(repr((sys.version_info[:2], [version(library) for library in LIBRARIES])).encode())
     for path in (path for pattern in sources for path in sorted(ROOT.glob(pattern))):
         state.update(str(path.relative_to(ROOT)).encode())

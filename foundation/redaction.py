@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
 Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
-the query. The other parts are hidden in all text from this address, in any spelling.
+the query. The other parts are also hidden in every text that the server sends, in any encoding.
 """
 
 import base64
@@ -15,7 +15,7 @@ from foundation.protocol import ACTION_FIELDS, ACTIONS
 HIDDEN = "***"
 MAX_URL_CHARS = 2000  # a longer one is not parsed
 MIN_CHARS = 5  # shorter texts are not keys, and hiding them would garble words and numbers
-SPOKEN = frozenset((*ACTIONS, *ACTION_FIELDS))  # words of replies
+SPOKEN = frozenset((*ACTIONS, *ACTION_FIELDS))  # a model's replies contain them, so they are never hidden
 _WEB = ("http", "https", "ws", "wss", "rtsp", "rtsps", "")
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]{0,15}://[^\s'\"<>]*[^\s'\"<>.,:;!)\]}]")
 _URL_FIELDS = re.compile(
@@ -47,7 +47,7 @@ def keyless_environment(environment: Mapping[str, str]) -> dict[str, str]:
 
 
 def redacted_url(url: str) -> str:
-    """Return an address for display. One that cannot be parsed shows only its scheme.
+    """Return an address for display. One that cannot be parsed shows at most its scheme.
 
     An address that is not of the web (a serial port, a UDP port) loses only its user.
     """
@@ -66,7 +66,7 @@ def redacted_url(url: str) -> str:
 
 
 def keyless(url: str) -> str:
-    """Return an address without its user and without query values named as keys, for a digest.
+    """Return an address without user, fragment and query fields whose name suggests a key, for a digest.
 
     Its path may still contain a secret. An address that cannot be parsed is returned unchanged.
     """
@@ -79,7 +79,7 @@ def keyless(url: str) -> str:
 
 
 def secrets_of(url: str) -> tuple[str, ...]:
-    """Return the possible keys in an address: all that `redacted_url` hides, raw and decoded."""
+    """Return the possible keys in an address, raw and decoded: its parts without short texts and common words."""
     match = _URL_FIELDS.fullmatch(url)
     if match is None:
         return worth_hiding(url)
@@ -93,7 +93,7 @@ def secrets_of(url: str) -> tuple[str, ...]:
 
 
 def worth_hiding(*texts: str | None) -> tuple[str, ...]:
-    """Return the texts that may be hidden everywhere, without duplicates: not short, and not words of replies."""
+    """Return the texts that are safe to hide everywhere, without duplicates: not short, no words of replies."""
     return tuple(dict.fromkeys(text for text in texts if text and len(text) >= MIN_CHARS and text not in SPOKEN))
 
 
@@ -113,13 +113,13 @@ def _named(pair: str) -> str:
 
 
 def _spellings(secret: str) -> re.Pattern[str]:
-    """Return a pattern of a text in all spellings: raw, percent-encoded (even twice), escaped for JSON or HTML."""
+    """Return a pattern of a text in all spellings: raw, percent-encoded (also repeatedly), escaped for JSON or HTML."""
     return re.compile("".join(map(_letter, secret)))
 
 
 def _letter(letter: str) -> str:
     code, pair = ord(letter), letter.encode("utf-16-be", "surrogatepass")
-    ways = [  # the longer ones first
+    ways = [  # longer ones first, so that none is matched in part
         "".join(f"%(?:25){{0,4}}(?i:{byte:02x})" for byte in letter.encode("utf-8", "surrogatepass")),
         "".join(rf"\\{{1,4}}u(?i:{pair[i : i + 2].hex()})" for i in range(0, len(pair), 2)),
         rf"&#(?:0{{0,4}}{code}|[xX]0{{0,4}}(?i:{code:x}));",

@@ -56,8 +56,8 @@ def derivative(
 ) -> tuple[Vec3, Quat, Vec3]:
     """Return (acceleration m/s² NED, attitude rate 1/s, angular acceleration rad/s² FRD).
 
-    `load` is (force N FRD, moment N·m FRD, rotor angular momentum about z); `wind` is m/s NED, `mask` the
-    contact points that may touch the ground.
+    `load` is (force N FRD, moment N·m FRD, rotor angular momentum about z); `wind` is m/s NED,
+    `down` the terrain's NED z (m) on a grid, and `mask` has one bit per contact point that may touch the ground.
     """
     force, moment, momentum = load
     air = rotate_inverse(attitude, (velocity[0] - wind[0], velocity[1] - wind[1], velocity[2] - wind[2]))
@@ -93,7 +93,7 @@ def derivative(
 
 @njit(cache=True)
 def move(params: Record, state: Record, down: Grid, load: Load, wind: Vec3, mask: int) -> None:
-    """Advance position, velocity, attitude and rates of `state` by one step (RK4) and note the specific force."""
+    """Advance the motion in `state` by one step (RK4); store the mean rates and the specific force."""
     h = STEP_S
     half = 0.5 * h
     p = (state.position[0], state.position[1], state.position[2])
@@ -130,6 +130,6 @@ def move(params: Record, state: Record, down: Grid, load: Load, wind: Vec3, mask
         )
     )
     state.attitude[0], state.attitude[1], state.attitude[2], state.attitude[3] = turned
-    # the mean over the step, as a real accelerometer integrates: what is felt adds up to the velocity gained
+    # the mean over the step, as a real accelerometer integrates: its sum matches the change of velocity
     felt = rotate_inverse(turned, (acceleration[0], acceleration[1], acceleration[2] - GRAVITY))
     state.specific_force[0], state.specific_force[1], state.specific_force[2] = felt

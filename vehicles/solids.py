@@ -1,4 +1,4 @@
-"""Records of the compiled collisions, and distances to solids: nearest points of triangles and boxes, and rays."""
+"""Data types of the compiled collision code, and distances to solids: nearest points of triangles and boxes, rays."""
 
 import math
 from typing import NamedTuple
@@ -14,9 +14,9 @@ from foundation.sensors import MAX_ROTORS
 Grid32 = NDArray[np.float32]
 Index = NDArray[np.int32]
 
-BUMPERS = 2  # from rotors to the camera, of two balls each
+BUMPERS = 2  # bumper bars between rotors and camera, two balls each
 BALLS = MAX_ROTORS + MAX_CONTACTS + 2 + 2 * BUMPERS  # rotors, feet and masts, hull, camera, bumpers
-CANDIDATES = 4096  # triangles kept at hand; the thickest hedge of the maps has a quarter of that
+CANDIDATES = 4096  # most nearby triangles stored at once; the thickest hedge of the maps has a quarter of that
 CONTACTS = 2 * BALLS  # every ball may touch the box and one triangle
 
 SOLIDS = np.dtype(
@@ -27,17 +27,17 @@ SOLIDS = np.dtype(
         ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc it is, -1 for none
         ("ball_sound", "f8", (BALLS,)),  # m/s, fastest bump it survives
         ("reach", "f8"),  # m, from the body origin to the farthest point of any ball
-        ("origin", "f8", (3,)),  # m, NED, and the rest: `border.obstacles.Obstacles`
+        ("origin", "f8", (3,)),  # m, NED; this and the next two as in `foundation.terrain.Obstacles`
         ("cell", "f8"),
         ("cells", "i8", (3,)),
         ("box", "i8"),  # bool: there is a moving box
-        ("box_time_us", "i8"),  # µs, when the box was where the following says
+        ("box_time_us", "i8"),  # µs, time of the pose below
         ("box_half", "f8", (3,)),  # m
         ("box_centre", "f8", (3,)),  # m, NED
         ("box_velocity", "f8", (3,)),  # m/s, NED
         ("box_yaw", "f8"),  # rad
         ("box_yaw_rate", "f8"),  # rad/s
-        ("box_reach", "f8"),  # m, between the box's middle and a vehicle's origin beyond which they cannot touch
+        ("box_reach", "f8"),  # m, distance between box centre and vehicle origin beyond which they cannot touch
     ],
     align=True,
 )
@@ -46,26 +46,26 @@ NEAR = np.dtype(
     [
         ("looked_at", "f8", (3,)),  # m, NED, position at the last look at every ball
         ("looked_from", "f8", (4,)),  # attitude then
-        ("free", "f8"),  # m, way from there on which no ball can touch anything
+        ("free", "f8"),  # m, distance the vehicle may move from there before a ball can touch anything
         ("gathered_at", "f8", (3,)),  # m, NED, position for which the candidates were gathered
-        ("holds", "f8"),  # m, way from there for which they are all there is
+        ("holds", "f8"),  # m, distance from there within which the candidates are complete
         ("candidates", "i8"),
         ("candidate", "i4", (CANDIDATES,)),  # triangle numbers
-        ("box_count", "i8"),  # contacts with the box, first of those below
+        ("box_count", "i8"),  # contacts with the box; they come first in the arrays below
         ("ball", "i8", (CONTACTS,)),
         ("owner", "i8", (CONTACTS,)),
         ("depth", "f8", (CONTACTS,)),  # m, overlap
         ("normal", "f8", (CONTACTS, 3)),  # unit, NED, out of the obstacle
         ("point", "f8", (CONTACTS, 3)),  # m, NED
         ("drift", "f8", (CONTACTS, 3)),  # m/s, NED, of the obstacle there
-        ("touched_us", "i8", (2 * BALLS,)),  # µs, when each ball last touched a triangle, and after these the box
+        ("touched_us", "i8", (2 * BALLS,)),  # µs, last touch of each ball: with triangles, then with the box
         ("newest_us", "i8"),  # µs, when any of them last touched
-        ("leant_us", "i8"),  # µs, when any but a foot last touched while the vehicle was off the ground
-        ("leant_on", "i8"),  # number of the owner of what it touched
+        ("leant_us", "i8"),  # µs, last touch of a ball other than a foot, with the vehicle off the ground
+        ("leant_on", "i8"),  # number of the thing that it touched, from `SolidTriangles.owner`
         ("leant_speed", "f8"),  # m/s, with which that touch began
         ("stiffness", "f8", (CONTACTS,)),  # N/m
-        ("pressed", "f8", (CONTACTS,)),  # N·s, so far
-        ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, so far
+        ("pressed", "f8", (CONTACTS,)),  # N·s, impulse since the touch began
+        ("rubbed", "f8", (CONTACTS, 3)),  # N·s, NED, impulse of the friction since then
     ],
     align=True,
 )
@@ -76,9 +76,9 @@ class SolidTriangles(NamedTuple):
 
     corners: Grid32  # (T, 9) m, NED
     bounds: Grid32  # (T, 4) m, NED, middle and radius
-    start: Index  # (cells + 1,) where the numbers of each cell begin
+    start: Index  # (cells + 1,) index in `numbers` at which each cell begins
     numbers: Index  # of the triangles, cell by cell
-    owner: Index  # (T,)
+    owner: Index  # (T,) number of the thing to which a triangle belongs
 
 
 @njit(cache=True)
@@ -147,7 +147,7 @@ def in_box(half: Vec3, point: Vec3) -> tuple[float, Vec3, Vec3]:
 
 @njit(cache=True)
 def first_solid(solids: Record, triangles: SolidTriangles, time_us: int, eye: Vec3, way: Vec3, most: float) -> float:
-    """Return the distance (m) from `eye` along the unit vector `way` (both NED) to the first solid, inf beyond `most`.
+    """Return the distance (m) from `eye` along the unit vector `way` (NED) to the first solid; inf: none within `most`.
 
     Walks from cell to cell of the grid (Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing", 1987).
     """
@@ -187,7 +187,7 @@ def first_solid(solids: Record, triangles: SolidTriangles, time_us: int, eye: Ve
 
 @njit(cache=True)
 def _cell(solids: Record, eye: Vec3, way: Vec3, at: float, axis: int) -> int:
-    """Return the cell along an axis in which the ray is at a distance (m), one that exists."""
+    """Return the index, along an axis, of the cell of the ray's point at the distance `at` (m), clamped to the grid."""
     number: float = (eye[axis] + at * way[axis] - solids.origin[axis]) / solids.cell
     last: int = solids.cells[axis] - 1
     return min(max(math.floor(number), 0), last)
@@ -195,7 +195,7 @@ def _cell(solids: Record, eye: Vec3, way: Vec3, at: float, axis: int) -> int:
 
 @njit(cache=True)
 def _within(enters: float, leaves: float, low: float, high: float, way: float) -> tuple[float, float]:
-    """Return the part of a ray's stretch (m) that lies between two walls at `low` and `high` (m) across one axis."""
+    """Return the part of a ray's interval (m) that lies between two walls at `low` and `high` (m) across one axis."""
     if way == 0.0:
         return (enters, leaves) if low <= 0.0 <= high else (enters, -math.inf)
     near, far = low / way, high / way

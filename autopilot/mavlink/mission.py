@@ -31,7 +31,7 @@ def _acknowledge(port: Port, message: Message, result: int) -> None:
 
 
 def say_current(node: Node) -> None:
-    """Send MISSION_CURRENT on all ports, and store the current item for the next boot; 0 for a finished mission."""
+    """Send MISSION_CURRENT on all ports, and store the current item (0: the mission is finished) for the next boot."""
     commander = node.vehicle.commander
     commander.flight.plans.remember(0 if commander.mission.complete else commander.mission.current)
     node.forget_telemetry()
@@ -146,7 +146,7 @@ def acknowledged(node: Node, port: Port, message: Message) -> None:
 
 
 def refuse(node: Node, port: Port, message: Message) -> None:
-    """Reject a partial write: a plan is only replaced as a whole. PX4 does not answer, so its clients time out."""
+    """Reject a partial write: a plan is only replaced as a whole. (PX4 sends no answer.)"""
     _acknowledge(port, message, UNSUPPORTED)
 
 

@@ -13,7 +13,7 @@ _INTEGER_PAYLOAD = struct.Struct("<iHH16sB")
 
 
 class _IntegerValue(dialect.MAVLink_param_value_message):  # type: ignore[misc]
-    """PARAM_VALUE of an INT32, packed as an integer: some bit patterns are signalling NaNs that floats do not carry."""
+    """PARAM_VALUE of an INT32, packed as an integer. Its bits may be a signalling NaN, which a float may change."""
 
     def __init__(self, name: bytes, value: int, count: int, index: int) -> None:
         super().__init__(name, 0.0, INT32, count, index)
@@ -35,10 +35,10 @@ def parameter_value(parameters: ParameterTable, name: str) -> Message:
 
 
 def value_bytes(message: Message) -> bytes:
-    """Return the 4 bytes of `param_value`, first on the wire, of a received PARAM_SET or PARAM_VALUE.
+    """Return the 4 bytes of `param_value`, the first field of the payload, of a PARAM_SET or PARAM_VALUE.
 
-    The decoded float has lost the bits of a signalling NaN, and pymavlink's get_payload is off by the longer header of
-    MAVLink 2.
+    The decoded float has lost the bits of a signalling NaN, and pymavlink's get_payload starts at the wrong byte,
+    because the header of MAVLink 2 is longer.
     """
     frame = bytes(message.get_msgbuf())
     start = 10 if frame[0] == dialect.PROTOCOL_MARKER_V2 else 6
@@ -70,7 +70,7 @@ def request_read(node: Node, port: Port, message: Message) -> None:
 
 
 def set_value(node: Node, port: Port, message: Message) -> None:
-    """Put a value in force and tell everybody. A value of the wrong type changes nothing: the old one is the answer."""
+    """Set a value and send it on all ports. A value of the wrong type changes nothing: the reply is the old value."""
     parameters, name = node.vehicle.parameters, message.param_id
     if name not in parameters:
         _refuse(port, message, -1, dialect.MAV_PARAM_ERROR_DOES_NOT_EXIST)

@@ -34,7 +34,7 @@ def _group(mask: int, first_bit: int, x: float, y: float, z: float) -> Vec3:
 
 
 def _place(mask: int, north: float, east: float, down: float) -> Vec3:
-    """Return a position with ignored and infinite components as nan: any distance is flown at the modes' speeds."""
+    """Return a position with ignored and infinite components as nan. Any distance is valid: modes limit the speed."""
     return (
         north if not mask & 0x1 and math.isfinite(north) else NAN,
         east if not mask & 0x2 and math.isfinite(east) else NAN,
@@ -48,11 +48,11 @@ def _angle(mask: int, bit: int, value: float) -> float:
 
 def trajectory(mask: int, frame: int, position: Vec3, velocity: Vec3, acceleration: Vec3, yaw: float, yaw_rate: float,
                attitude: Quat, heading: float) -> CascadeSetpoint:  # fmt: skip
-    """Return the trajectory setpoint in the local frame of a message with raw fields in frame LOCAL_NED or BODY_NED.
+    """Return the raw fields of a message (frame LOCAL_NED or BODY_NED) as a setpoint in the local frame.
 
     `attitude` and `heading` (rad) are the vehicle's. BODY_NED: position is ignored, velocity is turned by the heading
     only (z stays world down), a velocity with any ignored component is ignored, acceleration is turned by the attitude.
-    Raises RejectedError when the frame is neither, force is asked for, or nothing is controlled.
+    Raises RejectedError for any other frame, or when force is asked for, or nothing is controlled.
     """
     if mask & FORCE:
         raise RejectedError("force not supported")
@@ -100,7 +100,7 @@ def local_ned(node: Node, port: Port, message: Message) -> None:
 
 
 def global_int(node: Node, port: Port, message: Message) -> None:
-    """SET_POSITION_TARGET_GLOBAL_INT: silently dropped while the reference that its altitude needs is missing."""
+    """SET_POSITION_TARGET_GLOBAL_INT: dropped silently without the origin, home or ground that its altitude needs."""
     state, m = node.vehicle.state, message
     down = _altitude_to_down(node, m.coordinate_frame, m.alt)
     if down is None:
@@ -120,7 +120,7 @@ def global_int(node: Node, port: Port, message: Message) -> None:
 
 
 def _altitude_to_down(node: Node, frame: int, altitude: float) -> float | None:
-    """Return local z (m) of an altitude above sea level (5), home (6) or ground (11); None without the reference."""
+    """Return local z (m) of an altitude in MAV_FRAME 5 (sea level), 6 (home) or 11 (ground); None: no reference."""
     state, home = node.vehicle.state, node.vehicle.commander.flight.home
     if not state.origin_set:
         return None
@@ -160,11 +160,11 @@ def attitude_target(node: Node, port: Port, message: Message) -> None:
 
 
 POSITION, VELOCITY = 1, 2  # bits of est_capabilities
-FASTEST = 100.0  # m/s, a target that claims more is not believed
+FASTEST = 100.0  # m/s, a component of a target's velocity above it is taken as 0
 
 
 def follow_target(node: Node, port: Port, message: Message) -> None:
-    """Keep the target's place with the time of its arrival; one without a place is ignored."""
+    """Store the target's position and the time the message arrived; ignore a message without a position."""
     state, target = node.vehicle.state, node.vehicle.commander.flight.target
     # clients leave the capabilities at 0 and send a place all the same
     placed = message.est_capabilities == 0 or message.est_capabilities & POSITION
@@ -183,14 +183,14 @@ def follow_target(node: Node, port: Port, message: Message) -> None:
 
 
 def _axis(value: int) -> float:
-    return value / 1000.0 if abs(value) <= 1000 else 0.0  # beyond it, such as INT16_MAX: the axis is not fitted
+    return value / 1000.0 if abs(value) <= 1000 else 0.0  # beyond it, such as INT16_MAX: there is no such axis
 
 
 def manual_control(node: Node, port: Port, message: Message) -> None:
-    """Keep the sticks with the time of their arrival."""
+    """Store the sticks and the time the message arrived."""
     if message.target not in (0, node.system_id):
         return
     sticks = node.vehicle.commander.flight.sticks
     sticks.time_us = node.time_us
     sticks.forward, sticks.right, sticks.yaw = _axis(message.x), _axis(message.y), _axis(message.r)
-    sticks.throttle = message.z / 1000.0 if 0 <= message.z <= 1000 else 0.5  # not fitted: neither up nor down
+    sticks.throttle = message.z / 1000.0 if 0 <= message.z <= 1000 else 0.5  # no such axis: hold the height

@@ -1,4 +1,4 @@
-"""Verb `bench`: flies a suite with models and pilots, several flights of each, or resumes one that stopped."""
+"""Verb `bench`: flies a suite with models and pilots, or resumes a stopped benchmark; exports runs as Parquet."""
 
 import argparse
 import json
@@ -12,7 +12,7 @@ from dronecats.cli.options import PILOTS, PLACE, SELECTION, add, add_disturbance
 from dronecats.cli.output import print_note
 from foundation.errors import UsageError
 
-EXPORT = "export-parquet"  # in place of the episodes: write runs as Parquet, a file for each table of docs/query.md
+EXPORT = "export-parquet"  # first argument instead of episodes: export runs as Parquet
 
 
 def add_bench_options(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +35,7 @@ def add_bench_options(parser: argparse.ArgumentParser) -> None:
 
 
 def _run(args: argparse.Namespace) -> int:
-    """Fly; status 0 when everything was flown, 3 when something broke or the budget is spent."""
+    """Fly; status 0 when everything was flown, 3 when a flight broke or the budget is spent."""
     from dronecats.bench.benchmark_folder import Bench
     from dronecats.bench.tables import bench_rows
 
@@ -60,7 +60,9 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    """Write runs as Parquet files, and print the rows of each. Names damaged episodes on standard error."""
+    """Write runs as Parquet files, one per table, and print their numbers of rows.
+
+    Names damaged episodes on standard error."""
     from dronecats.report.recorded.run import recorded_runs
     from dronecats.report.results.database import write_tables
 

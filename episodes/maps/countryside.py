@@ -17,11 +17,11 @@ from episodes.maps.geometry import Array
 from episodes.maps.scene import Material
 
 HORIZON_M = 9000.0  # half extent
-OVERLAP_M, DROP_M = 8.0, 0.4  # of the map's ground over this land
+OVERLAP_M, DROP_M = 8.0, 0.4  # how far the map's ground reaches over this land, and how much lower the land is there
 PER_SIDE = 48  # pieces of a ring along each side of the square
 RINGS = (1.12, 1.3, 1.6, 2.0, 2.5, 3.1, 3.8, 4.7, 5.8, 7.2, 9.0, 12.0, 16.0)  # times the map's half extent
-LEVEL_M = 700.0  # from the map's edge to where its own lie has levelled out
-HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # where they begin and are full; their height
+LEVEL_M = 700.0  # distance from the map's edge at which the height of the edge has faded to 0
+HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # from the edge to where hills begin and are full; mean height
 TILE_M = 2600.0  # the pattern of fields repeats
 FIELDS = (  # sRGB of what grows there, and how often
     ((98, 119, 61), 6),
@@ -43,7 +43,7 @@ def fields() -> Picture:
     tiled = np.concatenate([middles + side * np.array((i, j)) for i in (-1, 0, 1) for j in (-1, 0, 1)])
     row, column = np.mgrid[0:side, 0:side].astype(np.float64)
     bend = 4.5 * noise((side, side), 2.2, 272), 4.5 * noise((side, side), 2.2, 273)
-    # fields are longer one way: distances count differently along and across
+    # fields are longer in one direction, so distances are scaled differently along and across
     stretch = np.array((1.0, 1.5))
     place = np.stack([row + bend[0], column + bend[1]], axis=2) * stretch
     away, nearest = cKDTree(tiled * stretch).query(place.reshape(-1, 2), k=2)
@@ -70,7 +70,7 @@ def beyond(half_m: float, down: Callable[[Array, Array], Array], seed: int) -> g
     radii = np.array((half_m - OVERLAP_M, *(half_m * times for times in RINGS), HORIZON_M))
     along = np.linspace(-1.0, 1.0, PER_SIDE + 1)[:-1]
     one = np.ones(PER_SIDE)
-    # counter-clockwise seen from above, of north and west
+    # outline (north, west), counter-clockwise seen from above
     north = np.concatenate([one, -along, -one, along])
     west = np.concatenate([along, one, -along, -one])
     north, west = np.append(north, north[0]), np.append(west, west[0])
@@ -81,7 +81,7 @@ def beyond(half_m: float, down: Callable[[Array, Array], Array], seed: int) -> g
 
 
 def _height(north: Array, east: Array, half_m: float, down: Callable[[Array, Array], Array], seed: int) -> Array:
-    """Return the height (m) of the land: as the map's at its edge, level beyond, then hills."""
+    """Return the height (m) of the land: equal to the map's at its edge, level beyond, then hills."""
     away = np.maximum(np.abs(north), np.abs(east)) - half_m
     inside = half_m - 1.0
     edge = -down(np.clip(north, -inside, inside), np.clip(east, -inside, inside))

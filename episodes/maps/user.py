@@ -1,4 +1,4 @@
-"""The maps of users: glTF files in a folder, flown by name like the maps that ship."""
+"""The maps of users: `.glb` files in a folder, flown by name like the maps that ship."""
 
 import os
 import re
@@ -17,7 +17,7 @@ _NAME = re.compile(r"[a-z0-9](?:[a-z0-9-]{0,38}[a-z0-9])?")
 def folder() -> Path:
     """Return the folder of the user's maps: $DRONECATS_MAPS, else `dronecats/maps` under the user's data folder.
 
-    Raises UsageError for a user without a home who names none.
+    Raises UsageError if the user has no home folder and the variable is not set.
     """
     try:
         if path := os.environ.get(FOLDER):
@@ -38,13 +38,13 @@ def names() -> list[str]:
 
 def build(name: str) -> Scene:
     """Return a user's map. Raises UsageError when there is none of that name or its file is wrong."""
-    from episodes.maps import gltf  # loads rays and pictures, which a list of names does not need
+    from episodes.maps import gltf  # imports the libraries for rays and pictures, which a list of names does not need
 
     return gltf.load(path_of(name))
 
 
 def path_of(name: str) -> Path:
-    """Return the file of a user's map. Raises UsageError for a name that is no map, also one that leaves the folder."""
+    """Return the file of a user's map. Raises UsageError for an unknown name, or one outside the folder."""
     if name not in names():
         near = nearest(name, names(), cutoff=0.4)
         hint = did_you_mean(near) if near else "import one with `dronecats maps import`."
@@ -57,9 +57,9 @@ def add(
 ) -> Scene:
     """Check the glTF file of a map and keep it under a name; return the map as it will be flown.
 
-    What is kept is our own form of it: its ground is found, its transforms are applied and its pictures are reduced
-    once, here. Raises UsageError for a name that is none or one of `taken`, for one that the user has already unless
-    `replace`, and for a file that cannot be a map.
+    The kept file has our own form: its ground is found, its transforms are applied and its pictures are reduced.
+    Raises UsageError if the name is invalid or in `taken`, if the user already has it and `replace` is false, or if
+    the file cannot be a map.
     """
     from episodes.maps import gltf
 

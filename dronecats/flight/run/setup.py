@@ -1,4 +1,4 @@
-"""The sequence of every flight, from its record to its judged folder. Each kind of vehicle has a subclass."""
+"""The sequence of every flight, from its record to its judged folder: `FlightSetup`, a subclass per kind of vehicle."""
 
 import signal
 import statistics
@@ -46,8 +46,8 @@ def fly_and_judge(
 ) -> dict[str, Any]:
     """Fly, leave a judged folder in every case, and return the JSON object of `fly`.
 
-    `afterwards` writes the other files of the flight; a Ctrl-C disturbs neither it nor the verdict. `pace` returns,
-    after the flight, how well it kept real time.
+    `afterwards` writes the other files of the flight; a Ctrl-C disturbs neither it nor the verdict. `pace` is
+    called after the flight and returns how well the flight kept real time.
     """
     try:
         ending = flight()
@@ -65,7 +65,7 @@ def fly_and_judge(
     with signals_handled(signal.SIG_IGN):
         _, unidentified = _kept(
             lambda: write_identity(folder, pace()), folder
-        )  # a folder with a verdict has all other files
+        )  # before the verdict: a folder with a verdict has its identity
         verdict, unkept = _kept(lambda: write_verdict(folder), folder)
         _, unwritten = _kept(lambda: afterwards(ending), folder)
     verdict = verdict or verdict_of(folder)
@@ -99,7 +99,7 @@ def fly_and_judge(
 
 
 def _kept(write: Callable[[], Written], folder: Path) -> tuple[Written | None, DronecatsError | None]:
-    """Write a file after the flight; return the error if the disk refuses it."""
+    """Write a file after the flight; return the error if it cannot be written."""
     try:
         return write(), None
     except InfrastructureError as fault:
@@ -125,7 +125,7 @@ class Instruments:
         return model
 
     def agent(self, make: AgentFactory) -> AgentFactory:
-        """Return the maker of the agent."""
+        """Return the agent's factory."""
         return make
 
 
@@ -140,17 +140,17 @@ class Ready:
     starts: list[StartOffset]  # of each drone
     pilot: OpenPilot
     true_start: StartCheck | None = None  # decides whether the episode may begin; None: it may
-    pictures: PicturePath | None = None  # faults of the pictures; None: none
+    pictures: PicturePath | None = None  # picture faults to inject; None: no faults
 
 
 class FlightSetup(ABC):
-    """A flight that has been looked up and checked. Each kind of vehicle has a subclass."""
+    """A flight whose settings have been resolved and checked. Each kind of vehicle has a subclass."""
 
     authority: Authority = EVERYTHING
     headline = ""  # printed before the flight, unless empty
 
     def __init__(self, flight: Flight, episode: str, camera: dict[str, Any] | None) -> None:
-        """`episode` names its folder; `camera` is the camera's entry in run.json."""
+        """`episode` is the name of the episode's folder; `camera` is the camera's entry in run.json."""
         self.flight, self.episode, self.camera = flight, episode, camera
         self.pace: dict[str, float] | None = None  # how well the flight kept real time; set after the flight
 
@@ -163,7 +163,7 @@ class FlightSetup(ABC):
         """Start everything that the episode needs, and end it afterwards. Raises UsageError, InfrastructureError."""
 
     def agent(self, pilot: OpenPilot) -> AgentFactory:
-        """Return the maker of the agent that flies."""
+        """Return the factory of the agent that flies."""
         return pilot.agent(self.flight)
 
     def facts(self) -> dict[str, Any]:
@@ -172,12 +172,12 @@ class FlightSetup(ABC):
 
     @abstractmethod
     def finish(self, folder: Path, ending: EpisodeEnd, notify: Notify) -> None:
-        """Write the other pictures and logs of a judged folder."""
+        """Write the pictures and logs that are made after the verdict."""
 
     def fly_in(
         self, folder: Path, notify: Notify, afterwards: Callable[[EpisodeEnd], None] = lambda ending: None
     ) -> dict[str, Any]:
-        """Fly in an existing episode folder, judge it, and return the object of `fly --json`.
+        """Fly, with an existing folder for the results, judge it, and return the object of `fly --json`.
 
         `afterwards` is called after the verdict is written. Raises InfrastructureError.
         """

@@ -14,7 +14,7 @@ from hil.link.transport import connect
 
 
 class VehicleStage:
-    """Base class for stages of a connected vehicle, which has its own clock. The stage has child processes."""
+    """Base class for stages of a connected vehicle, which has its own clock. It supervises child processes."""
 
     lockstep = False
     speed = 1.0
@@ -22,7 +22,7 @@ class VehicleStage:
     _logger: ChildProcess
 
     def mend(self) -> None:
-        """Do nothing, because a connected vehicle has no disturbances."""
+        """Do nothing: a connected vehicle has no disturbances of ours that would have to end."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)
@@ -38,10 +38,10 @@ class VehicleStage:
 
 
 class ConnectedStage(VehicleStage):
-    """A stage without truth. The link's bytes are copied to the logger, which is a separate process."""
+    """A stage without ground truth. The link's bytes are copied to the logger, which is a separate process."""
 
     def __init__(self, link: Link, camera: PatientCamera, folder: Path) -> None:
-        """`folder` is the episode's, for the logs. Raises InfrastructureError."""
+        """`folder` is the episode folder, for the logs. Raises InfrastructureError."""
         self._supervisor = Supervisor(folder)
         self.executor = DaemonExecutor()
         self.links = [link]

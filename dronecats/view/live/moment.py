@@ -28,18 +28,18 @@ class DroneMoment:
     attitude: Quat = (1.0, 0.0, 0.0, 0.0)  # w, x, y, z, FRD → NED
     velocity_ned: Vec3 | None = None  # m/s
     height_m: float | None = None  # m above the ground; above the map's origin when no ground is known
-    true: bool = False  # the pose is from the truth bus; else the autopilot's estimate
+    true: bool = False  # the pose is the simulator's true one; else the autopilot's estimate
     setpoint_ned: Vec3 | None = None  # m/s, commanded velocity, map frame
     mode: str = ""  # PX4's name; "": not known
     armed: bool | None = None
     battery: float | None = None  # 0 … 1
-    messages: tuple[str, ...] = ()  # newest last: warnings of the autopilot, limits of the envelope, orders
+    messages: tuple[str, ...] = ()  # newest last: the autopilot's warnings, active limits of the envelope, orders
     prompt: str = ""  # of the newest decision; "": not known
     picture: ShownPicture | None = None  # the newest that the pilot got
     decision: Decision | None = None  # the newest
     decided_on: ShownPicture | None = None  # the picture of that decision
-    chosen_ned: Vec3 | None = None  # m, map frame, the point of a go; None for other actions
-    lens_ned: Vec3 | None = None  # m, map frame, the optical centre of its picture
+    chosen_ned: Vec3 | None = None  # m, map frame, the point that the action `go` chose; None for other actions
+    lens_ned: Vec3 | None = None  # m, map frame, the camera's optical centre when `decided_on` was taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,18 +55,18 @@ class JudgeMoment:
 class Moment:
     """The state of a flight at one time."""
 
-    t_s: float  # s of vehicle time since the episode began; before it, negative or 0
+    t_s: float  # s of vehicle time since the episode began; at most 0 before it begins
     drones: tuple[DroneMoment, ...]
     judge: JudgeMoment = JudgeMoment()
     moved: Moved = field(default_factory=dict)  # poses of moving objects, drones excepted
     state: str = ""  # for example "in the air" or "over: cap"
-    rate_hz: float | None = None  # decisions per s of vehicle time, the newest
+    rate_hz: float | None = None  # newest value of decisions per s of vehicle time
     instruction: str = ""  # "": not known
 
 
 @dataclass(frozen=True, slots=True)
 class ChosenSight:
-    """The ray of a go, from the pose at which its picture was taken, tilt included."""
+    """The ray of a go, from the drone's pose at its picture, with the drone's tilt."""
 
     lens_ned: Vec3  # m, map frame, the optical centre
     place_ned: Vec3  # m, map frame, on the ray, at the pilot's depth along the optical axis
@@ -82,7 +82,7 @@ def chosen_go(decision: Decision) -> Go | None:
 
 
 def sight(go: Go, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> ChosenSight:
-    """Return the ray of a go. Position (m, NED, of the body) and attitude (FRD → NED): when its picture was taken."""
+    """Return the ray of a go; position (m, NED, of the body) and attitude (FRD → NED) are those at its picture."""
     lens = _added(position_ned, rotate(attitude, camera.offset_frd))
     right, forward, up = displacement(go, camera)
     return ChosenSight(lens, _added(lens, rotate(attitude, (forward, right, -up))))

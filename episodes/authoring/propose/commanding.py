@@ -1,4 +1,4 @@
-"""Drafts for a fleet and four look-alikes, of which the instruction names one by its inscription."""
+"""Drafts for a fleet and four similar candidates; the instruction names one by its inscription."""
 
 import itertools
 import math
@@ -25,24 +25,24 @@ from episodes.maps.scene import Instance, Spot
 from episodes.records.record import TargetRecord
 from foundation.frames import Vec3
 
-CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # with plates of 0.10 m at the front and at the rear
-SPARE_M = 0.3  # from every limit
-ALTITUDES_M = (1.35, 2.05)  # over the ground in the middle of a grid; that under its corners differs
+CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # with plates 0.10 m high at the front and at the rear
+SPARE_M = 0.3  # margin kept from every limit of a distance
+ALTITUDES_M = (1.35, 2.05)  # above the ground at the middle of a grid; at its corners the altitude differs
 GROUPS = 3000  # groups of four places tried for one draft
-GRIDS = 40  # places tried for the fleet of a group, by distances and room alone …
-VIEWS = 6  # … and of those, by what the drones see
+GRIDS = 40  # places of the fleet tried per group, checked for distances and free space
+VIEWS = 6  # of these, how many are checked for the drones' views
 HALF_VIEW_DEG = 40.0  # of a picture that is 90° wide, with room for the width of the candidates
 ROADSIDE = ("kerb", "drive")  # kinds of place for vehicles
-TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # of a square of drones, against the way to a candidate
-ABREAST_M = 0.4  # half of the width that a drone covers in another's view, and a little
+TURNED_GRIDS_DEG = (0.0, 15.0, 30.0, 45.0, 60.0, 75.0)  # angles between the square and the way to a candidate
+ABREAST_M = 0.4  # half width of a drone as another one sees it, with a margin
 HIDES = 0.4  # of a candidate's width that another drone may cover
-TURNED_DEG = 35.0  # between the direction of a sign and the fleet
-SEEN = 0.3  # of every candidate, from every drone …
-FACED = 0.6  # … and of the named one, from the first
+TURNED_DEG = 35.0  # largest angle between a sign's direction and the fleet
+SEEN = 0.3  # visible share of every candidate, from every drone
+FACED = 0.6  # visible share of the target, from the first drone, when it faces the target
 
 
 def drafts(site: Site, rng: random.Random) -> Generator[Proposal | None, Draw, None]:
-    """Yield drafts without end, each for the share that is sent: looks in turn, places at random."""
+    """Yield a draft for each `Draw` sent in: assets and paints take turns, places are random. First yields None."""
     share = yield None
     signs = site.name != "residential"
     kinds = ["sign"] if signs else list(CARS)
@@ -92,7 +92,7 @@ def _groups(
 
 
 def four_spots(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None:
-    """Return four spots whose nearest and widest pairs keep the limits; None when a try misses."""
+    """Return four spots whose nearest and widest pairs keep the limits; None if this try fails."""
     first = rng.choice(spots)
     chosen, low, high = [first], NEAREST_PAIR_M[0] + SPARE_M, WIDEST_PAIR_M[1] - SPARE_M
     near = [s for s in spots if low <= math.dist(s.position_ned, first.position_ned) <= high]
@@ -131,7 +131,7 @@ def _draft(
 ) -> Proposal | None:
     """Return the draft of a fleet before four candidates.
 
-    None when no candidate is at the target's distance, or one is hidden.
+    None when no candidate is at the target's distance, no start fits, or a candidate is hidden from a drone.
     """
     height = share.height_m(ALTITUDES_M)
     centre = (*middle, site.ground(*middle) - height)
@@ -176,7 +176,7 @@ def _draft(
 
 
 def _in_the_way(drone: int, places: list[Vec3], candidates: list[PlacedTarget], yaw_deg: float) -> bool:
-    """Return whether another drone of the fleet covers most of a candidate in a drone's picture."""
+    """Return whether another drone of the fleet covers more than HIDES of a candidate in a drone's picture."""
     yaw, lever = math.radians(yaw_deg), CAMERA.offset_frd[0]
     eye = (places[drone][0] + lever * math.cos(yaw), places[drone][1] + lever * math.sin(yaw))
     for place in (place for k, place in enumerate(places) if k != drone):
@@ -194,7 +194,7 @@ def _in_the_way(drone: int, places: list[Vec3], candidates: list[PlacedTarget], 
 def _candidate(
     site: Site, asset: str, paint: str, text: str, spot: Spot, toward: float, rng: random.Random
 ) -> TargetRecord:
-    """Return a look-alike on a spot: a vehicle along the spot, a sign turned to a viewer who looks `toward` (rad)."""
+    """Return a candidate on a spot: a vehicle with its yaw, or a sign turned to a viewer who looks `toward` (rad)."""
     north, east, _ = spot.position_ned
     yaw = math.degrees(spot.yaw)
     if asset == "sign":

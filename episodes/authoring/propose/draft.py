@@ -1,4 +1,4 @@
-"""Proposals for new episodes: their random draws and their instructions. The search for episodes checks them.
+"""Proposals for new episodes: their random draws and their instructions. The episode search checks the proposals.
 
 The draws for one request are spread evenly over the allowed ranges, separately for each dimension. An instruction is a
 phrase of its cell with the name of the target.
@@ -12,7 +12,7 @@ from episodes.authoring.check.sight import Framing, across, away
 from episodes.authoring.propose.site import PlacedTarget
 from episodes.records.record import HIDDEN, MAX_SEED, StartPose, TargetRecord
 
-JITTER = 0.25  # highest distance of a draw from its place, as a fraction of a stratum
+JITTER = 0.25  # largest offset of a draw from the middle of its stratum, as a fraction of the stratum
 
 VERBS: dict[str, tuple[str, ...]] = {
     "approaching": (
@@ -53,7 +53,7 @@ BOARDS = (
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """The values of a record except its id and the numbers that are derived."""
+    """The values of a record except its id and the numbers computed later."""
 
     target: TargetRecord
     placed: PlacedTarget  # the same target, as it stands when the episode begins
@@ -67,7 +67,7 @@ class Proposal:
 def yaw_deg(cell: str, ahead_deg: float, framed: Framing, share: float) -> float | None:
     """Return the yaw (deg) of a start, None if no yaw is allowed.
 
-    In a cell with a hidden target, a yaw is allowed if it hides the target, otherwise if it shows the whole target.
+    In a cell with a hidden target, the allowed yaws keep the target out of view; in other cells they show all of it.
     `share` (0 … 1) selects one of the allowed yaws.
     """
     off = away(framed, share) if cell in HIDDEN else across(framed, share)
@@ -134,7 +134,7 @@ def inscribed(asset: str, text: str, rng: random.Random) -> str:
 
 
 def plates(count: int, rng: random.Random) -> list[str]:
-    """Return `count` plates that differ in a digit or two, so that they must be read to the end."""
+    """Return `count` plates that differ from a common one in one or two places, so that they look alike."""
     base = [rng.randrange(1, 10) for _ in range(4)]
     texts: list[str] = []
     while len(texts) < count:

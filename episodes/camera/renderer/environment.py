@@ -1,7 +1,7 @@
-"""The reflection in paint, glass and water: a small picture of all directions around the middle of the map.
+"""The reflection in paint, glass and water: a small picture of all directions around a place.
 
-It has the sky with its clouds, the things of the map as columns, and the ground, in two halves (upper, lower) with the
-projection of the sky's table. It is coarse, as reflections in paint and panes are.
+It shows the sky with its clouds, the things of the map as columns, and the ground. It has two halves, upper and lower,
+in the stereographic projection of `sky.read_half`. It is coarse, because reflections in paint and panes are blurred.
 """
 
 import math
@@ -18,8 +18,8 @@ from foundation.compiled import njit
 from foundation.frames import Vec3
 
 CELLS = 64  # per side of a half
-EYE_M = 2.5  # height above the ground of the place from which it is seen
-NEAREST_M, FARTHEST_M = 5.0, 260.0
+EYE_M = 2.5  # height of the eye above the ground
+NEAREST_M, FARTHEST_M = 5.0, 260.0  # first and last point of a ray
 GROUND: Vec3 = (0.15, 0.15, 0.13)  # linear reflectance: roads, walks and grass together
 
 
@@ -33,7 +33,7 @@ def mean_of(surfaces: Surfaces, atlas: Atlas) -> NDArray[np.float32]:
 def mirrored_of(
     columns: Columns, shade: Occlusion, day: Daylight, sky: NDArray[np.float32], north: float, east: float
 ) -> NDArray[np.float32]:
-    """Return the (2, CELLS, CELLS, 3) linear RGB that is seen from a place (m), upper and lower half."""
+    """Return the (2, CELLS, CELLS, 3) linear RGB that is seen from a place (north, east; m), upper and lower half."""
     blurred = np.ascontiguousarray(cv2.resize(sky, (CELLS, CELLS), interpolation=cv2.INTER_AREA))
     made = np.zeros((2, CELLS, CELLS, 3), np.float32)
     _look_around(columns, shade.ground, day, blurred, north, east, np.array(GROUND), made)

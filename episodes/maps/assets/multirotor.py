@@ -1,4 +1,4 @@
-"""Drones: those of a fleet in each other's pictures, and the quadrotor on a stand that a record can name.
+"""Drones: those of a fleet as they see each other, and a quadrotor on a stand, which a record can have as target.
 
 A drone of a fleet has its rotors, arms, feet and mast where the airframe's TOML has them. Its origin is the body's,
 between the rotors and not on the ground. The quadrotor is an exhibit, five times as wide.
@@ -18,18 +18,18 @@ from foundation.airframe import Airframe
 from foundation.camera import CameraModel
 from foundation.frames import Vec3
 
-# dark, so that it shows before sky and walls, with a band and front blades in a colour that no target has, so that it
-# shows before hedges and in shadow, and which way it looks
+# Dark, to be seen against sky and walls. The band and the front blades have a colour that no target has, to be seen
+# against hedges and in shadow, and to show the front.
 SHELL = materials.plain("drone-shell", (62, 66, 72), 0.35)
 BAND = materials.plain("drone-band", (188, 222, 40), 0.1)
 CARBON = materials.plain("drone-carbon", (30, 31, 33), 0.25)
 MOTOR = materials.plain("drone-motor", (120, 124, 130), 0.6)
 FRONT_BLADE = materials.plain("drone-front-blade", (188, 222, 40), 0.1)
 REAR_BLADE = materials.plain("drone-rear-blade", (58, 60, 64), 0.1)
-# a blade from hub to tip, both as shares of the rotor's radius: along it, across it
+# a blade from hub to tip: points (along, across), as fractions of the rotor's radius
 BLADE = ((0.06, -0.05), (0.25, -0.12), (0.65, -0.11), (1.0, -0.04), (1.0, 0.04), (0.65, 0.055), (0.25, 0.065))
-QUADROTOR_SIZE = 1.16  # of the drawing in `quadrotor`: 2.8 m over the propellers, as those that spray crops are
-STOPPED_RAD = 0.6, 1.1  # a short exposure shows propellers as if they stood: the first one's angle, and on to the next
+QUADROTOR_SIZE = 1.16  # scale of `quadrotor`: 2.8 m across the propellers, like a crop-spraying drone
+STOPPED_RAD = 0.6, 1.1  # a short exposure shows propellers as if they stood still: angle of the first, step to the next
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +46,7 @@ class Outline:
         return min(float(np.hypot(x, y)) for x, y, _ in self.hubs)
 
 
-# the default airframe, vehicles/airframes/x500.toml, for those who may not know the physics
+# the default airframe, vehicles/airframes/x500.toml, for modules that must not import `vehicles`
 X500 = Outline(
     hubs=((0.174, 0.174, -0.06), (-0.174, -0.174, -0.06), (0.174, -0.174, -0.06), (-0.174, 0.174, -0.06)),
     radius_m=0.127,
@@ -66,7 +66,7 @@ def outline(airframe: Airframe) -> Outline:
 
 @cache
 def multirotor(shape: Outline) -> Mesh:
-    """Return the mesh of a drone, FRD axes, origin the body's, its camera where the pictures are taken."""
+    """Return the mesh of a drone, with the body's origin, and the camera where the drone takes its pictures."""
     thin = max(0.06 * shape.radius_m, 0.001)
     solids = [*_hull(shape), *_camera(shape, thin)]
     for k, (x, y, z) in enumerate(shape.hubs):
@@ -77,7 +77,7 @@ def multirotor(shape: Outline) -> Mesh:
 
 
 def _hull(shape: Outline) -> list[MeshPart]:
-    """Return shell, battery and mast."""
+    """Return shell, battery, band and mast."""
     half = 0.36 * shape.arm_m
     outer = [(1.25, 0.5), (0.7, 0.85), (-0.9, 0.8), (-1.15, 0.0), (-0.9, -0.8), (0.7, -0.85), (1.25, -0.5)]
     ring = half * np.array(outer)
@@ -118,14 +118,14 @@ def _legs(shape: Outline, thin: float) -> list[MeshPart]:
     solids = [g.rod((0.4 * x, 0.4 * y, 0.0), (x, y, z + thin), (thin, thin), CARBON, 6) for x, y, z in feet]
     for side in (-1.0, 1.0):
         along = [foot for foot in feet if foot[1] * side > 0.0]
-        if len(along) == 2 and -along[0][2] > shape.radius_m:  # of tall ones: short legs end on pads
+        if len(along) == 2 and -along[0][2] > shape.radius_m:  # skids only for tall legs; short ones have pads
             (x0, y0, z0), (x1, y1, z1) = along
             solids.append(g.rod((x0, y0, z0 + thin), (x1, y1, z1 + thin), (1.1 * thin, 1.1 * thin), CARBON, 6))
     return solids
 
 
 def _camera(shape: Outline, thin: float) -> list[MeshPart]:
-    """Return the camera on its boom, and the bumpers to it from the two nearest rotors."""
+    """Return the camera on its boom, and the bumper bars from the two nearest rotors to it."""
     x, y, z = CameraModel().offset_frd
     size = 0.2 * min(shape.radius_m, 0.15)
     place, cube = np.array((x, -y, -z)), np.array((size, size, size))
@@ -155,7 +155,7 @@ def _display_rotor(x: float, y: float, z: float, turn: float) -> list[MeshPart]:
 
 @cache
 def quadrotor(paint: str) -> Mesh:
-    """Return a crop-spraying quadrotor on a display stand, hull and stand in a paint. Raises UsageError."""
+    """Return a crop-spraying quadrotor on a display stand, with hull and stand in `paint`. Raises UsageError."""
     shell, z = materials.paint(paint), 1.42
     ring = [(0.46, 0.0), (0.36, 0.20), (0.0, 0.27), (-0.36, 0.20), (-0.46, 0.0), (-0.36, -0.20), (0.0, -0.27)]
     ring.append((0.36, -0.20))

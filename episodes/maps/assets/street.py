@@ -1,4 +1,4 @@
-"""Things along a street and in a garden: lamps, mailboxes, fences, bins, a hydrant."""
+"""Things along a street and in a garden: lamps, mailboxes, fences, name posts, a guard rail, bins, a hydrant."""
 
 from functools import lru_cache
 
@@ -62,7 +62,7 @@ def mailbox(number: int = 0) -> Mesh:
 
 @lru_cache(maxsize=64)
 def board_fence(length: float = 10.0, height: float = 1.8, tone: int = 0) -> Mesh:
-    """Return a close-boarded fence along the forward axis, in one of four tones of wood."""
+    """Return a fence of boards without gaps along the forward axis, in one of four tones of wood."""
     wood = surface("boards", BOARD_TONES[tone % len(BOARD_TONES)])
     half = length / 2
     solids = [g.box((-half, -0.02, 0.05), (half, 0.02, height), wood, 1.2)]
@@ -97,7 +97,7 @@ def name_post(along: str, across: str) -> Mesh:
         look = Material(f"name-{text}", (1.0, 1.0, 1.0), picture)
         half, high = 0.11 * picture.shape[1] / picture.shape[0], 0.22
         blade = [g.box((-half, -0.012, z), (half, 0.012, z + high), steel)]
-        # one face to either side of the street's line
+        # the lettering on both sides of the blade
         blade.append(
             g.quad([(half, 0.014, z), (-half, 0.014, z), (-half, 0.014, z + high), (half, 0.014, z + high)], look)
         )
@@ -109,7 +109,7 @@ def name_post(along: str, across: str) -> Mesh:
 
 
 def barrier(length: float = 7.4) -> Mesh:
-    """Return a timber guard rail along the forward axis, such as ends a road that goes no further."""
+    """Return a timber guard rail along the forward axis, as at the end of a dead-end road."""
     wood, half = surface("boards"), length / 2
     solids = [g.box((-half, -0.05, z), (half, 0.03, z + 0.22), wood, 1.2) for z in (0.30, 0.66)]
     solids += [
@@ -134,7 +134,7 @@ def bin(number: int = 0) -> Mesh:
 
 
 def hydrant() -> Mesh:
-    """Return a fire hydrant, in weathered bronze so that no paint name fits it."""
+    """Return a fire hydrant, in weathered bronze, so that no instruction can name it by a colour."""
     iron = materials.plain("hydrant", (132, 116, 92), 0.2)
     outline = [
         (0.0, 0.0),
