@@ -132,7 +132,7 @@ FAILURES = {
     "declares-at-once": Failing("declares in its first step, and hovers", declares_at_once),
     "declares-early": Failing("flies away, and declares at 1.3 times the start distance", declares_early),
     "never-declares": Failing("flies to the target and never declares", never_declares),
-    "oscillates": Failing("flies to and fro, with turns between", oscillates),
+    "oscillates": Failing("flies forward and back, and turns in between", oscillates),
     "never-grounds": Failing("points to the other side whenever the target is in view", never_grounds),
     "never-closes": Failing("points at the target, and never leaves its place", never_closes),
     "one-point": Failing(

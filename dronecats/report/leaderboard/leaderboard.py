@@ -135,11 +135,12 @@ dronecats leaderboard docs/leaderboard/*.json --out docs/leaderboard.md
 | `runs/NN/run.json` | the settings of run NN, which has one flight of each of its episodes |
 | `runs/NN/EPISODE/` | `episode.json`, `identity.json`, `decisions.jsonl`, `truth.jsonl`, `verdict.json`; also `commander.jsonl` and `estimate.jsonl` if the run has them |
 
-`submit` leaves out images and telemetry; `--with-frames` includes the images. It replaces keys by `***`, and absolute paths by
+`submit` leaves out images and telemetry; `--with-frames` includes the images. It replaces API keys by `***`, and absolute paths by
 the name of their file. The same runs give the same archive.
 """  # noqa: E501  # tables
 ABOUT_PILOTS = (
-    "These pilots show how hard the episodes are. Some know the place of the target, others never look at an image.\n"
+    "These pilots show how hard the episodes are. Some know the place of the target, some look at the images, and"
+    " some never do.\n"
 )
 
 
@@ -221,7 +222,10 @@ def _about(entry: Verification, common: Sequence[str]) -> str:
         if entry.is_model
         else f"The built-in pilot {pilot} is no model. It {pilot_description(entry.pilot) or 'is built in'}"
     )
-    lines = [f"### {_heading(entry)}\n", f"{kind}. {escaped(entry.note)}".rstrip() + "\n"]
+    lines = [
+        f"### {_heading(entry)}\n",
+        f"{kind}. {f'Note: {escaped(entry.note)}' if entry.note else ''}".rstrip() + "\n",
+    ]
     if entry.partial:
         lines.append(f"**Partial**: {escaped(entry.partial)}.\n")
     settings = ", ".join(f"{name} `{_code(_plain(value))}`" for name, value in entry.settings.items())

@@ -60,14 +60,22 @@ class EpisodeRow:
     cell: Annotated[str | None, _of("approaching, searching, tracking, search-and-track or commanding")]
     instruction: Annotated[str | None, _of("instruction to the pilot")]
     drones: Annotated[int | None, _of("number of drones; null: no drone was logged")]
-    outcome: Annotated[str | None, _of("success, failure, error, censored, unknown or distance only; null: damaged")]
+    outcome: Annotated[
+        str | None,
+        _of("success, failure, error, censored, unknown or distance only (docs/run-folder.md); null: damaged"),
+    ]
     scored: Annotated[bool, _of("whether the outcome is success or failure; other outcomes are not scored")]
     error: Annotated[str | None, _of("why the flight is not scored, or what is damaged; null: it is scored")]
     note: Annotated[str | None, _of("what remains uncertain in the verdict")]
     censored: Annotated[
         bool | None, _of("whether the flight ended before its cap; what would have followed is not known")
     ]
-    ended: Annotated[str | None, _of("why it ended: cap, decided, budget, rejected, interrupted, takeover or error")]
+    ended: Annotated[
+        str | None,
+        _of(
+            "why it ended: cap, decided (verdict known), budget, rejected (by the model), interrupted, takeover or error"
+        ),
+    ]
     ended_s: Annotated[float | None, _of("s of vehicle time at which the flight ended")]
 
 
@@ -133,7 +141,7 @@ class PoseRow:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeclarationRow:
-    """One declaration of arrival, measured as in the paper's Algorithm 1."""
+    """One declaration of arrival, measured as in Algorithm 1 of the paper (docs/glossary.md)."""
 
     run: RunName
     episode: EpisodeId
