@@ -72,9 +72,7 @@ class EpisodeRow:
     ]
     ended: Annotated[
         str | None,
-        _of(
-            "why it ended: cap, decided (verdict known), budget, rejected (by the model), interrupted, takeover or error"
-        ),
+        _of("why it ended: cap, decided (success is certain), budget, rejected, interrupted, takeover or error"),
     ]
     ended_s: Annotated[float | None, _of("s of vehicle time at which the flight ended")]
 
