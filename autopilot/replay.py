@@ -1,7 +1,7 @@
 """Runs estimator and cascade again on a recorded flight: the same samples and setpoints in, their outputs out.
 
 The file stores each sample once, with the row at which it came; inertial and magnetic ones in single precision. The
-setpoints stay valid until the next stored row. It has the commander's landed flag of every row.
+setpoints are stored when they change. The commander's landed flag is stored for every row.
 """
 
 from dataclasses import dataclass

@@ -2,10 +2,10 @@
 
     python -m benchmarks.judge [--json] [--episodes N] [--processes N] [--short]
 
-makes the episodes first, which is not timed: four of five of one drone and one of a fleet of four, as in the hundred,
-each flown to its cap of 300 s with a decision every 2.6 s; random walks with the logs that the logger writes of them.
+first makes the episodes (not timed): random walks, with the logs of a real flight. Of every five episodes, four have
+one drone and one has a fleet of four. Each lasts 300 s (its cap), with a decision every 2.6 s.
 `judge_s` is the wall time of all, `cpu_ms_per_episode` the processor time of one, over all processes, and
-`…_per_loop` how many empty loops (`benchmarks/machine.py`) that is. `--short` only shows that every figure can be had.
+`…_per_loop` how many empty loops (`benchmarks/machine.py`) that is. `--short` only checks that it works.
 """
 
 import json

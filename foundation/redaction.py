@@ -1,7 +1,7 @@
 """Removes keys and passwords from messages and files.
 
 Any part of an address may be a key. So only safe parts are shown: scheme, host, port, short words of the path, names in
-the query. The other parts are also hidden in every text that the server sends, in any encoding.
+the query. The other parts are also hidden in what the server at that address replies, in any spelling.
 """
 
 import base64
@@ -66,7 +66,7 @@ def redacted_url(url: str) -> str:
 
 
 def keyless(url: str) -> str:
-    """Return an address without user, fragment and query fields whose name suggests a key, for a digest.
+    """Return an address for a digest: without its user, its fragment, and query fields named like a key.
 
     Its path may still contain a secret. An address that cannot be parsed is returned unchanged.
     """

@@ -1,7 +1,7 @@
 """Six degrees of freedom: the derivative of motion, and one Runge-Kutta step of it.
 
-The rotors' force, moment and angular momentum are body-fixed over a step; air drag, gravity and the ground are
-evaluated at each of the four stages. Rotation is Euler's equation with the rotors as gyroscopes:
+The rotors' force, moment and angular momentum are constant in body axes over a step; air drag, gravity and the
+ground are evaluated at each of the four stages. Rotation is Euler's equation with the rotors as gyroscopes:
     I · dω/dt = M - ω × (I · ω + h)
 """
 

@@ -16,7 +16,7 @@ Index = NDArray[np.int32]
 
 BUMPERS = 2  # bumper bars between rotors and camera, two balls each
 BALLS = MAX_ROTORS + MAX_CONTACTS + 2 + 2 * BUMPERS  # rotors, feet and masts, hull, camera, bumpers
-CANDIDATES = 4096  # most nearby triangles stored at once; the thickest hedge of the maps has a quarter of that
+CANDIDATES = 4096  # room for this many nearby triangles; the thickest hedge of the maps has a quarter of that
 CONTACTS = 2 * BALLS  # every ball may touch the box and one triangle
 
 SOLIDS = np.dtype(
@@ -25,7 +25,7 @@ SOLIDS = np.dtype(
         ("balls", "i8"),
         ("ball", "f8", (BALLS, 4)),  # m, FRD centre and radius
         ("ball_rotor", "i8", (BALLS,)),  # number of the rotor whose disc it is, -1 for none
-        ("ball_sound", "f8", (BALLS,)),  # m/s, fastest bump it survives
+        ("ball_sound", "f8", (BALLS,)),  # m/s, fastest bump after which it is still sound (undamaged)
         ("reach", "f8"),  # m, from the body origin to the farthest point of any ball
         ("origin", "f8", (3,)),  # m, NED; this and the next two as in `foundation.terrain.Obstacles`
         ("cell", "f8"),
@@ -44,8 +44,8 @@ SOLIDS = np.dtype(
 
 NEAR = np.dtype(
     [
-        ("looked_at", "f8", (3,)),  # m, NED, position at the last look at every ball
-        ("looked_from", "f8", (4,)),  # attitude then
+        ("looked_at", "f8", (3,)),  # m, NED, the vehicle's position when every ball was last checked
+        ("looked_from", "f8", (4,)),  # the vehicle's attitude then
         ("free", "f8"),  # m, distance the vehicle may move from there before a ball can touch anything
         ("gathered_at", "f8", (3,)),  # m, NED, position for which the candidates were gathered
         ("holds", "f8"),  # m, distance from there within which the candidates are complete

@@ -1,6 +1,6 @@
 """Messages that steer the vehicle: external setpoints, the sticks of a ground station, and the target to follow.
 
-Of a setpoint: type masks, frames, and what a PX4 rejects. Decoding is pure; acceptance refreshes the signal.
+For setpoints: type masks, frames, and what a PX4 rejects. Decoding is pure; an accepted one is stored with its time.
 Sources: MAVLink POSITION_TARGET_TYPEMASK and ATTITUDE_TARGET_TYPEMASK; the rules as read and measured on PX4 1.15.
 """
 
@@ -166,7 +166,7 @@ FASTEST = 100.0  # m/s, a component of a target's velocity above it is taken as 
 def follow_target(node: Node, port: Port, message: Message) -> None:
     """Store the target's position and the time the message arrived; ignore a message without a position."""
     state, target = node.vehicle.state, node.vehicle.commander.flight.target
-    # clients leave the capabilities at 0 and send a place all the same
+    # some clients leave the capabilities at 0 but do send a position
     placed = message.est_capabilities == 0 or message.est_capabilities & POSITION
     if not state.origin_set or not placed or abs(message.lat) > 90e7 or abs(message.lon) > 180e7:
         return

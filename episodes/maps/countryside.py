@@ -21,7 +21,7 @@ OVERLAP_M, DROP_M = 8.0, 0.4  # how far the map's ground reaches over this land,
 PER_SIDE = 48  # pieces of a ring along each side of the square
 RINGS = (1.12, 1.3, 1.6, 2.0, 2.5, 3.1, 3.8, 4.7, 5.8, 7.2, 9.0, 12.0, 16.0)  # times the map's half extent
 LEVEL_M = 700.0  # distance from the map's edge at which the height of the edge has faded to 0
-HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # from the edge to where hills begin and are full; mean height
+HILLS_FROM_M, HILLS_M = (800.0, 3200.0), 170.0  # from the edge: where hills begin, are full; scale of their height
 TILE_M = 2600.0  # the pattern of fields repeats
 FIELDS = (  # sRGB of what grows there, and how often
     ((98, 119, 61), 6),
@@ -36,7 +36,7 @@ WOODS, HEDGE = (58, 80, 46), (66, 88, 48)
 
 @cache
 def fields() -> Picture:
-    """Return (512, 512, 3): fields seen from above, for a repeat of TILE_M."""
+    """Return the picture (512, 512, 3) of fields seen from above; it repeats every TILE_M."""
     side, rng = 512, np.random.default_rng(271)
     count = 150
     middles = rng.uniform(0.0, side, (count, 2))

@@ -44,7 +44,7 @@ def fly_and_judge(
     afterwards: Callable[[EpisodeEnd], None] = lambda ending: None,
     pace: Callable[[], Mapping[str, float] | None] = lambda: None,
 ) -> dict[str, Any]:
-    """Fly, leave a judged folder in every case, and return the JSON object of `fly`.
+    """Fly, leave a judged folder in every case, and return the JSON object of `fly --json`.
 
     `afterwards` writes the other files of the flight; a Ctrl-C disturbs neither it nor the verdict. `pace` is
     called after the flight and returns how well the flight kept real time.
@@ -63,13 +63,12 @@ def fly_and_judge(
     except Exception as bug:
         ending = EpisodeEnd("error", unexpected(bug, folder), 0.0, 0.0, 0)
     with signals_handled(signal.SIG_IGN):
-        _, unidentified = _kept(
-            lambda: write_identity(folder, pace()), folder
-        )  # before the verdict: a folder with a verdict has its identity
-        verdict, unkept = _kept(lambda: write_verdict(folder), folder)
-        _, unwritten = _kept(lambda: afterwards(ending), folder)
+        # before the verdict, so that every folder with a verdict has its identity file
+        _, identity_error = _kept(lambda: write_identity(folder, pace()), folder)
+        verdict, verdict_error = _kept(lambda: write_verdict(folder), folder)
+        _, files_error = _kept(lambda: afterwards(ending), folder)
     verdict = verdict or verdict_of(folder)
-    if fault := ending.error or unkept or unidentified or unwritten:
+    if fault := ending.error or verdict_error or identity_error or files_error:
         ending = replace(ending, error=fault)
     status = {"cap": 0, "decided": 0, "interrupted": 130}.get(ending.reason, 3)
     if ending.error:

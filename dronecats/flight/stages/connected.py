@@ -1,4 +1,4 @@
-"""The stage of a connected vehicle: its link, its camera, and a logger of its estimate."""
+"""The stage of a connected vehicle, which this program does not simulate: link, camera, and logger of its estimate."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ class VehicleStage:
     _logger: ChildProcess
 
     def mend(self) -> None:
-        """Do nothing: a connected vehicle has no disturbances of ours that would have to end."""
+        """Do nothing: we put no disturbances on a connected vehicle, so there are none to end."""
 
     def end(self, reason: str, error: str | None = None) -> None:
         self._logger.do("end", reason=reason, error=error)

@@ -66,14 +66,14 @@ class Moment:
 
 @dataclass(frozen=True, slots=True)
 class ChosenSight:
-    """The ray of a go, from the drone's pose at its picture, with the drone's tilt."""
+    """The ray of an action `go`, from the drone's pose, tilt included, when its picture was taken."""
 
     lens_ned: Vec3  # m, map frame, the optical centre
     place_ned: Vec3  # m, map frame, on the ray, at the pilot's depth along the optical axis
 
 
 def chosen_go(decision: Decision) -> Go | None:
-    """Return the go of a decision; None for other actions, and for an invalid one."""
+    """Return the action of a decision if it is a `go`; None for other actions, and for an invalid one."""
     try:
         action = action_from(decision.action)
     except ActionError:
@@ -82,7 +82,7 @@ def chosen_go(decision: Decision) -> Go | None:
 
 
 def sight(go: Go, position_ned: Vec3, attitude: Quat, camera: CameraModel) -> ChosenSight:
-    """Return the ray of a go; position (m, NED, of the body) and attitude (FRD → NED) are those at its picture."""
+    """Return the ray of a `go`. Position (m, NED, body) and attitude (FRD → NED): when its picture was taken."""
     lens = _added(position_ned, rotate(attitude, camera.offset_frd))
     right, forward, up = displacement(go, camera)
     return ChosenSight(lens, _added(lens, rotate(attitude, (forward, right, -up))))

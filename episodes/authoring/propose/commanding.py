@@ -27,7 +27,7 @@ from foundation.frames import Vec3
 
 CARS = ("sedan", "suv", "hatchback", "pickup", "van")  # with plates 0.10 m high at the front and at the rear
 SPARE_M = 0.3  # margin kept from every limit of a distance
-ALTITUDES_M = (1.35, 2.05)  # above the ground at the middle of a grid; at its corners the altitude differs
+ALTITUDES_M = (1.35, 2.05)  # above the ground at the middle of a grid (the fleet's square); at corners it differs
 GROUPS = 3000  # groups of four places tried for one draft
 GRIDS = 40  # places of the fleet tried per group, checked for distances and free space
 VIEWS = 6  # of these, how many are checked for the drones' views
@@ -113,7 +113,7 @@ def four_spots(spots: tuple[Spot, ...], rng: random.Random) -> list[Spot] | None
 def _far_enough(middle: tuple[float, float], spots: list[Spot], asset: str) -> bool:
     """Return whether a fleet's place keeps its distances, roughly; the rules check them exactly."""
     ways = [math.dist(middle, s.position_ned[:2]) for s in spots]
-    unread = READING_FOCAL_PX * LETTER_M.get(asset, PLATE_LETTER_M) / READABLE_PX
+    unread = READING_FOCAL_PX * LETTER_M.get(asset, PLATE_LETTER_M) / READABLE_PX  # m, unreadable beyond this
     bearings = [math.atan2(s.position_ned[1] - middle[1], s.position_ned[0] - middle[0]) for s in spots]
     ahead = math.atan2(sum(map(math.sin, bearings)), sum(map(math.cos, bearings)))
     off = max(abs(math.degrees(math.remainder(b - ahead, 2.0 * math.pi))) for b in bearings)
@@ -131,7 +131,7 @@ def _draft(
 ) -> Proposal | None:
     """Return the draft of a fleet before four candidates.
 
-    None when no candidate is at the target's distance, no start fits, or a candidate is hidden from a drone.
+    None when no candidate is at a distance for the target, no start fits, or a drone cannot see a candidate.
     """
     height = share.height_m(ALTITUDES_M)
     centre = (*middle, site.ground(*middle) - height)

@@ -1,7 +1,7 @@
 """Proposals for new episodes: their random draws and their instructions. The episode search checks the proposals.
 
 The draws for one request are spread evenly over the allowed ranges, separately for each dimension. An instruction is a
-phrase of its cell with the name of the target.
+phrase of its cell (the kind of task: a key of VERBS) with the name of the target.
 """
 
 import random
@@ -81,11 +81,11 @@ def flight_seed(rng: random.Random) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Draw:
-    """The draw of one record: its shares (0 … 1) of the allowed ranges."""
+    """The draw of one record: its relative positions (0 … 1) in the allowed ranges."""
 
-    turn: float  # of the allowed yaws; see `yaw_deg`
-    distance: float  # of the start distances
-    height: float  # of the start heights
+    turn: float  # among the allowed yaws; see `yaw_deg`
+    distance: float  # among the start distances
+    height: float  # among the start heights
 
     def height_m(self, limits_m: tuple[float, float]) -> float:
         """Return the start height between two limits."""
