@@ -278,13 +278,15 @@ def _marking_json(marking: Marking) -> dict[str, Any]:
 NAME = "host-load"
 TEXT = """This page shows how a busy host changes flights. Each episode is flown in lockstep and in real time, while
 several processes keep the processor busy (*busy* is their number). Each flight is compared with the lockstep flight of
-the same episode and seed at the first level.
+the same episode and seed without busy processes (the first level).
 
 | column | meaning |
 | --- | --- |
+| solved | flights that succeeded |
 | moved | flights with another verdict |
 | other bytes | flights with another log; in real time this is every flight |
 | marked | flights that `bench` marks as delayed by the host; `--drop-stalled` leaves them out |
+| delayed steps | steps that the host delayed, of all steps |
 | change of NE | median change of the navigation error |
 | precision | share of the marked flights that moved |
 | recall | share of the moved flights that were marked |"""

@@ -175,7 +175,7 @@ def without_cap(flight: JudgedFlight) -> bool | None:
 RULES: Mapping[str, tuple[str, Rule]] = {
     "first": ("the first declaration qualifies", success_at_first),
     "last": ("the last declaration qualifies", last_declaration),
-    "dwell": ("ten seconds on end within the radius with the target in view (moving targets)", ten_seconds),
+    "dwell": ("ten seconds without a break within the radius with the target in view (moving targets)", ten_seconds),
     "proximity": ("the drone enters the radius at some time", oracle_success),
     "no_cap": ("a declaration qualifies, also after the cap", without_cap),
 }

@@ -172,7 +172,7 @@ METRICS = (
     Metric(
         name="crashes", title="Crashes", unit="count", level="episode", better="less",
         value_type=int,
-        definition="number of drones that hit something faster than 1 m/s; for feet on the ground, 5 m/s",
+        definition="drones that hit something faster than 1 m/s, or the ground with their feet faster than 5 m/s",
         paper="", of=_contact("crashes"),
     ),
     Metric(
