@@ -1,7 +1,7 @@
 """Faults of a link, seeded: loss, delay, reordering and damage of MAVLink frames.
 
 `Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
-are drawn for every frame when it enters, with any faults. So the seed and n alone decide whether the n-th frame is
+are drawn for every frame that enters, whatever the faults are. So only the seed and n decide if the n-th frame is
 lost, delayed, doubled or reordered, and a larger loss loses the same frames and some more. Damaged bytes are
 drawn from a second stream of random numbers, only for frames that are not dropped.
 """
@@ -234,7 +234,7 @@ class OneWay:
         self._coming: tuple[Impairment, float] | None = None  # set by another thread, used at the next `carry`
 
     def impair(self, impairment: Impairment, seconds: float) -> None:
-        """Have these faults from the next `carry` on for this time, and no faults afterwards.
+        """Apply these faults for `seconds` from the next `carry` on, and no faults afterwards.
 
         Units under way at the start or the end are lost. The random numbers begin anew with the first frame.
         """
@@ -289,12 +289,12 @@ class ImpairedWire:
         return self._down.channel
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
-        """Have these faults from now on for this time (s of `clock`), and no faults afterwards."""
+        """Apply these faults for `seconds` (of `clock`) from now on, and no faults afterwards."""
         self._up.impair(up, seconds)
         self._down.impair(down, seconds)
 
     def start(self) -> "ImpairedWire":
-        """Start, at second 0 of the cuts; return self."""
+        """Start the thread and set the time of the cuts to 0 s; return self."""
         self._zero_s = self._clock()
         self._thread.start()
         return self
@@ -305,7 +305,7 @@ class ImpairedWire:
         return self._clock() - self._zero_s
 
     def pull(self, from_s: float, seconds: float) -> None:
-        """Pull the cable of both directions at a later second of the wire's time, and plug it in again."""
+        """Pull the cable of both directions at `from_s` of the wire's time for `seconds`, then plug it in again."""
         for channel in (self.up, self.down):
             wire = channel.impairment
             channel.impairment = replace(wire, cuts=(*wire.cuts, (from_s, from_s + seconds)))
@@ -379,7 +379,7 @@ class SteppedWire(Transport):
         return self._up.channel.counts, self._down.channel.counts
 
     def impair(self, up: Impairment, down: Impairment, seconds: float) -> None:
-        """Have these faults from now on for this time: `up` to the vehicle, `down` from it."""
+        """Apply these faults for `seconds` from now on: `up` to the vehicle, `down` from it."""
         self._up.impair(up, seconds)
         self._down.impair(down, seconds)
 

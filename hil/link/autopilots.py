@@ -1,9 +1,9 @@
 """The autopilot at the other end of a link: its version, its family, its modes and setpoint messages.
 
-PX4 in particular: the modes are from px4_custom_mode.h. The rest was measured with PX4 1.15. Only the frames LOCAL_NED
+For PX4, the modes are from px4_custom_mode.h. The rest was measured with PX4 1.15. Only the frames LOCAL_NED
 and BODY_NED count as setpoints. PX4 reports a mask without vz (0x5E7) or without any value (0xDFF) as invalid, and
 Offboard times out. PX4 treats a stream below 2 Hz as lost, and accepts it again without a mode command. It divides
-rates that a radio cannot carry until they fit. It sends STATUSTEXT only on a link with a ground station.
+the rates of messages until the radio can carry them. It sends STATUSTEXT only on a link with a ground station.
 """
 
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ def firmware(message: dialect.MAVLink_message) -> Firmware:
 
 
 def kind_name(autopilot: int) -> str:
-    """Return the name of a HEARTBEAT.autopilot, for a sentence."""
+    """Return the name of an autopilot (HEARTBEAT.autopilot) for use in a sentence."""
     return NAMES.get(autopilot, f"an autopilot of MAV_AUTOPILOT {autopilot}")
 
 
@@ -66,7 +66,7 @@ class Px4:
 
     name = "PX4"
     autopilot = int(PX4_AUTOPILOT)  # HEARTBEAT.autopilot, a MAV_AUTOPILOT
-    homeward = ("LAND", "RETURN")  # modes that end on the ground; there are no orders after them
+    homeward = ("LAND", "RETURN")  # modes that end on the ground; we send no orders after them
 
     def mode_name(self, custom_mode: int) -> str:
         """Return the mode of a HEARTBEAT or CURRENT_MODE; for an unknown mode, the numbers `main/sub`."""

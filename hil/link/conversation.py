@@ -74,7 +74,7 @@ SILENCE_S = 5.0  # s of the transport's clock without telemetry after which the 
 LOST_S = 1.0  # the same for a vehicle that has already been silent for SILENCE_S and has sent nothing since
 WARNING_S = 1.0  # s of the transport's clock without telemetry until a warning
 CHECK = ". Check that the vehicle or simulator runs, and that the URL is right"
-PATIENCE_S = 0.5  # s of the transport's clock of one read
+PATIENCE_S = 0.5  # longest wait of one read, in s of the transport's clock
 GAP_US = 500_000  # µs of vehicle time without telemetry after which the last mode is not trusted
 AWAY_S = 0.5  # s of the transport's clock between two sends; after a longer pause, received bytes are read first
 ASK_AGAIN_S = 1.5  # s of the transport's clock; an estimator sends no position in the first second after boot
@@ -94,7 +94,7 @@ HANDLED = STATE_MESSAGES | {COMMAND_ACK, VERSION, GIMBAL}  # most of what an aut
 RESULTS = {
     1: "temporarily rejected", 2: "denied", 3: "unsupported", 4: "failed", 5: "in progress", 6: "cancelled",
 }  # fmt: skip
-# a message interval's unused parameters are zero by the standard, all others may be NaN: "use the default"
+# unused parameters of these are 0 by the standard; those of other commands may be NaN ("use the default")
 ZERO_FILLED = {dialect.MAV_CMD_SET_MESSAGE_INTERVAL, dialect.MAV_CMD_REQUEST_MESSAGE}
 
 
@@ -159,7 +159,7 @@ class Conversation:
     def connect(self, timeout_s: float = 30.0) -> None:
         """Wait for the autopilot's heartbeat, telemetry and version, and ask for the streams that flying needs.
 
-        Raises LinkError if no autopilot answers within `timeout_s` of the transport's clock, or one that is not PX4.
+        Raises LinkError if no autopilot answers within `timeout_s` (transport clock), or if the autopilot is not PX4.
         """
         began_s, requested_s, complete_s, system = self._time_s(), -math.inf, math.inf, self.system
         while not self._has_telemetry() or (self.firmware is None and self._time_s() < complete_s + 1.0):
@@ -170,7 +170,7 @@ class Conversation:
                 if self.system:
                     self._request_streams()
             self._receive(0.5)
-            self._boots = self.clock.reboots  # a reboot meanwhile ends nothing
+            self._boots = self.clock.reboots  # a reboot during `connect` does not end it
             if self._has_telemetry():
                 complete_s = min(complete_s, self._time_s())
             self.on_wait()

@@ -22,7 +22,7 @@ class Arrival:
     def __init__(self, position_ned: Vec3, yaw: float, due_us: int) -> None:
         """A place (m, local frame) and heading (rad). The vehicle cannot reach them before `due_us` (vehicle clock)."""
         self._position_ned, self._yaw, self._due_us = position_ned, yaw, due_us
-        self._resting_us: int | None = None  # start of the rest
+        self._resting_us: int | None = None  # when the vehicle came to rest at the place; None: not yet
 
     def settled(self, state: VehicleState, time_us: int) -> bool:
         """Return whether the vehicle has been there without motion for a whole second. Call it at every tick."""
@@ -44,7 +44,7 @@ class Arrival:
 
 
 KEPT_US = (
-    375_000_000  # µs; longer than the age of any frame in use: its delay is up to 1 min, that of its reply up to 5 min
+    375_000_000  # µs; longer than the age of any frame in use: delay up to 1 min, plus up to 5 min for the reply
 )
 OVERTAKEN_US = 5_000_000  # µs; a report that is older than the newest by less than this is from the same boot
 AHEAD_US = 200_000  # µs of extrapolation beyond the newest telemetry
@@ -101,7 +101,7 @@ class PoseHistory:
         return Sight((north, east, down), wrap_pi(heading), roll, pitch, gimbal_pitch, carried_on)
 
     def _gimbal_pitch(self, time_us: int) -> float | None:
-        """Return the pitch (rad) of the camera's gimbal at a time; None while nothing is known; never carried on."""
+        """Return the pitch (rad) of the camera's gimbal at a time; None before the first report; not extrapolated."""
         if not self._gimbals:
             return None
         before, after, share, _ = self._gimbals.around(time_us)
@@ -134,7 +134,7 @@ class PoseHistory:
 class _Reports:
     """Reports of some numbers each, sorted by time (µs).
 
-    They are in flat memory. As objects that live for minutes among others that live for milliseconds, they would
+    They are in flat memory. Separate objects that live for minutes, among others that live for milliseconds, would
     fragment the heap, which would then grow for hours.
     """
 
@@ -180,7 +180,7 @@ class _Reports:
         return [self._report(k) for k in range(bisect_left(self._times, time_us, self._first), len(self._times))]
 
     def around(self, time_us: int) -> tuple[tuple[float, ...], tuple[float, ...], float, float]:
-        """Return the reports before and after a time, how far between them it is (0 … 1), and how far beyond (s)."""
+        """Return the reports around a time, its position between them (0 … 1), and its seconds after the newest."""
         times = self._times
         k = bisect_right(times, time_us, self._first)
         if k == self._first:

@@ -21,7 +21,7 @@ from hil.link.offboard import OffboardSetpoint, PositionSetpoint, VelocitySetpoi
 from hil.link.telemetry import VehicleState
 
 PLACE_GAIN = 1.0  # 1/s, speed per metre of distance at which a PX4 flies to a place: MPC_XY_P 0.95, MPC_Z_P 1
-GAIN = 0.5  # 1/s, speed per metre to a limit; a real PX4 follows a step of velocity to nine tenths within a second
+GAIN = 0.5  # 1/s, speed per metre to a limit; a real PX4 reaches nine tenths of a velocity step within a second
 STANDSTILL = VelocitySetpoint((0.0, 0.0, 0.0), 0.0)
 BACK_MAX = 0.5  # m/s, highest speed at which a vehicle beyond a limit is brought back
 TOUCHING_M = 1e-3  # m: a line this near to a corner touches it
@@ -57,7 +57,7 @@ class Limits:
     exclusions_geodetic: tuple[GeodeticPolygon, ...] = ()  # the same in degrees; see `placed`
 
 
-SIMULATED = Limits(  # wider than any episode, so no flight of the benchmark reaches one
+SIMULATED = Limits(  # wider than any episode, so no flight of the benchmark reaches a limit
     ceiling_m=120.0, floor_m=-1e3, radius_m=1000.0, speed=40.0, climb=40.0, yaw_rate=3.5,
     battery_min=None, flight_time_max_s=None,
 )  # fmt: skip
@@ -216,7 +216,7 @@ def _is_barred(at: Corner, to: Corner, polygon: Sequence[Corner], margin_m: floa
 
 
 def _towards(room_m: float, margin_m: float) -> float:
-    """Return the speed (m/s) allowed towards a limit that is `room_m` away. Within the margin it is negative: back."""
+    """Return the highest speed (m/s) towards a limit `room_m` away; negative (away from the limit) in the margin."""
     return max(-BACK_MAX, GAIN * (room_m - margin_m))
 
 

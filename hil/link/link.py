@@ -74,7 +74,7 @@ class Link(Conversation):
         self._taken_by: str | None = None
         self.simulated = simulated
         self.failsafe = ""  # effect of missing setpoints in Offboard, in words; empty: unknown
-        self._strayed_us = 0  # µs, start of a mode of a simulated vehicle that we did not order
+        self._strayed_us = 0  # µs, when a simulated vehicle entered a mode that we did not order
         self._failed = False  # whether a failsafe of a simulated vehicle has acted
         self._offboard_us = 0  # start of Offboard
         self._ended = False  # whether the envelope has ended the flight
@@ -83,7 +83,7 @@ class Link(Conversation):
         self._first_ned: Vec3 | None = None  # its substitute while the autopilot has sent no home
         self._tried_to_arm = False
         self._flew_armed = False  # whether it has been armed in the present Offboard
-        self._disarmed_us: int | None = None  # µs, start of heartbeats that say otherwise
+        self._disarmed_us: int | None = None  # µs, first heartbeat that reports the vehicle as disarmed
 
     # -- modes ---------------------------------------------------------------------------------------------------
 
@@ -162,9 +162,9 @@ class Link(Conversation):
         return self._taken_by
 
     def _expect(self, *modes: str) -> None:
-        """Treat all modes except these as a takeover from now on, and the present one after one of these was seen."""
+        """From now on, every mode except these is a takeover; the present mode only after one of these was seen."""
         if self._taken_by is None:
-            # telemetry may show an acknowledged order only after the next one
+            # telemetry may show the mode of an acknowledged order only after our next order
             unshown = () if self._obeyed_us else self._expected
             self._expected, self._leaving, self._obeyed_us = modes, (self.state.mode, *unshown), 0
 
@@ -202,7 +202,7 @@ class Link(Conversation):
         return self.state.landed is not False or self.state.heartbeat_us >= self._disarmed_us + DISARMED_US
 
     def _is_failsafe(self, disarmed: bool) -> bool:
-        """Return whether a failsafe has changed the mode, or may have changed it because no heartbeat came since."""
+        """Return whether a failsafe has changed the mode, or may have: no heartbeat has come since the change."""
         self._strayed_us = self._strayed_us or self.time_us
         self._failed |= disarmed or self.state.system_status >= dialect.MAV_STATE_CRITICAL
         return self._failed or self.state.heartbeat_us <= self._strayed_us  # it may be late on a bad link

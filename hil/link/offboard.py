@@ -1,6 +1,6 @@
 """The offboard stream of the agent's setpoints, with the height and place loops that PX4 leaves to us.
 
-A body velocity of vz = 0 drifts 0.1–0.3 m/s on a real PX4, so whatever holds a height or a place here closes that loop.
+With vz = 0 in the body frame, a real PX4 drifts 0.1–0.3 m/s. So this module closes the loops for height and place.
 """
 
 import math
@@ -22,7 +22,7 @@ HEADING_REACHED = math.radians(1.0)
 LINE_REACHED_M = 0.05
 ROUNDING = 1e-6  # rad by which a sum of ticks may fall short of the angle that it makes
 YAW_RATE_STILL = math.radians(5.0)  # rad/s: below it a turn is over
-GRACE_US = 150_000  # µs, three ticks: what is flown next is said on the tick at which the last ends, or just after it
+GRACE_US = 150_000  # µs, three ticks: the next setpoint comes on the tick at which the last ends, or just after it
 GAP_US = 200_000  # µs between two looks at a turn, beyond which the time is not counted as turned
 STAMP_US = 1_000  # µs to which the vehicle's stamps are rounded
 LATE_MAX_US = 250_000  # µs by which a move may outlast its time and still be taken for one that ended when it should
@@ -131,8 +131,8 @@ class OffboardStream:
     ) -> None:
         """Change what is flown, from `starts_us` until `ends_us` (µs, vehicle clock); None: the next tick, for ever.
 
-        `seen` is what the angles of the setpoint are counted from; without it, the heading that is held. A hold that
-        goes on keeps its place; the height is kept through level moves, the heading through everything.
+        `seen` is the pose from which the setpoint's angles count; None: the held heading. A repeated hold
+        keeps its place. The held height stays during level moves, and the held heading stays always.
         """
         if isinstance(self.setpoint, Velocity):
             self._moved_until_us = None if self._ends_us is None else self._ends_us - GRACE_US
@@ -237,8 +237,8 @@ class OffboardStream:
     def _stopping_s(self, time_us: int) -> float:
         """Return how far ahead of the vehicle, in seconds of its velocity, a hold is put.
 
-        A move outlasts its time by up to a tick of the autopilot's telemetry, on some wires at every step. What was
-        flown too far is taken back here, or those steps would all be too long.
+        A move lasts too long by up to one tick of the autopilot's telemetry, on some links at every step. So the hold
+        is put back by this time. Without that, all those steps would be too long.
         """
         late_us = 0 if self._moved_until_us is None else time_us - self._moved_until_us
         return STOPPING_S - (late_us / 1e6 if 0 < late_us <= LATE_MAX_US else 0.0)
@@ -266,8 +266,8 @@ class SetpointRate:
         early_us = self._due_us - time_us
         if STAMP_US < early_us <= self._period_us:
             return False
-        # in step with when it was due, or the rate would sink to a divisor of the ticks'; after a pause from now.
-        # A tick passed by just before it was due makes the next one late by a whole period and the rounding of stamps.
+        # Count from the due time, or the rate would sink to a divisor of the tick rate. After a pause, count from now.
+        # If a tick comes just before the due time, the next is late by a whole period and the rounding of the stamps.
         in_step = -self._period_us - STAMP_US < early_us <= STAMP_US
         self._due_us = (self._due_us if in_step else time_us) + self._period_us
         return True

@@ -141,7 +141,7 @@ class Parameters:
 def decoded(message: dialect.MAVLink_message) -> Value:
     """Return the value of a received PARAM_VALUE. An INT32 is read from the frame's bytes.
 
-    The decoded float has lost the bits of a signalling NaN.
+    This is needed because the decoded float has lost the bits if they form a signalling NaN.
     """
     if message.param_type == REAL32:
         return float(message.param_value)

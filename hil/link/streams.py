@@ -11,7 +11,7 @@ from foundation.mavlink import dialect
 from foundation.protocol import SETPOINT_HZ
 
 TICK_US = 1_000_000 // SETPOINT_HZ  # µs of vehicle time
-WATCHED = {  # message id -> µs between two
+WATCHED = {  # message id -> µs between two messages
     dialect.MAVLINK_MSG_ID_LOCAL_POSITION_NED: TICK_US,
     dialect.MAVLINK_MSG_ID_ATTITUDE: TICK_US,
     dialect.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: 200_000,

@@ -41,7 +41,7 @@ class StatusTexts:
         self._open: _Open | None = None
 
     def take(self, message: dialect.MAVLink_message, time_us: int) -> None:
-        """Take a STATUSTEXT. After a full piece there may be another one; another text, or `since`, ends the text."""
+        """Take a STATUSTEXT. After a full piece, another piece may follow; a new text or `since` ends the text."""
         text = _plain(message.text)
         if self._open is not None and (message.id != self._open.text_id or message.chunk_seq == 0):
             self._complete()
@@ -61,7 +61,7 @@ class StatusTexts:
         self.newest.append(ReceivedText(time_us, severity, " ".join(text.split())))
 
     def since(self, time_us: int) -> str:
-        """Return the warnings and worse texts since then, in order, joined; empty without any."""
+        """Return the texts since `time_us` of severity warning or worse, in order and joined; empty: none."""
         self._complete()
         texts = [text.text for text in self.newest if text.time_us >= time_us and text.severity <= WARNING]
         return "; ".join(dict.fromkeys(texts))
@@ -75,7 +75,7 @@ def _plain(text: str | bytes) -> str:
 WRAP_MS = 1 << 32  # time_boot_ms is a uint32
 FAR_MS = 60_000  # a stamp further ahead, or one after a reboot, counts only after others confirm it
 LATE_MS = 5_000  # a stamp older than this is not from a late packet
-CONFIRMED = 5  # agreeing stamps, without one in between that fits the last trusted stamp, …
+CONFIRMED = 5  # number of agreeing stamps in a row, with none in between that fits the last trusted stamp, …
 CONFIRMED_S = 0.3  # … and, for live messages, s between the first and the last of them
 
 
@@ -161,7 +161,7 @@ class VehicleState(NamedTuple):
     status_text: str = ""  # the newest STATUSTEXT of severity warning or worse
 
 
-NO_VELOCITY = (  # of a setpoint's mask: north, east, down
+NO_VELOCITY = (  # bits of a setpoint's mask that ignore the velocity: north, east, down
     dialect.POSITION_TARGET_TYPEMASK_VX_IGNORE,
     dialect.POSITION_TARGET_TYPEMASK_VY_IGNORE,
     dialect.POSITION_TARGET_TYPEMASK_VZ_IGNORE,
@@ -199,7 +199,7 @@ def update(
 
     `received_us`: its arrival by the vehicle's clock, on a link with known delay; None: no delay. Poses get `time_us`,
     mode and heartbeat get `received_us`. A pose that is older than the newest is ignored, and so is one that is not a
-    number. The last valid pose then becomes stale, instead of a NaN that passes every comparison.
+    number. The last valid pose then becomes stale. If a NaN replaced it, that NaN would pass every comparison.
     """
     received_us = time_us if received_us is None else received_us
     match message.get_msgId():

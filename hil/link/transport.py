@@ -26,7 +26,7 @@ class Transport(Protocol):
     peer: str = ""  # source address of the last `receive`; "": there is only one other end
 
     def time_s(self) -> float:
-        """Return s of the clock for silence: the wall clock, in lockstep the vehicle's clock."""
+        """Return the time (s) by which silence is measured: the wall clock; in lockstep, the vehicle's clock."""
         return time.monotonic()
 
     def receive(self, timeout_s: float) -> bytes:
@@ -60,7 +60,7 @@ class UdpTransport(Transport):
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         self._peers: dict[Any, float] = {}  # address -> wall clock when it last sent, the newest last
         self._followed: Any = None  # the only receiver; None: none is followed
-        self._waiting: tuple[bytes, Any] | None = None  # a datagram after those of another address
+        self._waiting: tuple[bytes, Any] | None = None  # a datagram from another address, for the next `receive`
         self._lock = threading.Lock()  # of the peers: a camera's server threads send while its main thread receives
         try:
             if listen:
@@ -240,7 +240,7 @@ class SerialTransport(Transport):
 
 
 class MemoryTransport(Transport):
-    """One end of a pipe inside a process. If it is empty, it calls `pump`, which advances the other side.
+    """One end of a pipe inside a process. A read of an empty pipe calls `pump`, which advances the other side.
 
     This is lockstep: the vehicle's time advances only during a wait.
     """
