@@ -1,4 +1,4 @@
-"""The four actions of a pilot, their JSON Schemas and their parser. Paper, "Action Space"."""
+"""The four actions of a pilot, their JSON Schemas and their parser. See "Action Space" in the paper."""
 
 import math
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ class Go:
     depth_m: float  # m along the optical axis, the pilot's own estimate
 
     def as_json(self) -> dict[str, Any]:
-        """Return the action as the reply declares it, point always in [x, y] order."""
+        """Return the action in the JSON form of a reply, but the point is always in [x, y] order."""
         return {"action": GO, "point": [self.x, self.y], "depth_m": self.depth_m}
 
     @property
     def line(self) -> str:
-        """The action on one line, with the point as in a reply."""
+        """The action on one line. The point has 0–1000 coordinates, as in a reply."""
         return f"GO point=[{self.x:.0f}, {self.y:.0f}] depth={self.depth_m:.4g}m"
 
 
@@ -58,7 +58,7 @@ class Think:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """Declare arrival, and hold. Ends nothing."""
+    """Declare arrival, and hold. This does not end the episode."""
 
     def as_json(self) -> dict[str, Any]:
         return {"action": FINISHED}
@@ -87,7 +87,7 @@ SCHEMAS: dict[str, dict[str, Any]] = {  # JSON Schemas of the fields of each act
 
 
 class ActionError(ValueError):
-    """A reply without a valid action; the text is the reason. A failure of the pilot, never of the infrastructure."""
+    """A reply has no valid action; the message is the reason. The pilot has failed, never the infrastructure."""
 
 
 MAX_ROTATION_DEG = 3600.0  # ten turns

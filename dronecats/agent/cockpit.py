@@ -22,7 +22,7 @@ T = TypeVar("T")
 
 
 class HostPace:
-    """The wall clock that paces the vehicle's clock, and the watches on its lag. The caller supplies wall time.
+    """The wall clock that paces the vehicle's clock. Its watches measure how far the vehicle's clock lags behind it.
 
     Paper, "Throughput sensitivity": a step that the host delays is not the model's. It exists in real time only; in
     lockstep everything waits for everything.
@@ -65,7 +65,7 @@ class HostWatch:
         return self._pace.now_s
 
     def late(self, late_s: float) -> None:
-        """Report how late the vehicle's clock is, s less a constant. The lag is the growth of this value."""
+        """Report how late the vehicle's clock is, s plus an unknown constant. The lag is the growth of this value."""
         self._least_s, self._newest_s = min(self._least_s, late_s), late_s
         self._lag_s = max(self._lag_s, late_s - self._least_s)
 
@@ -76,7 +76,7 @@ class HostWatch:
     def take(self) -> tuple[float, float]:
         """Return (s by which the vehicle's clock fell behind, s that pictures were waited for) since the last time."""
         taken = self._lag_s, self._waited_s
-        # measured from the newest on, so that a stall that begins now belongs to the next step
+        # start again from the newest lateness, so that a stall that begins now counts for the next step
         self._least_s, self._lag_s, self._waited_s = self._newest_s, 0.0, 0.0
         return taken
 
@@ -114,7 +114,7 @@ class Cockpit:
     ) -> Generator[None, None, list[Frame] | None]:
         """Return the newest frame of each drone for a question; yield while they come.
 
-        None where the episode is over (`cap_s`) before pictures come that are held back on purpose. Raises CameraError.
+        None if the episode ends at `cap_s`, before the pictures (held back on purpose) arrive. Raises CameraError.
         """
 
         def fetched(call: Callable[[], T]) -> Generator[None, None, T]:

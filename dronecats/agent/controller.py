@@ -26,7 +26,7 @@ from foundation.protocol import (
 from foundation.setpoints import Hold, Setpoint, Sight, Turn, Velocity
 
 YAW_RATE = math.radians(YAW_RATE_DEG)  # rad/s
-SETTLE_S = 3.0  # s that a turn may take beyond its angle at that rate: a vehicle lags, and a gust may shake it
+SETTLE_S = 3.0  # s that a turn may take longer than its angle / YAW_RATE: a vehicle lags, and a gust may shake it
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,7 @@ class Segment:
 
     setpoint: Setpoint
     duration_s: float
-    settle_s: float = 0.0  # s at most for which it goes on after that, until the heading is there
+    settle_s: float = 0.0  # s, longest extra time after that until the vehicle has reached the heading
 
 
 def displacement(go: Go, camera: CameraModel) -> tuple[float, float, float]:
@@ -68,12 +68,12 @@ def _go(go: Go, camera: CameraModel) -> tuple[Segment, ...]:
     bearing = math.atan2(right, forward)
     move = _move(math.hypot(right, forward), up, go.depth_m, bearing)
     if abs(bearing) <= math.radians(BEARING_DEADBAND_DEG):
-        return (move,)  # the nose comes round on the way
+        return (move,)  # the vehicle turns its nose while it moves
     return (turn(bearing, onto_line=isinstance(move.setpoint, Velocity)), move)
 
 
 def turn(angle: float, *, onto_line: bool = False) -> Segment:
-    """Return the turn by an angle (rad, + right) from the heading of the sight."""
+    """Return the turn by an angle (rad, + right) from the heading when the picture was taken."""
     return Segment(Turn(math.copysign(YAW_RATE, angle), angle, onto_line), abs(angle) / YAW_RATE, SETTLE_S)
 
 

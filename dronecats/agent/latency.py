@@ -1,7 +1,7 @@
 """Model latency in vehicle time: real, measured, fixed, drawn, recorded, or by the token.
 
 The drone holds while the model decodes, and the world keeps moving. In real time latency passes by itself; in lockstep
-it is charged: after the call, during which the vehicle's clock stands still, or beside the call where it is foreseen.
+it is charged: after the call, during which the vehicle's clock stands still, or during the call if known beforehand.
 All policies: docs/latency.md.
 
 A policy is a value (`LatencyPolicy`). run.json and spec files hold its text as it was written.
@@ -44,7 +44,7 @@ class Question:
 
 @dataclass(frozen=True, slots=True)
 class Circumstance:
-    """Other inputs of a charge."""
+    """Other values on which a charge (the latency that is counted for a reply) may depend."""
 
     reply: Reply | None = None  # None where the charge is foreseen
     since_s: float | None = None  # vehicle s from the last reply for these drones to this question; None: the first
@@ -65,7 +65,7 @@ class LatencyPart:
 
 @dataclass(frozen=True, slots=True)
 class LatencyPolicy:
-    """The latency of replies in vehicle time: the sum of its parts, no less than its cap."""
+    """The latency of replies in vehicle time: the sum of its parts, or the time of its `cap` part if that is longer."""
 
     parts: tuple[LatencyPart, ...]  # empty: real time
 
@@ -121,7 +121,7 @@ class LatencyPolicy:
         return part.numbers if part else ()
 
     def with_part(self, text: str, instead_of: Sequence[str] = ()) -> "LatencyPolicy":
-        """Return it with another part: in the place of the first of these kinds, else as the last.
+        """Return the policy with a new part: in place of its first part of a kind in `instead_of`, else at the end.
 
         The new part replaces one of its own kind. Raises UsageError.
         """
@@ -172,8 +172,8 @@ def _recorded(text: str, name: str, trace: Sequence[float] | None) -> tuple[floa
     return tuple(trace)
 
 
-# Random streams. Each kind has its own, so that added kinds are independent. The draw is a quantile: at two levels of a
-# policy the same questions are slow. No stream is 0, which a seed sequence ignores; 6 is taken (`pictures.py`); and a
+# Random streams. Each kind has its own, so that joined kinds are independent. A draw is a quantile, so that two levels
+# of a policy make the same questions slow. No stream is 0, which seed sequences ignore; 6 is taken (`pictures.py`); a
 # lognormal without a stream would share the draws of the noisy pilot (`pilots/oracle/noisy.py`).
 GAMMA_STREAM, BIMODAL_STREAM, STALL_STREAM, JITTER_STREAM, TRACE_STREAM = range(1, 6)
 LOGNORMAL_STREAM = 7
@@ -222,7 +222,7 @@ def _jitter_s(question: Question, _of: Circumstance, rate_hz: float, cv: float, 
 
 
 def _traced_s(question: Question, _of: Circumstance, *trace: float) -> float:
-    """Return the recorded latency: in order from a place that is drawn once per drone and flight, and cyclic.
+    """Return the next recorded latency, in order and cyclically; the first is drawn once per drone and flight.
 
     That keeps the correlation of successive replies.
     """

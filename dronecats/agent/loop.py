@@ -1,4 +1,4 @@
-"""The loop of the paper: see, decide, act, log. It knows a frame, an instruction, its history, and MAVLink.
+"""The loop of the paper: see, decide, act, log. It gets a frame, an instruction and its history, and uses MAVLink.
 
 A decider decides for a group of drones: their pictures in one question, an action for each from one reply. It is a
 generator that yields whenever vehicle time has to pass, so several of them fly side by side.
@@ -35,7 +35,7 @@ class Questions:
     axis_order: actions.AxisOrder = "xy"
     parser: ReplyParser = "strict"
     patience_s: float | None = None  # s of vehicle time without a frame or a reply that end the flight; None: no limit
-    beside: bool = False  # the model depends on the question alone, so a clock that waits may go on meanwhile
+    beside: bool = False  # the reply depends on the question alone, so a lockstep clock may run during the call
     last_reply: bool = True  # a reply under way at the cap is awaited, to tell a slow model from a dead endpoint
 
 
@@ -58,7 +58,7 @@ class Asking:
     ) -> None:
         """Send the question at `now_s`; `last_s` is the time of the last reply for these drones (vehicle seconds).
 
-        `beside`: a clock that waits goes on meanwhile, up to the due time of a foreseen reply, and waits there.
+        `beside`: the lockstep clock runs during the call, up to the due time of a foreseen reply, and waits there.
         """
         self._beside = beside and policy.foreseen
         self._future: Future[Reply] = (DaemonExecutor() if self._beside else executor).submit(model.ask, request)
@@ -100,7 +100,7 @@ class Asking:
     def latency_s(self, now_s: float) -> float:
         """Return the vehicle seconds that the reply took; `now_s` is the time at which it was acted on.
 
-        It is the charge if the reply came by then, to within the ticks of the clock; else, and without a charge, the
+        It is the charge if the reply came by then (within SLACK_S); if it came later, or without a charge, it is the
         elapsed time.
         """
         elapsed_s = (now_s - self._start_s) * self.reply().share  # without failed attempts
@@ -110,7 +110,7 @@ class Asking:
         return charged_s if elapsed_s <= charged_s + SLACK_S else elapsed_s
 
     def after_s(self, cap_s: float) -> float:
-        """Return the time at which a reply that is too late would have been due, vehicle seconds after `cap_s`."""
+        """Return the due time (vehicle seconds) of a reply that is too late; it is always later than `cap_s`."""
         return max(self._start_s + (self._charge() or 0.0), cap_s + 1e-3)
 
     def _charge(self) -> float | None:
@@ -133,7 +133,7 @@ def await_reply(
     """Yield until the reply is due or the episode is over; return whether it is due.
 
     Times are vehicle seconds since the episode began. `last_reply`: a reply under way at `cap_s` is awaited. It comes
-    too late to be an action, but a slow model has failed and a dead endpoint has not, and only waiting tells them
+    too late to be an action. A slow model counts as a failure, a dead endpoint does not; only waiting tells them
     apart. Raises ModelError beyond `patience_s` (None: no limit but the client's), and the client's errors.
     """
     while not asking.due(now_s()):

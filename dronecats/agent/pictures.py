@@ -49,14 +49,14 @@ class PicturePath:
         self._delay_s, self._dropped, self._stale = delay_s, dropped, stale
         self._rate_hz, self._recall = rate_hz, recall
         self._got: dict[tuple[int, int], Frame] = {}  # (first drone of the question, drone) → its last frame
-        self._numbers: dict[tuple[int, int], int] = {}  # … → number of that frame at `rate_hz`, from 0
-        # vehicle s by which disturbances delayed the pictures of the newest question, by its first drone
+        self._numbers: dict[tuple[int, int], int] = {}  # same key → number of that frame at `rate_hz`, from 0
+        # first drone of the newest question → vehicle s by which disturbances delayed its pictures
         self.held_s: dict[int, float] = {}
 
     def drawn(self, question: Question, drone: int) -> PictureLoss:
         """Return the draw for the picture of a question and drone.
 
-        A picture that is stale or lost with some share is also stale or lost with every higher share.
+        If a share is raised, the pictures that were stale or lost at the lower share stay stale or lost.
         """
         numbers = np.random.default_rng((*question.seed, question.step, question.drone, drone, PICTURES))
         stale = float(numbers.random()) < self._stale

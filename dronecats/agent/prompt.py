@@ -1,4 +1,4 @@
-"""The prompt of a pilot: one template file, which alone declares the action space, and the history in it."""
+"""The prompt of a pilot: one template file and the history in it. Only this file declares the action space."""
 
 import hashlib
 import re
@@ -33,7 +33,7 @@ FLEET = {
     "closing": "One JSON array of {n} objects, no other text.",
 }
 LABEL = "Drone {n}:"  # before each picture of a fleet, as before each history
-# around a template for one drone, so that it can be flown by a fleet
+# text before and after a template for one drone, so that a fleet can use it
 FRAMED = (
     "{situation} What follows is written for\none drone and holds for each of yours, in its own picture.\n\n",
     "\n\nWhere it asks for one object, give one JSON array of {n} such objects: the actions of Drone 1 to Drone {n}."
@@ -176,7 +176,7 @@ NONE_YET = "(none yet — this is the first step)"  # the history at the first s
 def compact(action: Action, camera: CameraModel | None = None) -> str:
     """Return the action on one line.
 
-    The coordinates of a GO are pixels with a camera, as in the history of the paper's prompt, and 0–1000 without, as in
+    With `camera`, a GO has pixel coordinates, as in the history of the paper's prompt; without, it has 0–1000, as in
     a reply.
     """
     if camera is None or not isinstance(action, Go):

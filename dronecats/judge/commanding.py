@@ -1,4 +1,4 @@
-"""Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones near.
+"""Diagnostics of a fleet's commands: identical points, spread of the places, and the candidates that drones approach.
 
 Paper, "Commanding Several Drones". They do not enter the verdict. A place is a point of a frame at its declared depth,
 seen by the declared camera from a level drone at its true place at the frame.
@@ -94,14 +94,14 @@ def place(go: PointedGo, frame: FrameTruth) -> Vec3 | None:
 
 
 def spread(places: Sequence[Vec3]) -> float:
-    """Return the mean distance (m) between each two places."""
+    """Return the mean distance (m) over all pairs of places."""
     return statistics.fmean(math.dist(a, b) for a, b in itertools.combinations(places, 2))
 
 
 def nears(here: Vec3, there: Vec3, candidates: Sequence[Vec3]) -> int | None:
-    """Return the candidate that a stride from here towards there approaches most, horizontally.
+    """Return the index of the candidate that a stride from `here` towards `there` approaches most, horizontally.
 
-    A stride ends there, or after 3 m. None if it approaches none.
+    A stride ends at `there`, but after 3 m at most. The result is None if it approaches no candidate.
     """
     way_m = math.dist(here[:2], there[:2])
     if way_m == 0.0:

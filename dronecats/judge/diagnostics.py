@@ -19,7 +19,7 @@ from foundation.run_folder.results import Contacts, DecidedNear, Diagnostics, Di
 from foundation.run_folder.rows import Clear, Decision, EstimatedFrame, EstimatedPose, FrameTruth, Hit, Pose, Reset
 
 GAP_S = 1.5 * POSE_PERIOD_S  # s between samples; beyond it a sample is missing
-TURN_MAX_DEG = 90.0  # either way: limit of one rotation in the prompt
+TURN_MAX_DEG = 90.0  # largest rotation to either side that the prompt allows
 
 Sample = Pose | FrameTruth
 Kind = TypeVar("Kind", bound=Sample)
@@ -63,7 +63,7 @@ def _samples(logs: Logs, cap_s: float) -> tuple[list[Sample], list[Pose], float]
 def fleet_diagnostics(drones: Mapping[int, Diagnostics]) -> Diagnostics | None:
     """Return the diagnostics of an episode: each value of the best drone, and the sum of the paths.
 
-    As in the criterion, one drone has to arrive. None if nothing was measured.
+    As in the success criterion, it is enough if one drone arrives. None if nothing was measured.
     """
     if not drones:
         return None
@@ -126,9 +126,9 @@ def path(poses: Sequence[Pose]) -> float:
 
 
 def stretches(samples: Sequence[Sample], ended_s: float) -> Iterator[Stretch]:
-    """Yield the stretches of samples in the order of their times, from 0 to `ended_s`, without gaps.
+    """Yield the stretches of samples in the order of their times, from 0 to `ended_s`; gaps are left out.
 
-    The first sample also holds for the time before it, unless that is a gap.
+    The first sample also holds for the time before it, unless that time is longer than GAP_S.
     """
     first, last = samples[0], samples[-1]
     times = [(0.0, first.t, first), *((a.t, b.t, a) for a, b in pairwise(samples)), (last.t, ended_s, last)]
@@ -159,7 +159,7 @@ def _drone_diagnostics(samples: Sequence[Sample], poses: Sequence[Pose], ended_s
 
 
 def _of(rows: Iterable[Kind], drone: int) -> list[Kind]:
-    """Return the rows of one drone in the order of their times; of one instant the frame, which is judged, is last."""
+    """Return a drone's rows in the order of their times; at equal times the frame is last, because it is judged."""
     return sorted((row for row in rows if row.drone == drone), key=attrgetter("t"))
 
 
@@ -171,7 +171,7 @@ def _values(values: Iterable[Any]) -> list[Any]:
     return [value for value in values if value is not None]
 
 
-# s of wall time × speed; a step with more is delayed. A tenth of the 2.5 s of a move, five ticks of the setpoints at
+# s of wall time × speed; a step with more is delayed. It is a tenth of a move (2.5 s), five ticks of the setpoints at
 # 20 Hz; a target at walking pace moves 0.35 m meanwhile
 STALL_S = 0.25
 
@@ -237,8 +237,8 @@ SURE = 2.0  # standard deviations
 def distances(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Distances | None:
     """Return the estimated distances to a surveyed target, of a flight without truth; None without an estimate.
 
-    They never show a success, since that needs the target in view. A distance is within the radius, or not, by SURE
-    standard deviations; otherwise it is open.
+    They never show a success, since that needs the target in view. `within` is known only if SURE
+    standard deviations lie between the distance and the radius; otherwise `within` is None (open).
     """
     estimate = logs.estimate
     if estimate is None or estimate.head.target is None:

@@ -43,7 +43,7 @@ Rereading = Callable[[str, int, bool], Iterable[Sequence[Any]]]
 class Comparison:
     """A comparison of verdict.json with the verdict derived from the logs."""
 
-    differing: tuple[str, ...]  # the names of what differs, as in "diagnostics.dwell_s"
+    differing: tuple[str, ...]  # the names of the fields that differ, for example "diagnostics.dwell_s"
     older: bool  # stored by an older version with fewer fields: only CORE is compared
     damaged: bool = False  # it is incomplete, or not a verdict
 
@@ -94,11 +94,11 @@ class Judged:
 
     verdict: Verdict
     stored: Comparison | None  # with verdict.json; None: there is none, or it has another radius
-    contradictions: tuple[str, ...]  # in the logs, sentences
+    contradictions: tuple[str, ...]  # sentences about contradictions in the logs
 
     @property
     def doubtful(self) -> bool:
-        """Whether the stored verdict or the logs contradict each other."""
+        """Whether the stored verdict differs or the logs contradict each other."""
         return bool(self.contradictions or (self.stored and not self.stored.agrees))
 
     def as_json(self) -> dict[str, Any]:
@@ -153,7 +153,7 @@ def _stored(path: Path, verdict: Verdict) -> Comparison | None:
 def judge_run(run: Path, delta_m: float = RADIUS_M, reread: Rereading | None = None) -> dict[str, Judged]:
     """Return `judge_folder` of every episode of a run folder, or of a single episode folder, by episode id.
 
-    A damaged episode is an error, and the others are still judged. Raises UsageError.
+    A damaged episode gets the outcome "error", and the others are still judged. Raises UsageError.
     """
     check_radius(delta_m)
     if not run.is_dir():

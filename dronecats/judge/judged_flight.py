@@ -49,8 +49,8 @@ def outcome(logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> Verd
     """Return the verdict of an episode's logs. Table of its keys: docs/run-folder.md.
 
     A qualifying declaration is a success, however the flight ended. Without one, three cases are errors of the
-    infrastructure and never a failure: the logger did not see an end at the cap or by decision, the logs contradict
-    their end, or a declaration was not measured. A flight that was ended as decided at another radius, before `cap_s`,
+    infrastructure and never a failure: the logger saw no end at the cap and no end as decided, the logs contradict
+    their end, or a declaration was not measured. A flight that ended before `cap_s`, decided at another radius,
     is censored. Without truth `success` is None: the outcome is unknown, or "distance only" with `distances`, if the
     autopilot's estimate and a surveyed target give the distance, but not whether the target was in view.
     """
@@ -99,7 +99,7 @@ def succeeded(logs: Logs) -> bool | None:
 
 
 def _fault(logs: Logs, verdict: Judgement) -> str | None:
-    """Return the reason why the outcome is neither success nor failure; None: it is a failure."""
+    """Return the reason why a flight without success is an error; None: it is not one."""
     return reasons(verdict.unknown) or ending(logs) or gaps(logs)
 
 
@@ -135,7 +135,7 @@ def _of_drone(drone: int, diagnostics: Diagnostics, declared: list[Measured], de
     return DroneDiagnostics(drone=drone, declarations=len(own), qualifying=qualifying, **as_json(diagnostics))
 
 
-# s before its cap at which a flight may end by it: the logger's clock is the newest truth it received, which is late by
+# s by which the logged end at a cap may be early: the logger's clock is the newest truth it received, which is late by
 # no more than the stall of a process on a busy machine
 LATE_S = 5.0
 
@@ -144,7 +144,7 @@ def ending(logs: Logs) -> str | None:
     """Return the reason why the log does not end with the end of an episode; None if it does.
 
     The episode must have begun, something must be measured, and the logger must have seen the end: at the cap, with
-    decisions, or as decided, by a declaration that qualifies at the radius at which flights are watched.
+    decisions, or as decided, with a declaration that qualifies at RADIUS_M, the radius used during the flight.
     """
     if logs.begin is None:
         return "the episode never began"

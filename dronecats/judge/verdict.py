@@ -1,4 +1,4 @@
-"""The success criterion: declarations with the truth at their own frames, and the verdict over them, pure.
+"""The success criterion: declarations with the truth at their own frames, and the verdict over them (pure functions).
 
 Paper, Algorithm 1: one rule for every cell of the grid. The truth is known if the logger measured it and its records
 agree. `measures` counts the declarations, which the paper's criterion does not.
@@ -39,10 +39,10 @@ class Measured:
 class Judgement:
     """Whether the episode succeeded, and the navigation error: the distance at the decisive measurement."""
 
-    success: bool | None  # None: no declaration is known to qualify, and one that was not measured may have
+    success: bool | None  # None: no declaration is known to qualify, and one that was not measured may qualify
     ne_m: float | None  # None: no action was taken, the last one was not measured, or success is None
     deciding: Measured | None  # the first declaration known to qualify
-    unknown: tuple[Measured, ...] = ()  # unmeasured declarations before it, or all of them
+    unknown: tuple[Measured, ...] = ()  # unmeasured declarations before `deciding`, or all if it is None
 
 
 def in_order(declarations: Iterable[Measured], cap_s: float = CAP_S) -> list[Measured]:
@@ -111,9 +111,9 @@ def measured(decision: Decision, logs: Logs) -> Measured:
 
 
 def qualifies(decision: Decision, logs: Logs, delta_m: float = RADIUS_M, cap_s: float = CAP_S) -> bool | None:
-    """Return whether a declaration is a success, for verdict, pictures, pages and films.
+    """Return whether a declaration is a success. Verdict, pictures, pages and films use it.
 
-    None for other decisions, and if missing measurements leave it open.
+    The result is None for other decisions, and if missing measurements leave it open.
     """
     if not decision.declares or not logs.true:
         return None
@@ -135,7 +135,7 @@ def reasons(unknown: Iterable[Measured]) -> str:
     return f"{all_unknown[0].unknown}{more}" if all_unknown else ""
 
 
-FEW = 3  # declarations: a success among more may come from declaring everywhere
+FEW = 3  # first declarations that count for SR₃: with more, a success may come from declaring everywhere
 
 
 @dataclass(frozen=True, slots=True)

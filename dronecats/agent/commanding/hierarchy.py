@@ -1,4 +1,4 @@
-"""A commander over the pilots of a fleet. Paper, "Organisational Settings", which leaves it to future work."""
+"""A commander over the pilots of a fleet. The paper ("Organisational Settings") leaves this to future work."""
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class CommandQuestions:
     prompt: CommandPrompt
     instruction: str  # the episode's
     latency: LatencyPolicy
-    patience_s: float | None = None  # as `Questions` has them
+    patience_s: float | None = None  # this and `last_reply`: see `Questions`
     last_reply: bool = True
 
 
@@ -49,14 +49,14 @@ class _Shown:
     causes: tuple[Cause, ...]
     frames: tuple[Frame, ...]  # one per drone
     roster: str
-    reports: frozenset[int]  # drones whose report is open
+    reports: frozenset[int]  # drones with a report that the commander has not yet answered
 
 
 class FleetCommander:
     """The commander of a fleet: one context for all drones, asked when something has happened, not every step.
 
-    It sees the picture of every camera, and the roster. It gives goals, and it alone declares: the report of a pilot
-    becomes a declaration when the commander confirms it, on the picture that the commander saw of that drone.
+    It sees the picture of every camera, and the roster. It gives goals, and only it declares arrival: a pilot's report
+    becomes a declaration when the commander confirms it. It refers to the drone's picture that the commander saw.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class FleetCommander:
         return FleetOrders(tuple(goals), tuple(confirmed)), refusals
 
     def _declare(self, drone: int, shown: _Shown, asking: Asking) -> Decision:
-        """Declare a confirmed report on the frame that the commander saw. The drone has hovered there since."""
+        """Declare arrival for a confirmed report, on the frame that was shown. The drone has hovered there since."""
         post, frame, now_s = self._posts[drone], shown.frames[drone], self._now_s()
         post.reported_s, post.confirmed = None, True
         decision = Decision(

@@ -46,7 +46,7 @@ _DELAY = re.compile(r"(\d{1,6}(?:\.\d{1,9})?)s")  # google.rpc.RetryInfo
 class BodyFault:
     """The error in a body."""
 
-    status: int  # HTTP status: the vendor's, or the equivalent of the vendor's word
+    status: int  # HTTP status: given by the vendor, or derived from the vendor's words
     cut: bool = False  # the body ends in the middle of its JSON
 
 
@@ -130,7 +130,7 @@ class RetryPolicy:
 
     give_up_s: float = GIVE_UP_S  # wall s
     attempts: int = 3
-    pause_s: float = 2.0  # wall s before the second attempt unless the endpoint names a time, doubled each time
+    pause_s: float = 2.0  # wall s before attempt 2, doubled for each later one; the endpoint may ask for another pause
 
 
 DEFAULT = RetryPolicy()
@@ -161,7 +161,7 @@ class Answer:
 class Exchanged:
     """The result of one request."""
 
-    status: int  # of HTTP; for an error in a 200, the error's own
+    status: int  # HTTP status; for an error inside a 200 answer, the status of that error
     body: bytes  # decompressed
     wish_s: float | None  # s to wait before the next attempt, as the answer asks
     outcome: str = "answered {}"  # in words; {} stands for the status
@@ -301,7 +301,7 @@ class Endpoint:
             began = time.monotonic()
             try:
                 came = self._exchange(url, content, until)
-            except (httpx.ReadTimeout, httpx.WriteTimeout):  # it had all the time that was left
+            except (httpx.ReadTimeout, httpx.WriteTimeout):  # the request had all the remaining time
                 raise self._silent(self.patience.give_up_s) from None
             except (httpx.HTTPError, httpx.InvalidURL, httpx.StreamError) as error:
                 reason, again = (
@@ -406,7 +406,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def retry_after_s(headers: httpx.Headers, now: datetime | None = None) -> float | None:
-    """Return the seconds of Retry-After, which has seconds or a date, at most MAX_PAUSE_S; None without one."""
+    """Return the wait (s, at most MAX_PAUSE_S) that Retry-After gives as seconds or a date; None without it."""
     value = headers.get("retry-after")
     if value is None:
         return None

@@ -126,13 +126,13 @@ MILLION = 1e6
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """The limits of a run's spending, its present ledger included. None: no limit."""
+    """The limits of a run's spending. What is already in the ledger counts too. None: no limit."""
 
     cost_usd: float | None = None
     tokens: int | None = None
 
     def check(self, spent: Spent) -> None:
-        """Raise BudgetError when it is spent."""
+        """Raise BudgetError when a limit is reached."""
         far = f"{spent_text(spent)}, {spent.questions:,} questions"
         if self.cost_usd is not None and spent.usd >= self.cost_usd:
             raise BudgetError(f"the cost limit of ${self.cost_usd:g} is spent ({far}). Raise --cost-limit to continue")
@@ -208,7 +208,7 @@ class BudgetedModel(WrappedModel):
     def ask(self, request: Request) -> Reply:
         """Return the reply and book its cost. Raises BudgetError, ModelError, InfrastructureError.
 
-        The cost of answers without a reply is booked, too.
+        The cost of failed attempts is booked even if there is no reply.
         """
         self._budget.check(self._ledger.spent())
         with self._lock:
@@ -223,9 +223,9 @@ class BudgetedModel(WrappedModel):
         return reply
 
     def book_open(self) -> None:
-        """Book the questions whose reply has not come. A vendor charges for a reply that nobody awaits.
+        """Book the questions whose reply has not come, because a vendor charges even for a reply that nobody awaits.
 
-        Their replies are taken to be as long as the mean of the run's. Raises InfrastructureError.
+        Each reply is assumed to have the mean length of the run's replies. Raises InfrastructureError.
         """
         with self._lock:
             questions, self._open = self._open, []

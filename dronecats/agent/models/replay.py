@@ -13,7 +13,7 @@ from dronecats.agent.models.model import Model, Reply, Request, WrappedModel
 from foundation.errors import InfrastructureError, ModelError
 from foundation.files import FileKind, SqliteFile
 
-_BROKEN_OFF = {  # by the reason of a flight's end
+_BROKEN_OFF = {  # texts for error messages, by the reason for which the recorded flight ended
     "budget": "its budget was spent",
     "error": "it ended in an error",
     "rejected": "its model endpoint rejected the questions",
@@ -40,7 +40,7 @@ class LoggedReply:
     tokens_cached: int | None = None
     tokens_reasoning: int | None = None
     endpoint: str | None = None  # the provider that a router chose
-    role: Role = "pilot"  # the steps of a commander are its exchanges
+    role: Role = "pilot"  # for a commander, `step` is the number of its exchange
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +49,7 @@ class FlightRecording:
 
     flight: str  # name of the episode folder
     steps: tuple[LoggedReply, ...]
-    to_the_cap: bool  # it flew to the end of the episode: a question without a reply was answered too late
+    to_the_cap: bool  # the flight lasted to the end of the episode, so a missing reply came too late
     decided_by: tuple[Role, int] | None = None  # role and first drone of the declaration that ended it
     ended: str | None = None  # the reason in its log's end; None: it has none
     commander: str | None = None  # name of the commander; None: there was none
@@ -124,9 +124,9 @@ class ReplyCache:
         return _reply(str(row[0])) if row else None
 
     def keep(self, question: str, model: str, reply: Reply) -> Reply:
-        """Store a reply and return the stored one: the first of two at once. Raises InfrastructureError."""
+        """Store a reply and return the stored one; of two at once, the first is kept. Raises InfrastructureError."""
         stored = asdict(replace(reply, waited_s=0.0, lost=(0, 0)))
-        text = json.dumps(stored)  # escaped: half a surrogate pair is no UTF-8
+        text = json.dumps(stored)  # non-ASCII is escaped, because half a surrogate pair cannot be encoded as UTF-8
         with self._file.transaction() as db:
             db.execute("INSERT OR IGNORE INTO replies VALUES (?, ?, ?)", (question, model, text))
             (kept,) = db.execute(_READ, (question,)).fetchone()

@@ -17,7 +17,7 @@ from foundation.protocol import NEAR_M, STEP_S, STRIDE_MAX_M
 from foundation.run_folder.rows import Decision
 from foundation.setpoints import Hold
 
-TURNS_FIRST = math.radians(30.0)  # off the nose; beyond it the drone turns on the spot before it flies
+TURNS_FIRST = math.radians(30.0)  # angle from the nose beyond which the drone turns on the spot before it flies
 SHORT_M = 0.3  # m that may be missing from a stride when the next picture is taken
 STREAMED_S = 0.5  # s for which a setpoint of a leg is valid if no new one follows
 
@@ -83,7 +83,7 @@ class SteadyDrone(Drone):
     def wants_picture(self, now_s: float, age_s: float) -> bool:
         """Return whether it is time for the next picture; its reply is expected `age_s` later.
 
-        No picture is taken during a turn, because the model wants the view after it. A hold allows one `age_s` before
+        No picture is taken in a turn: the model wants the view after it. A hold allows a picture `age_s` before
         its end. A leg allows one when its decision is due, and at most `age_s` earlier if a stride has been flown
         since the last picture, because the history says so. A short stride is flown to its end.
         """
@@ -113,7 +113,7 @@ class SteadyDrone(Drone):
         velocity = believed.velocity_ned if believed else (0.0, 0.0, 0.0)
         if believed and seen.depth_m >= NEAR_M:
             return believed.place_ned, velocity
-        old_s = now_s - self._seen_s  # the depth of a short stride is the way to fly, not the object's distance
+        old_s = now_s - self._seen_s  # the depth of a short stride is the distance to fly, not to the object
         north, east, down = seen.place_ned
         return (north + velocity[0] * old_s, east + velocity[1] * old_s, down), velocity
 

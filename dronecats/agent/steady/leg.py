@@ -55,7 +55,7 @@ def point_of(place_ned: Vec3, sight: Sight, camera: CameraModel) -> Go:
 
 
 def _attitude(sight: Sight, camera: CameraModel) -> Quat:
-    """Return the attitude of the axes of `displacement`: of the body, or level ones where the camera has a gimbal."""
+    """Return the attitude of the axes of `displacement`: the body's, or a level one if the camera has a gimbal."""
     level = camera.gimballed
     return quat_from_euler(0.0 if level else sight.roll, 0.0 if level else sight.pitch, sight.heading)
 
@@ -69,8 +69,8 @@ def _lens(sight: Sight, camera: CameraModel) -> Vec3:
 def _reach(distance_m: float, depth_m: float) -> float:
     """Return the share of the way that a go may be flown before the next picture.
 
-    Below 5 m it is the paper's stride. From 5 m on it is the same share of the way, which at 5 m is the paper's 3 m,
-    and more farther off; the next reply decides how much of it is flown.
+    Below 5 m it is the paper's stride. From 5 m on the share is constant: at 5 m it gives the paper's 3 m,
+    and at larger distances more. The next reply decides how much of the way is flown.
     """
     if depth_m < BRAKE_M:
         return 0.0
@@ -80,9 +80,9 @@ def _reach(distance_m: float, depth_m: float) -> float:
 
 
 REACHED_M = 0.3  # m, level, from the goal
-LEFT_M = 1.0  # m from a goal that has moved on, beyond which it is followed
+LEFT_M = 1.0  # m: after the goal was reached, the drone follows it again when it is farther away than this
 SLOWS_S = 0.8  # s of the way before the goal in which the speed is reduced
-KEEPS_M = 1.5  # m from the goal within which the course is kept, so that passing it turns no nose
+KEEPS_M = 1.5  # m from the goal within which the course is kept, so that the drone does not turn when passing it
 CAREFUL_S = 1.5  # s, the shortest time of a short stride
 
 
@@ -145,8 +145,8 @@ def steer(
 ) -> Steered | None:
     """Return the setpoint of a leg at a position; None for a hold: the goal is reached, or the leg has ended.
 
-    course: rad, the last one, which is kept close to the goal; None: the first. resting: the goal was reached, and is
-    followed only when it has left.
+    course: last course (rad), kept when close to the goal; None: no course yet. resting: the goal was reached, and is
+    followed again only when it is more than LEFT_M away.
     """
     goal = leg_to.goal(now_s)
     north, east, down = (g - p for g, p in zip(goal, position_ned, strict=True))

@@ -24,7 +24,7 @@ from foundation.run_folder.layout import LEDGER
 
 
 class LedgerKeeper:
-    """The actor. One call at a time, so that a claim is one transaction for the whole cluster."""
+    """The actor. It serves one call at a time, so that a claim is one transaction for the whole cluster."""
 
     def __init__(self, path: str) -> None:
         self._ledger = Ledger(Path(path))
@@ -53,7 +53,7 @@ class RemoteLedger:
     """A worker's access to the ledger of its cluster."""
 
     def __init__(self, name: str) -> None:
-        """`name`: the actor's, without the prefix. Raises InfrastructureError if there is no such actor."""
+        """`name`: the actor's name without ON_CLUSTER. Raises InfrastructureError if there is no such actor."""
         import ray
 
         try:
@@ -164,7 +164,7 @@ def _budget(accounts: Accounts) -> Budget:
 
 
 class Spending:
-    """The cost of all runs of a benchmark, from their ledger; None if no model is paid."""
+    """The cost of all runs of a benchmark, from their ledger; `spent` is None if no model is paid."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / LEDGER
@@ -237,7 +237,7 @@ def flight_folder(
 ) -> Iterator[Path]:
     """Return the folder of a flight. It is made after the models have answered their test questions.
 
-    Arguments and errors as `folders.create` has them; raises ModelError too.
+    The arguments and errors are those of `folders.create`; it also raises ModelError.
     """
     questions = FirstQuestions([spec], out, notify)
     with folders.create(out, spec.pilot_name, episode, configuration, questions.ask) as folder:

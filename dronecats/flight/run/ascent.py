@@ -20,7 +20,7 @@ AVERAGE_S = 3.0  # s over which place and range are averaged on the ground
 ARRIVAL_S = 60.0  # s to settle at the start pose
 RANGED_S = 1.0  # s over which place and range are averaged at the start pose
 LEVEL_M, LEVEL_MAX_M = 0.04, 0.5  # m; height errors between these two are corrected
-LEVELLINGS = 4  # most corrections of the height
+LEVELLINGS = 4  # largest number of height corrections
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def ascend(
 ) -> None:
     """Connect, arm, take off, fly to the start poses and stay there in Offboard, all drones at once. Raises LinkError.
 
-    `check` is called when all are ready to arm. It raises if one of them may not take off.
+    `check` is called when all drones are ready to arm. It raises if one of them may not take off.
 
     A drone whose start has a heading makes a full turn on the way. From this turn the estimator finds the hard iron of
     the compass, which otherwise causes a heading error of up to two degrees.
@@ -67,7 +67,7 @@ def ascend(
     notify("waiting until the autopilot is ready to arm …")
     for link in links:
         link.wait_for(lambda state: state.healthy, READY_S, "becoming ready to arm")
-    for link in links[:1]:  # while it waits, its `on_wait` serves the other links
+    for link in links[:1]:  # only the first link waits; meanwhile its `on_wait` serves the other links
         link.wait(AVERAGE_S)
     grounds = [_ground(link) for link in links]
     check(links)
@@ -132,7 +132,7 @@ def _levelled(link: Link, sent: _Sent, ground: _Ground, start: StartOffset) -> _
     if range_m is None or ground.range_m is None or place is None or start.yaw is None:
         return sent
     low_m = -start.offset_ned[2] - (range_m - ground.range_m)
-    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # more: the ground here is not at the height of take-off
+    if not LEVEL_M < abs(low_m) < LEVEL_MAX_M:  # a larger error: the ground here is not at the take-off height
         return sent
     north, east, _ = sent.position_ned
     position_ned = (north, east, place[2] - low_m)
@@ -149,7 +149,7 @@ def _settled(link: Link, arrival: Arrival, state: VehicleState) -> bool:
 
 
 def _on_the_ground(link: Link) -> None:
-    """Raise LinkError if the vehicle is armed or in the air, so has another pilot, or if its battery is too low."""
+    """Raise LinkError if the vehicle is armed or in the air (another pilot has it), or if its battery is too low."""
     if link.state.armed or link.state.landed is False:
         condition = "is already armed" if link.state.armed else "is in the air"
         raise LinkError(

@@ -1,4 +1,4 @@
-"""A flight of a connected vehicle, with the same episode code. Without truth there is no verdict."""
+"""A flight of a connected vehicle, with the episode code of every flight. Without truth there is no verdict."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -51,7 +51,7 @@ def fetch_onboard_log(url: str, link: Link, folder: Path, notify: Callable[[str]
 
 EPISODE = "connected"
 HEIGHT_M = 2.5  # start of the episode, above the place of take-off: PX4's MIS_TAKEOFF_ALT
-# wall seconds of silence, for example of an unplugged cable. Its own failsafe has ended Offboard long before
+# wall seconds of silence, for example if a cable is unplugged. The vehicle's failsafe ends Offboard long before
 SILENCE_S = 6.0
 
 
@@ -86,7 +86,7 @@ class ConnectedFlight(VehicleFlight):
     """A flight in the real world, or in another world without truth."""
 
     def __init__(self, flight: Flight, vehicle: Connected, instruments: Instruments) -> None:
-        """Open its link and its camera. Raises UsageError, LinkError."""
+        """Open the vehicle's link and its camera. Raises UsageError, LinkError."""
         pilot = flight.spec.pilot
         if roster.needs_truth(pilot):
             raise UsageError(

@@ -29,7 +29,7 @@ class ConnectedWorldFlight(VehicleFlight):
     """A flight in our world: camera, logger and oracle use the true poses from the vehicle's simulator."""
 
     def __init__(self, flight: Flight, vehicle: Connected, truth: str) -> None:
-        """Open its link; `truth` is the URL of its true poses. Raises UsageError, LinkError."""
+        """Open the vehicle's link; `truth` is the URL of its true poses. Raises UsageError, LinkError."""
         spec, record = flight.spec, flight.record
         if record is None:
             raise UsageError("a vehicle that simulates itself needs a world. Name an episode or a map with --world")

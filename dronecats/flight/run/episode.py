@@ -33,11 +33,11 @@ class StartCheck(Protocol):
     """Compares the drones with the truth. Raises InfrastructureError if the episode may not begin."""
 
     def check_estimates(self, links: Sequence[Link]) -> None:
-        """On the ground, before arming."""
+        """Compare on the ground, before arming."""
         ...
 
     def check_starts(self, links: Sequence[Link]) -> None:
-        """At the start poses, before the first question."""
+        """Compare at the start poses, before the first question."""
         ...
 
 
@@ -194,8 +194,8 @@ def _begin(
 class VerdictWatch:
     """Checks after each declaration whether the verdict is decided. The first declaration that qualifies decides it.
 
-    In real time the logger may measure a declaration late, so the check is repeated at each decision until then. It
-    reads the logger's files with the verifier's own function. The agent learns only that the time is over.
+    In real time the logger may measure a declaration late, so each decision repeats the check until it is known. The
+    watch reads the logger's files with the verifier's own function. The agent learns only that the time is over.
     """
 
     def __init__(self, folder: Path, full: bool) -> None:

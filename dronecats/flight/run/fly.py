@@ -16,7 +16,7 @@ from foundation.run_folder.folder import write_run
 
 
 def settings(flight: Flight, camera: dict[str, Any] | None) -> dict[str, Any]:
-    """Return the contents of run.json without versions and facts that follow from the flight. No key is in it.
+    """Return the contents of run.json without versions and facts that follow from the flight. No API key is in it.
 
     Raises UsageError for an unknown agent.
     """
@@ -65,9 +65,9 @@ def fly(spec: FlightSpec, out: Path | None, notify: Notify, instruments: Instrum
 
 
 def setup_of(spec: FlightSpec, instruments: Instruments = UNWATCHED) -> FlightSetup:
-    """Return a flight, looked up and checked; a vehicle that is not simulated is connected. Raises UsageError.
+    """Return a flight, looked up and checked. A vehicle is either simulated or connected. Raises UsageError.
 
-    Only the code of the flown kind of vehicle is imported, because a companion computer has no simulator.
+    Only the code for this kind of vehicle is imported, because a companion computer has no simulator.
     """
     flight = look_up(spec)
     if spec.connected is None:

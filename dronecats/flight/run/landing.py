@@ -14,7 +14,7 @@ from foundation.errors import DronecatsError, InfrastructureError
 from foundation.run_folder.rows import drone_label
 from hil.link.link import Link
 
-# a landing begins after the episode, so the logs already have all declarations of the verdict
+# a landing begins after the episode, so the logs already have all declarations that the verdict needs
 AFTERWARDS = "The score is not affected: the episode had ended. The vehicle may still be armed."
 
 
@@ -54,7 +54,7 @@ def notify_safely(notify: Callable[[str], None], line: str) -> None:
 
 @contextlib.contextmanager
 def orders_first(notify: Callable[[str], None]) -> Iterator[list[int]]:
-    """Collect a Ctrl-C in the list while the landing is ordered (seconds). A second Ctrl-C ends the program."""
+    """Yield a list that notes a Ctrl-C while landing is ordered (some seconds). A second Ctrl-C ends the program."""
     hurried: list[int] = []
 
     def note(number: int, frame: FrameType | None) -> None:
@@ -104,7 +104,7 @@ def order_landing(stage: Stage, then: str = "land", notify: Callable[[str], None
                 link.give_up(then)
                 if then != "hold":
                     landing.append(link)
-        except Exception as fault:  # after the episode, so it changes no verdict; the next vehicle gets its order too
+        except Exception as fault:  # a fault after the episode changes no verdict; the next vehicle gets its order too
             link.stop_stream()
             notify(f"{label}the command to {then} failed: {fault}. {AFTERWARDS}")
             say_failsafe(link, notify)

@@ -55,7 +55,7 @@ def papers_agent(flight: Flight, model: Model) -> AgentFactory:
 
 def steady_agent(flight: Flight, model: Model) -> AgentFactory:
     """Return the maker of the agent that tolerates a slow model: docs/steady.md."""
-    from dronecats.agent.steady.agent import SteadyAgent  # scipy.stats comes with it, which takes seconds
+    from dronecats.agent.steady.agent import SteadyAgent  # here, because scipy.stats takes seconds to load
 
     return partial(SteadyAgent, questions_of(flight, model), groups=groups_of(flight))
 
@@ -147,7 +147,7 @@ def _piloted(flight: Flight, stage: Stage, folder: Path) -> Iterator[OpenPilot]:
         with accounted(spec.model, spec.accounts, folder.parent) as (model, spent):
             yield OpenPilot(model, spent=spent)
     else:
-        assert spec.pilot is not None  # a flight has one of the two
+        assert spec.pilot is not None  # a flight has a model or a built-in pilot
         with _served(spec.pilot, stage, folder) as pilot:
             yield pilot
 
@@ -195,7 +195,7 @@ def _endpoint(spec: ModelSpec) -> Iterator[OpenPilot]:
 
 @contextmanager
 def _served(name: str, stage: Stage, folder: Path, kind: ChildKind[PilotConfig] = PILOT) -> Iterator[OpenPilot]:
-    """Serve a built-in pilot: in a thread if the clock waits, else in a separate process."""
+    """Serve a built-in pilot: in a thread if the clock waits for it (lockstep), else in a separate process."""
     if stage.lockstep:
         server = PilotServer(roster.answer(name), name, owned_by=roster.owner(name)).start()
         try:

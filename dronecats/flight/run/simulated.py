@@ -67,7 +67,7 @@ class SimulatedFlight(FlightSetup):
         try:
             clearance_m = airframes.load(simulated.airframe).standing_m
             starts = [start_of(s, world.ground_down(*s.position_ned[:2]), clearance_m) for s in record.starts]
-            # only a PX4, because our autopilot is calibrated to its start
+            # only PX4 is checked, because our own autopilot is calibrated to its start
             checked = TrueStart(stage, world) if simulated.autopilot == "px4" else nullcontext()
             pictures = _pictures(spec.disturbances.frame, recall)
             with checked as true_start, opened_in(world, flight, stage, folder) as pilot:

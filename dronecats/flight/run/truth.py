@@ -62,11 +62,11 @@ def _knowing(name: str, flight: Flight) -> TruthPilot:
 
 
 def _kept(flight: Flight) -> int:
-    """Return the number of truth samples to keep: those of a minute and a half if pictures may be late."""
+    """Return the number of truth samples to keep: KEPT, and those of LATE_S more if pictures may be late."""
     return KEPT if flight.spec.disturbances.frame == FrameFaults() else KEPT + round(LATE_S * TRUTH_HZ)
 
 
-HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # largest errors of an estimate before arming; the place is horizontal
+HEADING_DEG, LEVEL_DEG, PLACE_M = 5.0, 3.0, 2.0  # largest errors of an estimate before arming; PLACE_M is horizontal
 START_M, START_DEG = 1.0, 5.0  # largest errors of a start pose before the first question
 DOWN = (0.0, 0.0, 1.0)
 
