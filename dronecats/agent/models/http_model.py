@@ -129,7 +129,7 @@ class HttpModel(ABC):
         except ModelRejectedError as rejected:
             raise ModelRejectedError(f"{rejected}{self._near(rejected.status)}", rejected.status) from None
         if answer.filtered:
-            return Reply("", answer.latency_s, waited_s=answer.waited_s, finish="filtered")
+            return Reply("", answer.latency_s, 0, 0, answer.waited_s, "filtered")
         try:
             content = self.read(json.loads(answer.body))
         except (ValueError, KeyError, IndexError, TypeError, AttributeError, RecursionError):

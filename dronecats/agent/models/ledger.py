@@ -1,7 +1,6 @@
 """The ledger of a run: money and tokens spent, and the rate limits of addresses, in one file for all processes."""
 
 import math
-import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -202,8 +201,7 @@ class BudgetedModel(WrappedModel):
     def __init__(self, model: Model, spec: ModelSpec, budget: Budget, ledger: Books) -> None:
         super().__init__(model)
         self._spec, self._budget, self._ledger = spec, budget, ledger
-        self._lock = threading.Lock()
-        self._open: list[Request] = []  # sent, and neither answered nor booked yet
+        self._open: dict[object, Request] = {}  # questions that are neither answered nor booked yet
 
     def ask(self, request: Request) -> Reply:
         """Return the reply and book its cost. Raises BudgetError, ModelError, InfrastructureError.
@@ -211,37 +209,29 @@ class BudgetedModel(WrappedModel):
         The cost of failed attempts is booked even if there is no reply.
         """
         self._budget.check(self._ledger.spent())
-        with self._lock:
-            self._open.append(request)
+        key = object()
+        self._open[key] = request
+        spent = None
         try:
             reply = self._model.ask(request)
+            spent = spent_on(self._spec, request, reply)
+            return reply
         except ModelError as error:
             if any(error.lost):
-                self._book(request, Spent(0, *error.lost, cost(self._spec, *error.lost)))
+                spent = Spent(0, *error.lost, cost(self._spec, *error.lost))
             raise
-        self._book(request, spent_on(self._spec, request, reply))
-        return reply
+        finally:
+            if self._open.pop(key, None) and spent:
+                self._ledger.spend(self._spec.title, spent)
 
     def book_open(self) -> None:
-        """Book the questions whose reply has not come, because a vendor charges even for a reply that nobody awaits.
+        """Book the questions whose reply has not come. A vendor charges for these replies, too.
 
         Each reply is assumed to have the mean length of the run's replies. Raises InfrastructureError.
         """
-        with self._lock:
-            questions, self._open = self._open, []
-        if not questions:
-            return
-        spent = self._ledger.spent()
-        tokens_out = round(spent.tokens_out / spent.questions) if spent.questions else 0
-        for request in questions:
-            tokens_in = tokens_of(request)
-            usd = cost(self._spec, tokens_in, tokens_out)
-            self._ledger.spend(self._spec.title, Spent(1, tokens_in, tokens_out, usd))
-
-    def _book(self, request: Request, spent: Spent) -> None:
-        """Book the cost of a question unless `book_open` has done so."""
-        with self._lock:
-            if not any(question is request for question in self._open):
-                return
-            self._open = [question for question in self._open if question is not request]
-        self._ledger.spend(self._spec.title, spent)
+        for key in list(self._open):
+            if request := self._open.pop(key, None):
+                run = self._ledger.spent()
+                tokens_in, tokens_out = tokens_of(request), round(run.tokens_out / max(run.questions, 1))
+                usd = cost(self._spec, tokens_in, tokens_out)
+                self._ledger.spend(self._spec.title, Spent(1, tokens_in, tokens_out, usd))

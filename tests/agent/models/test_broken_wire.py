@@ -123,6 +123,7 @@ def test_moderated_question_gets_an_empty_reply(serve, status):
     wire = serve(say(answer(status, {"error": {"code": 403, "message": "flagged", "metadata": metadata}})))
     reply = ask(wire)
     assert (reply.text, reply.finish, wire.served) == ("", "filtered", 1)
+    assert (reply.tokens_in, reply.tokens_out) == (0, 0)  # it costs nothing
 
 
 def gemini(finish, **content):

@@ -93,6 +93,18 @@ def test_question_without_a_reply_is_booked_once(ledger):
     assert ledger.spent() == two
 
 
+def test_question_that_failed_is_not_open(ledger):
+    class Dead(Fixed):
+        def ask(self, request):
+            raise ModelError("nothing answers")
+
+    asking = BudgetedModel(Dead(None), PRICED, Budget(), ledger)
+    with pytest.raises(ModelError):
+        asking.ask(REQUEST)
+    asking.book_open()
+    assert ledger.spent() == Spent()
+
+
 def test_unenforceable_limits_are_rejected_before_a_flight():
     for accounts, fields, *words in (
         ({"cost_limit_usd": 1.0}, {"model": ModelSpec(provider="local", name="m", base_url="http://h/v1")},
