@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from dronecats.agent.models.spec import ModelSpec
 from dronecats.bench.engine import Engine, LocalEngine, Sortie
 from dronecats.bench.matrix import BenchEntry
 from dronecats.flight.spec.flight_spec import FlightSpec
@@ -205,8 +204,8 @@ class Campaign:
 
     def _drop(self, rejected: OpenRun) -> int:
         """Remove the remaining flights of the models of a run; return how many these are."""
-        models, before = _models(rejected), len(self._todo)
-        self._todo = deque((run, episode) for run, episode in self._todo if _models(run) != models)
+        models, before = rejected.entry.flight.models, len(self._todo)
+        self._todo = deque((run, episode) for run, episode in self._todo if run.entry.flight.models != models)
         return before - len(self._todo)
 
     def _sortie(self, run: OpenRun, episode: str) -> Sortie:
@@ -216,11 +215,6 @@ class Campaign:
             raise InfrastructureError(f"{run.batch.run} cannot be written: {error.strerror}") from None
         flight = replace(run.entry.flight, episode=None, record=run.batch.record(episode))
         return Sortie(flight=flight, folder=folder)
-
-
-def _models(run: OpenRun) -> tuple[ModelSpec | None, ModelSpec | None]:
-    """Return the pilot model and the commander model of a run."""
-    return run.entry.flight.model, run.entry.flight.commander
 
 
 def _in_order(runs: Sequence[OpenRun], retry: bool) -> Iterator[tuple[OpenRun, str]]:

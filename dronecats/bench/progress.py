@@ -121,7 +121,7 @@ class CostEstimate:
         self._left: dict[tuple[str, str], tuple[OpenRun, str]] = {
             (run.entry.name, run.batch.folder(episode).name): (run, episode)
             for run in runs
-            if _models(run.entry.flight)
+            if run.entry.flight.models
             for episode in run.part
             if (run.entry.name, episode) in left
         }
@@ -137,7 +137,7 @@ class CostEstimate:
     @property
     def unpriced(self) -> str | None:
         """A model without prices, PROVIDER/NAME; None when all have prices."""
-        models = (model for run, _ in self._left.values() for model in _models(run.entry.flight))
+        models = (model for run, _ in self._left.values() for model in run.entry.flight.models)
         return next((model.title for model in models if None in (model.input_usd, model.output_usd)), None)
 
     def add(self, run: OpenRun, result: Result, *, again: bool = False) -> None:
@@ -217,7 +217,3 @@ def _commander(flight: FlightSpec) -> ModelSpec | None:
     if flight.command != "hierarchical" or flight.scripted_commander:
         return None
     return flight.commander or flight.model
-
-
-def _models(flight: FlightSpec) -> list[ModelSpec]:
-    return [model for model in (flight.model, flight.commander) if model is not None]

@@ -205,7 +205,7 @@ class FirstQuestions:
         """
         models: list[ModelSpec] = []
         for flight in self._flights:
-            for model in () if flight.replay else filter(None, (flight.model, flight.commander)):
+            for model in flight.models:
                 if model not in models and not is_spent(flight.accounts, self._run) and not _is_cached(flight.accounts):
                     models.append(model)
                     self._costs.append(self._question(model, flight))

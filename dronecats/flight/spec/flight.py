@@ -116,7 +116,7 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
     record = _record(spec)
     if spec.pilot and not spec.replay:
         roster.check_installed(spec.pilot, [record.instruction if record else spec.instruction or ""])
-    for model in () if spec.replay else filter(None, (spec.model, spec.commander)):
+    for model in spec.models:
         open_model(model).close()
     return Flight(
         spec=spec,
@@ -129,8 +129,7 @@ def look_up(spec: FlightSpec, *, outside: Model | None = None) -> Flight:
 
 def _check_accounts(spec: FlightSpec) -> None:
     accounts = spec.accounts
-    models = [model for model in (spec.model, spec.commander) if model]
-    if not models or spec.replay:
+    if not (models := spec.models):
         options = {"cost_limit_usd": "cost-limit", "token_limit": "token-limit", "ledger": "ledger", "cache": "cache"}
         if stray := next((name for field, name in options.items() if getattr(accounts, field) is not None), None):
             raise UsageError(

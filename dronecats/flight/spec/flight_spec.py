@@ -217,6 +217,11 @@ class FlightSpec:
             )
 
     @property
+    def models(self) -> tuple[ModelSpec, ...]:
+        """The models that the flight asks: the pilot's and the commander's own. A replay asks none."""
+        return () if self.replay else tuple(model for model in (self.model, self.commander) if model)
+
+    @property
     def scripted_commander(self) -> str | None:
         """The built-in commander of a hierarchy; None without a commander or with a model."""
         if self.command != "hierarchical" or self.commander or (self.model and not self.scripted):
