@@ -1,7 +1,7 @@
 """Faults of a link, seeded: loss, delay, reordering and damage of MAVLink frames.
 
 `Channel` is a pure model of one direction: the same seed and the same times give the same result. Four random numbers
-are drawn for every frame that enters, whatever the faults are. So only the seed and n decide if the n-th frame is
+are drawn for every frame that enters, independently of the faults. So only the seed and n decide if the n-th frame is
 lost, delayed, doubled or reordered, and a larger loss loses the same frames and some more. Damaged bytes are
 drawn from a second stream of random numbers, only for frames that are not dropped.
 """

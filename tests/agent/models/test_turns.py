@@ -1,4 +1,4 @@
-"""Turns at an address: nobody exceeds the allowance, everybody gets a turn, and a refusal holds all clients."""
+"""Turns at an address: no client exceeds the allowance, each client gets a turn, and a refusal holds all clients."""
 
 import itertools
 from dataclasses import replace

@@ -40,7 +40,7 @@ def ping(number: int) -> Any:
 
 
 def answered(bench: Bench) -> list[int]:
-    """Return the numbers of the answered pings, whoever can read them."""
+    """Return the numbers of the answered pings, with or without a valid signature."""
     frames = dialect.MAVLink(None)
     frames.robust_parsing = True
     messages = frames.parse_buffer(bench.client.port.take()) or []

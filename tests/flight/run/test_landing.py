@@ -1,4 +1,4 @@
-"""The vehicle always gets the order to land, whatever else fails at the end of a flight."""
+"""The vehicle always gets the order to land, even if something else fails at the end of a flight."""
 
 import signal
 from types import SimpleNamespace

@@ -99,7 +99,7 @@ def port():
 
 
 def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
-    somebody = ReportingVehicle(port)
+    vehicle = ReportingVehicle(port)
     world = load_world(EPISODE)
     bridge = ChildProcess(
         TRUTH_BRIDGE,
@@ -115,7 +115,7 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
         heartbeat = dialect.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3)
         logger.send(hello.pack(heartbeat))
         place = boot_poses(world)[0]
-        somebody.north = 10.0
+        vehicle.north = 10.0
         newest = NewestTruth(origin(world))
         ahead = (
             place.position_ned[0] + 10.0 * math.cos(place.yaw - 0.3),
@@ -140,29 +140,29 @@ def test_the_bridge_speaks_of_our_map_to_everybody_on_its_bus(tmp_path, port):
         assert image_indices == [17]  # the camera's messages reach the logger
     finally:
         bridge.close()
-        somebody.close()
+        vehicle.close()
 
 
 def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
-    somebody = ReportingVehicle(port, speed=2.0)
+    vehicle = ReportingVehicle(port, speed=2.0)
     source = TruthSource(f"udpin://127.0.0.1:{port}")
     with pytest.raises(UsageError, match=r"2\.0 m/s"):
         source.first()
     source.close()
-    somebody.close()
+    vehicle.close()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("timed", [None, False])
 def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
-    somebody = None if timed is None else ReportingVehicle(port, timed=timed)
+    vehicle = None if timed is None else ReportingVehicle(port, timed=timed)
     config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}")
     bridge = ChildProcess(TRUTH_BRIDGE, config, tmp_path / "bridge.log")
     with pytest.raises(UsageError, match=rf"--truth udpin://127\.0\.0\.1:{port}"):
         bridge.ready()
     bridge.close()
-    if somebody:
-        somebody.close()
+    if vehicle:
+        vehicle.close()
 
 
 def test_home_is_carried_to_a_centimetre():

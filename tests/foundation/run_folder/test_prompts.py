@@ -1,4 +1,4 @@
-"""prompts.jsonl: written texts are read back, whatever parts they share."""
+"""prompts.jsonl: written texts are read back, with and without common parts."""
 
 import json
 import tempfile

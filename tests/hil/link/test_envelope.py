@@ -1,4 +1,4 @@
-"""The envelope holds for every vehicle that follows its setpoints with a lag, whatever its destination."""
+"""The envelope holds for every vehicle that follows its setpoints with a lag, for any destination."""
 
 import itertools
 import math

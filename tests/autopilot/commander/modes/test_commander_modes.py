@@ -21,7 +21,7 @@ def test_a_flight_from_arming_to_disarming(bench: Bench) -> None:
     client.arm()
     bench.run(0.5)
     assert bench.core.setpoint["armed"] == 1
-    assert bench.core.setpoint["kind"] == 0  # armed on the ground: idle, whatever the target of HOLD
+    assert bench.core.setpoint["kind"] == 0  # armed on the ground: idle, with any target of HOLD
     client.command(dialect.MAV_CMD_NAV_TAKEOFF)
     bench.until(lambda: not bench.commander.landed, 10)
     assert landed_state(bench) == dialect.MAV_LANDED_STATE_TAKEOFF
