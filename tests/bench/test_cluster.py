@@ -62,8 +62,9 @@ def logs(run, episode):
 
 
 def flying():
-    """Return the processes of this machine in which a cluster worker flies."""
-    named = [p for p in psutil.process_iter(["name", "cmdline"]) if p.info["cmdline"]]
+    """Return the processes of this test's cluster in which a worker flies."""
+    own = {process.pid for process in psutil.Process().children(recursive=True)}
+    named = [p for p in psutil.process_iter(["cmdline"]) if p.pid in own and p.info["cmdline"]]
     return [p for p in named if p.info["cmdline"][0].startswith("ray::ClusterWorker")]
 
 

@@ -1,0 +1,29 @@
+"""The slow tests of one file run in one worker, since they share flights."""
+
+import os
+import subprocess
+import sys
+
+SLOW_FILE = """
+import os
+from pathlib import Path
+import pytest
+
+pytestmark = pytest.mark.slow
+
+@pytest.mark.parametrize("number", range(4))
+def test_where_it_runs(number):
+    Path(f"{number}.txt").write_text(os.environ["PYTEST_XDIST_WORKER"])
+"""
+
+
+def test_slow_tests_of_one_file_run_in_one_worker(pytestconfig, tmp_path):
+    (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_configure, pytest_itemcollected\n")
+    for name in ("test_one.py", "test_other.py"):
+        (tmp_path / name).write_text(SLOW_FILE.replace("{number}", f"{name}-{{number}}"))
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n")
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadgroup", "-m", "slow"]
+    environment = {**os.environ, "PYTHONPATH": str(pytestconfig.rootpath)}
+    subprocess.run(command, check=True, cwd=tmp_path, env=environment, capture_output=True)
+    for name in ("test_one.py", "test_other.py"):
+        assert len({path.read_text() for path in tmp_path.glob(f"{name}-*.txt")}) == 1
