@@ -146,21 +146,27 @@ def arc(seat: Seat) -> Iterator[str]:
     yield from ring(Seat(0, 1, ""))
 
 
-def wandering(seat: Seat) -> Iterator[str]:
-    """Stride, turn or declare at random, with the prompt's text as the seed."""
-    rng = random.Random(hashlib.sha256(f"{seat.drone} {seat.prompt}".encode()).digest())
-    while True:
-        yield rng.choices(
-            (
-                actions.go(500, 500, LONG_DEPTH_M),
-                actions.go(rng.uniform(100, 900), 500, LONG_DEPTH_M),
-                actions.rotate(rng.uniform(-VIEW_DEG, VIEW_DEG)),
-                actions.finished(),
-            ),
-            weights=(4, 2, 1, 3),
-        )[0]
+def wandering(draw: int = 1) -> Callable[[Seat], Iterator[str]]:
+    """Return the pattern: stride, turn or declare at random. The seed is the prompt's text and the draw's number."""
+
+    def fly(seat: Seat) -> Iterator[str]:
+        seed = f"{seat.drone} {seat.prompt}" + (f" {draw}" if draw > 1 else "")
+        rng = random.Random(hashlib.sha256(seed.encode()).digest())
+        while True:
+            yield rng.choices(
+                (
+                    actions.go(500, 500, LONG_DEPTH_M),
+                    actions.go(rng.uniform(100, 900), 500, LONG_DEPTH_M),
+                    actions.rotate(rng.uniform(-VIEW_DEG, VIEW_DEG)),
+                    actions.finished(),
+                ),
+                weights=(4, 2, 1, 3),
+            )[0]
+
+    return fly
 
 
+RANDOM = "random"  # the name of the random patterns begins with it
 PATTERNS = {
     "declare": Pattern("declares again and again at its start place", declaring),
     "straight": Pattern("flies straight on in strides of 1.2 m and declares after each", straight()),
@@ -171,7 +177,8 @@ PATTERNS = {
     "back": Pattern("turns round, then as `straight`", straight(180.0)),
     "right-90-16": Pattern("turns 90° to the right, then as `straight-16` (16 m)", straight(90.0, 12.0)),
     "back-16": Pattern("turns round, then as `straight-16` (16 m)", straight(180.0, 12.0)),
-    "random": Pattern("moves, turns and declares at random", wandering),
+    RANDOM: Pattern("moves, turns and declares at random", wandering()),
+    **{f"{RANDOM}-{k}": Pattern(f"as `{RANDOM}`, with other random numbers", wandering(k)) for k in range(2, 6)},
     "fan": Pattern("flies out and back along rays 30° apart and declares on the way out", fan, sweeps=True),
     "spiral": Pattern("flies a square spiral with arms 6 m apart and declares after every 3 m", spiral, sweeps=True),
     "ring": Pattern("flies out 15 m and round the start, and declares after every 6 m (16 m)", ring, sweeps=True),

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from dronecats.bench.tables import audit_table, blind_flights, floor, groups, score_row
+from dronecats.bench.tables import ScoreRow, audit_table, blind_flights, floor, groups, score_row
 from dronecats.cli.main import main
-from dronecats.pilots.scripted import PATTERNS
+from dronecats.pilots.scripted import PATTERNS, RANDOM
 from dronecats.report.writers import as_terminal
 from episodes.records import catalogue
 from episodes.records.catalogue import BlindFlight, BlindTable, load_blind, merged
@@ -193,15 +193,21 @@ def test_every_cell_has_its_floor() -> None:
 
 
 def too_good(table: BlindTable, cell: str) -> list[str]:
-    """Return the unaware pilots above SR₃ 10 % in a cell, or above SR 20 % without a sweep."""
-    of_cell, pilots = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell]), []
+    """Return the unaware pilots above SR₃ 10 % in a cell, or above SR 20 % without a sweep.
+
+    The flights of all random patterns count together, so that one lucky draw of ten flights does not decide.
+    """
+    of_cell = made([{"episode": name} for name in IDS if name.rpartition("-")[0] == cell])
+    solved_rows: dict[str, list[ScoreRow]] = defaultdict(list)
     for name in UNAWARE:
-        under = floor({name: table.get(f"blind:{name}", {})}, cell, of_cell)
-        if under is None:
-            continue
-        its = under.solved[1]
+        if under := floor({name: table.get(f"blind:{name}", {})}, cell, of_cell):
+            solved_rows[RANDOM if name.startswith(RANDOM) else name].append(under.solved[1])
+    pilots = []
+    for name, lines in solved_rows.items():
+        flown, solved = sum(row.flown for row in lines), sum(row.solved for row in lines)
+        within_three = sum(row.solved_within_three or 0 for row in lines)
         sweeps = PATTERNS[name].sweeps or cell.endswith("commanding")  # four drones that fan out are a sweep
-        if (its.solved_within_three or 0) > 0.10 * its.flown or (its.solved > 0.20 * its.flown and not sweeps):
+        if within_three > 0.10 * flown or (solved > 0.20 * flown and not sweeps):
             pilots.append(name)
     return pilots
 
@@ -224,6 +230,9 @@ def test_a_floor_that_rises_is_noticed() -> None:
         ("straight", [luck[1]] * 3 + [luck[2]] * 7, ["straight"]),
     ):
         assert too_good({f"blind:{pilot}": dict(zip(of_cell, flights_of, strict=True))}, cell) == expected
+    lucky, unlucky = (dict(zip(of_cell, [luck[0]] * count + [luck[2]] * (10 - count), strict=True)) for count in (2, 0))
+    assert too_good({"blind:random": lucky, "blind:random-2": unlucky}, cell) == []
+    assert too_good({"blind:random": lucky, "blind:random-2": lucky}, cell) == ["random"]
 
 
 @flown_yet
