@@ -189,15 +189,11 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
             continue
         if end - at < _LENGTH_KNOWN:
             break
-        if marker == MARKER:
-            flags = data[at + 2]
-            checked = at + HEADER_BYTES + data[at + 1] + CHECKSUM_BYTES
-            stop = checked + SIGNATURE_BYTES if flags & SIGNED else checked
-        else:
-            flags = 0
-            checked = stop = at + HEADER_BYTES_V1 + data[at + 1] + CHECKSUM_BYTES
+        stop = at + frame_bytes(data, at)
         if stop > end:
             break
+        flags = data[at + 2] if marker == MARKER else 0
+        checked = stop - SIGNATURE_BYTES if flags & SIGNED else stop
         # a frame with other flags may have any layout
         if not flags & ~SIGNED and _is_intact(data, at, checked):
             frames.append(data[at:stop])
@@ -207,8 +203,45 @@ def scan(data: bytes) -> tuple[list[bytes], int, int]:
     return frames, at, bad
 
 
-def _message_id(data: bytes, at: int) -> int:
-    """Return the message id in the header at `at`."""
+def frame_bytes(data: bytes, start: int) -> int:
+    """Return the length of the frame whose first three bytes are at `start`; 0 for other bytes."""
+    if data[start] == MARKER_V1:
+        return HEADER_BYTES_V1 + data[start + 1] + CHECKSUM_BYTES
+    if data[start] != MARKER:
+        return 0
+    signed = SIGNATURE_BYTES if data[start + 2] & SIGNED else 0
+    return HEADER_BYTES + data[start + 1] + CHECKSUM_BYTES + signed
+
+
+class Frames:
+    """Cuts a stream of bytes at the limits of its MAVLink frames, without reading the messages."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, data: bytes) -> list[bytes]:
+        """Return the complete frames, in order; bytes outside of frames are separate units."""
+        data = self._rest + data
+        units, at = [], 0
+        while at < len(data):
+            marker = _MARKERS.search(data, at)
+            if marker is None or marker.start() > at:
+                stop = marker.start() if marker else len(data)
+            elif len(data) - at < _LENGTH_KNOWN or (stop := at + frame_bytes(data, at)) > len(data):
+                break
+            units.append(data[at:stop])
+            at = stop
+        self._rest = data[at:]
+        return units
+
+
+def is_frame(unit: bytes) -> bool:
+    """Return whether a unit of `Frames` is a frame."""
+    return unit[0] in (MARKER, MARKER_V1)
+
+
+def message_id(data: bytes, at: int = 0) -> int:
+    """Return the message id in the header of the frame at `at`."""
     if data[at] == MARKER_V1:
         return data[at + 5]
     return data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16
@@ -217,7 +250,7 @@ def _message_id(data: bytes, at: int) -> int:
 def _is_intact(data: bytes, at: int, stop: int) -> bool:
     """Return whether the frame from `at` to `stop` has a known message and a correct checksum."""
     try:
-        extra = BY_ID[_message_id(data, at)].extra
+        extra = BY_ID[message_id(data, at)].extra
     except KeyError:
         return False
     computed: int = checksum(data[at + 1 : stop - CHECKSUM_BYTES] + extra)
@@ -231,7 +264,7 @@ def is_plain(frame: bytes) -> bool:
 
 def message(frame: bytes) -> Any:
     """Return the message in a plain intact frame."""
-    return BY_ID[_message_id(frame, 0)].message(frame)
+    return BY_ID[message_id(frame)].message(frame)
 
 
 def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
@@ -243,7 +276,7 @@ def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
     frames, at, end, lost = [], 0, len(data), False
     while end - at >= _SHORTEST_LOGGED:
         start = at + _LOG_TIME.size
-        stop = start + _frame_bytes(data, start)
+        stop = start + frame_bytes(data, start)
         time_us = _LOG_TIME.unpack_from(data, at)[0]
         if stop == start or time_us >= _SANE_US:
             lost, at = True, at + 1
@@ -257,16 +290,6 @@ def logged_frames(data: bytes) -> tuple[list[tuple[int, bytes]], int]:
         frames.append((time_us, frame))
         lost, at = False, stop
     return frames, at
-
-
-def _frame_bytes(data: bytes, start: int) -> int:
-    """Return the length of the frame at `start`; 0 without one."""
-    if data[start] == MARKER_V1:
-        return HEADER_BYTES_V1 + data[start + 1] + CHECKSUM_BYTES
-    if data[start] != MARKER:
-        return 0
-    signed = SIGNATURE_BYTES if data[start + 2] & SIGNED else 0
-    return HEADER_BYTES + data[start + 1] + CHECKSUM_BYTES + signed
 
 
 def newest(data: bytes, message_id: int, count: int) -> bytes:

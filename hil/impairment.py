@@ -16,6 +16,7 @@ from dataclasses import dataclass, fields, replace
 
 from foundation.declaration import Declaration, check_bounds, declared, number
 from foundation.errors import LinkError, UsageError
+from foundation.wire import Frames
 from hil.link.transport import Transport
 
 LATE_S = 0.1  # s by which a reordered frame is late: two ticks of the agent, so that others overtake it
@@ -185,42 +186,8 @@ class Channel:
         return data
 
 
-MAVLINK1, MAVLINK2, SIGNED, SIGNATURE_BYTES = 0xFE, 0xFD, 0x01, 13
 PERFECT = Impairment()
 ROUNDED_S = 1e-6  # s; without it, rounding could delay a unit by a tick
-
-
-class Frames:
-    """Cuts a stream of bytes at the limits of its MAVLink frames, without reading the messages."""
-
-    def __init__(self) -> None:
-        self._rest = b""
-
-    def feed(self, data: bytes) -> list[bytes]:
-        """Return the complete frames, in order; bytes outside of frames are separate units."""
-        data = self._rest + data
-        units, at = [], 0
-        while at < len(data):
-            length = _frame_length(data, at)
-            if length is None or at + length > len(data):
-                break
-            units.append(data[at : at + length])
-            at += length
-        self._rest = data[at:]
-        return units
-
-
-def _frame_length(data: bytes, at: int) -> int | None:
-    """Return the length of the unit that begins at `at`; None: its header is incomplete."""
-    magic = data[at]
-    if magic not in (MAVLINK1, MAVLINK2):
-        starts = [i for i in (data.find(MAVLINK1, at), data.find(MAVLINK2, at)) if i >= 0]
-        return min(starts, default=len(data)) - at
-    if len(data) < at + 3:
-        return None
-    if magic == MAVLINK1:
-        return 8 + data[at + 1]
-    return 12 + data[at + 1] + (SIGNATURE_BYTES if data[at + 2] & SIGNED else 0)
 
 
 class OneWay:

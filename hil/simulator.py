@@ -22,6 +22,7 @@ from typing import Any
 from foundation.errors import LinkError, UsageError
 from foundation.mavlink import Packer, Parser, dialect
 from foundation.sensors import MAX_ROTORS
+from foundation.wire import Frames, is_frame, message_id
 from hil.link.transport import BAUD, Transport, bind_error
 
 ACCEL, GYRO, MAG, BARO = 0x7, 0x38, 0x1C0, 0x1A00  # groups of HIL_SENSOR.fields_updated
@@ -217,7 +218,6 @@ HEARTBEAT_S = 1.0  # wall seconds
 REOPEN_S = 1.0  # wall seconds between two attempts after the cable was pulled
 FORGET_S = 3.0  # wall seconds without a heartbeat after which the board counts as gone, as in MAVSDK
 ACTUATORS, HEARTBEAT = dialect.MAVLINK_MSG_ID_HIL_ACTUATOR_CONTROLS, dialect.MAVLINK_MSG_ID_HEARTBEAT
-MAVLINK_1, MAVLINK_2 = 0xFE, 0xFD  # first byte of a frame
 HELLO = dialect.MAVLink_heartbeat_message(
     dialect.MAV_TYPE_GENERIC, dialect.MAV_AUTOPILOT_INVALID, 0, 0, dialect.MAV_STATE_ACTIVE, 3
 )
@@ -250,7 +250,7 @@ class BoardLine:
         self._connect, self._packer = connect, packer
         self._transport: Transport | None = connect()
         self._parser = Parser()
-        self._rest = b""  # the beginning of an incomplete frame
+        self._frames = Frames()
         self._clients = bytearray()  # bytes for the clients that were not sent yet
         self._hello_due_s = self._reopen_due_s = 0.0
         self._alive_s = -FORGET_S  # wall time of the autopilot's last heartbeat
@@ -274,7 +274,7 @@ class BoardLine:
         if self._transport is None and now_s >= self._reopen_due_s:
             self._reopen_due_s = now_s + REOPEN_S
             with contextlib.suppress(LinkError):
-                self._transport, self._rest = self._connect(), b""
+                self._transport, self._frames = self._connect(), Frames()
         if now_s >= self._hello_due_s:
             self._hello_due_s = now_s + HEARTBEAT_S
             self.send(HELLO)
@@ -284,9 +284,9 @@ class BoardLine:
                 data = self._transport.receive(0.0)
             except LinkError:
                 self._lose()
-        frames, self._rest = split(self._rest + data)
-        for frame in frames:
-            self._take(frame, now_s)
+        for unit in self._frames.feed(data):
+            if is_frame(unit):  # else noise, or output of a boot loader
+                self._take(unit, now_s)
 
     def send(self, *messages: dialect.MAVLink_message) -> None:
         """Send messages from the simulator."""
@@ -311,7 +311,7 @@ class BoardLine:
             self._transport.close()
 
     def _take(self, frame: bytes, now_s: float) -> None:
-        kind = frame[7] | frame[8] << 8 | frame[9] << 16 if frame[0] == MAVLINK_2 else frame[5]
+        kind = message_id(frame)
         if kind != ACTUATORS:
             self._clients += frame
         for message in self._parser.feed(frame) if kind in (ACTUATORS, HEARTBEAT) else ():
@@ -324,22 +324,3 @@ class BoardLine:
         if self._transport is not None:
             self._transport.close()
         self._transport, self._hil = None, False
-
-
-def split(data: bytes) -> tuple[list[bytes], bytes]:
-    """Return the MAVLink frames in some bytes, unknown messages too, and the beginning of an incomplete frame."""
-    frames, at = [], 0
-    while at < len(data):
-        if data[at] not in (MAVLINK_1, MAVLINK_2):
-            at += 1  # noise, or output of a boot loader
-            continue
-        if len(data) - at < 10:
-            break
-        length = 8 + data[at + 1]
-        if data[at] == MAVLINK_2:
-            length += 4 + (13 if data[at + 2] & 1 else 0)  # longer header; a signature
-        if len(data) - at < length:
-            break
-        frames.append(data[at : at + length])
-        at += length
-    return frames, data[at:]

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from foundation.frames import Vec3, quat_yaw, rotate, wrap_pi
 from foundation.mavlink import Parser, dialect
 from foundation.run_folder.rows import Reset, ResetQuantity
+from foundation.wire import message_id
 
 COUNTS = 256  # reset_counter is a uint8
-MAVLINK2 = 0xFD
 # Largest change of an estimate between two messages, beyond the prediction by the mean of their rates: in the flights
 # here a multirotor accelerates by at most 5 m/s² and 30°/s within 0.2 s. A smaller reset has no named quantity.
 LEAST_M, LEAST_MPS, LEAST_DEG = 0.2, 0.3, 3.0
@@ -56,7 +56,7 @@ class ResetWatch:
 
     def frame(self, frame: bytes) -> EstimatorReset | None:
         """Take one message as its bytes; return the reset that it shows."""
-        if frame[0] != MAVLINK2 or int.from_bytes(frame[7:10], "little") != dialect.MAVLINK_MSG_ID_ODOMETRY:
+        if message_id(frame) != dialect.MAVLINK_MSG_ID_ODOMETRY:
             return None
         for message in self._parser.feed(frame):
             return self.message(message)

@@ -12,10 +12,10 @@ from collections.abc import Callable
 
 from dronecats.flight.sitl.simulation import SimulatedVehicle, Simulation, V, VehiclePort
 from foundation.mavlink import Parser
+from foundation.wire import MARKER, frame_bytes
 from hil.link.transport import BUFFER_BYTES, bind_error
 
 SocketAddress = tuple[str, int]
-MAVLINK_2 = 0xFD  # first byte of a frame
 DATAGRAM_BYTES = 8_000  # longer datagrams are dropped; PX4's receiver takes as much (mavlink_receiver.cpp)
 DATAGRAMS = 128  # that are taken in in one exchange
 WORK_S = 0.001  # wall s of one exchange in which frames are handed over, unless its caller sets it
@@ -166,8 +166,8 @@ class UdpPort:
 def packets(data: bytes, size: int = 1400) -> list[bytes]:
     """Return MAVLink 2 bytes cut between messages into datagrams of at most about `size` bytes."""
     cut, at, start = [], 0, 0
-    while at + 2 < len(data) and data[at] == MAVLINK_2:  # anything else goes out as it is, in one piece
-        length = 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
+    while at + 2 < len(data) and data[at] == MARKER:  # anything else goes out as it is, in one piece
+        length = frame_bytes(data, at)
         if at + length - start > size and at > start:
             cut.append(data[start:at])
             start = at

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from dronecats.cli.main import main
 from foundation.mavlink import Packer, Parser, dialect
-from hil.impairment import Frames, ImpairedWire, Impairment
+from foundation.wire import Frames
+from hil.impairment import ImpairedWire, Impairment
 from hil.link.transport import Transport, connect
 from tests.hil.link import listening
 from tests.support.command_line import DRONECATS

@@ -17,8 +17,9 @@ from dronecats.flight.sitl.config import SimulatorConfig
 from dronecats.flight.sitl.simulation import BootPose
 from foundation.errors import UsageError
 from foundation.mavlink import Packer, Parser, dialect
+from foundation.wire import Frames, is_frame
 from hil.link.transport import connect
-from hil.simulator import BoardLine, sensor_period_us, split
+from hil.simulator import BoardLine, sensor_period_us
 from tests.hil.simulator.stand_in import exchange
 from vehicles import airframe
 
@@ -137,7 +138,7 @@ def test_clients_get_all_but_the_motor_outputs_byte_for_byte(vehicle, board):
         board.say(data)
         vehicle.line.exchange()
     speech = b"".join(data for _, data in SPEECH)
-    frames, _ = split(speech)
+    frames = filter(is_frame, Frames().feed(speech))
     wanted = b"".join(frame for frame in frames if frame[7:10] != b"\x5d\x00\x00")
     received = vehicle.line.take()
     while len(received) < len(wanted):
@@ -184,10 +185,9 @@ def test_frames_are_found_between_noise_and_across_cuts():
     old = bytes([0xFE, 1, 0, 1, 1, 200, 7, 0, 0])  # MAVLink 1, one byte of payload
     stream = b"\r\nNuttShell\r\n" + one + old + b"\x00" + two
     for cut in range(len(stream)):
-        first, rest = split(stream[:cut])
-        second, left = split(rest + stream[cut:])
-        assert first + second == [one, old, two]
-        assert left == b""
+        frames = Frames()
+        units = frames.feed(stream[:cut]) + frames.feed(stream[cut:])
+        assert list(filter(is_frame, units)) == [one, old, two]
 
 
 @pytest.mark.parametrize(
