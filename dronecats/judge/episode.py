@@ -135,7 +135,7 @@ def beside_stored(
 
 
 def _commander_contradictions(folder: Path, logs: Logs) -> list[str]:
-    """Return the contradictions with commander.jsonl, which no verdict depends on."""
+    """Return the contradictions with commander.jsonl."""
     try:
         return commander_contradictions(logs, exchanges(folder))
     except UsageError as damage:

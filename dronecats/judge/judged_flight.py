@@ -143,8 +143,9 @@ LATE_S = 5.0
 def ending(logs: Logs) -> str | None:
     """Return the reason why the log does not end with the end of an episode; None if it does.
 
-    The episode must have begun, something must be measured, and the logger must have seen the end: at the cap, with
-    decisions, or as decided, with a declaration that qualifies at RADIUS_M, the radius used during the flight.
+    The episode must have begun, something must be measured, and the logger must have seen the end. At the cap there
+    must be decisions, or a commander that was asked and was too slow. A flight that ended as decided must have a
+    declaration that qualifies at RADIUS_M, the radius used during the flight.
     """
     if logs.begin is None:
         return "the episode never began"
@@ -162,7 +163,7 @@ def ending(logs: Logs) -> str | None:
     cap_s = logs.begin.cap_s or (CAP_S if logs.true else 0.0)  # an older log: an episode lasts CAP_S
     if ended_s < cap_s - LATE_S:
         return f"the log says that the flight ended at its cap of {cap_s:g} s, but it ends at {ended_s:g} s"
-    if not logs.decisions:
+    if not logs.decisions and not logs.only_commander_asked:
         return f"the flight lasted to its cap, but {DECISIONS} is empty"
     return None
 

@@ -68,6 +68,7 @@ class Logs:
     hits: tuple[Hit, ...] = ()
     clears: tuple[Clear, ...] = ()
     resets: tuple[Reset, ...] = ()
+    only_commander_asked: bool = False  # a commander was asked, but gave no orders in time: there are no decisions
 
     @property
     def true(self) -> bool:
@@ -81,8 +82,9 @@ def read(folder: Path) -> Logs:
     by_kind: dict[type, list[Any]] = {kind: [] for kind in TRUTH_ROWS.values()}
     for row in truth(folder):
         by_kind[type(row)].append(row)
+    decisions = tuple(rows(folder / layout.DECISIONS, Decision))
     logs = Logs(
-        decisions=tuple(rows(folder / layout.DECISIONS, Decision)),
+        decisions=decisions,
         frames=_frames(by_kind[FrameTruth], folder / layout.TRUTH),
         poses=tuple(by_kind[Pose]),
         begin=next(iter(by_kind[Begin]), None),
@@ -91,6 +93,7 @@ def read(folder: Path) -> Logs:
         clears=tuple(by_kind[Clear]),
         resets=tuple(by_kind[Reset]),
         record=taken(json_object(folder / layout.EPISODE) or {}, FlownRecord)[0],
+        only_commander_asked=not decisions and bool(exchanges(folder)),
     )
     return logs if logs.true else replace(logs, estimate=estimate(folder))
 

@@ -301,13 +301,15 @@ def test_a_model_that_fails_ends_the_flight_whichever_it_is(tmp_path, role):
         fly(tmp_path, pilot, commander)
 
 
-def test_a_reply_that_is_too_late_is_kept_as_such_and_one_that_never_comes_is_an_error(tmp_path):
+def test_a_reply_that_is_too_late_is_kept_as_such_and_a_broken_call_is_an_error(tmp_path):
     pilot = FunctionModel(lambda request: DONE)
     _, exchange_log, _ = fly(tmp_path, pilot, script({"orders": EVERYBODY}), policy="fixed:2", seconds=5.0)
     assert exchange_log[-1].t_answered is None
     assert exchange_log[-1].error
-    with pytest.raises(ModelError, match="commander"):
-        fly(tmp_path / "never", pilot, script(), policy="fixed:20", seconds=5.0)
+    decisions, (first,), _ = fly(tmp_path / "slow", pilot, script(), policy="fixed:20", seconds=5.0)
+    assert (decisions, first.t_answered) == ([], None)
+    with pytest.raises(ModelError, match="gone"):
+        fly(tmp_path / "broken", pilot, script(ModelError("gone")), policy="fixed:20", seconds=5.0)
 
 
 def test_a_drone_that_is_not_answered_before_the_end_is_nobodys_fault_where_others_were(tmp_path):

@@ -72,6 +72,25 @@ def test_broken_flights_are_errors_and_never_failures(folder):
     assert judge_folder(folder([], []))["outcome"] == "error"
 
 
+def test_a_flight_without_decisions_is_a_failure_only_if_its_commander_was_asked(folder):
+    path = folder([], [BEGIN, pose(0, 16), END])
+    assert judge_folder(path)["outcome"] == "error"
+    question = {
+        "number": 0,
+        "t_asked": 0.2,
+        "t_answered": None,
+        "reply": None,
+        "orders": [],
+        "confirms": [],
+        "causes": [{"why": "start"}],
+        "roster": "",
+        "frames": [0],
+        "model": "m",
+    }
+    (path / "commander.jsonl").write_text(json.dumps(question) + "\n")
+    assert judge_folder(path)["outcome"] == "failure"
+
+
 def test_a_success_stands_however_the_flight_ended(folder):
     path = folder([decision(0, 0, 5.0)], [BEGIN, frame(0, 4.5, 3.0)])
     assert judge_folder(path)["outcome"] == "success"

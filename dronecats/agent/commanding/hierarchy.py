@@ -120,7 +120,7 @@ class FleetCommander:
         asking = self._send(shown)
         due = yield from await_reply(asking, self._now_s, shown.sent_s, cap_s, command.patience_s, command.last_reply)
         if not due:
-            if asking.answered and not self._tally.taken and not shown.number:
+            if not (shown.number or asking.answered):
                 raise ModelError("the commander sent no reply before the end of the episode")
             self._keep(self._row(shown, None, FleetOrders(), "the episode was over before the reply"))
             return []
