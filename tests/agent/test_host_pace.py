@@ -155,7 +155,7 @@ def test_a_decision_tells_how_late_the_host_was_and_not_how_slow_the_model(tmp_p
     assert all(decision.latency_s == 2.0 for decision in decisions)
 
 
-def test_where_no_clock_is_held_nothing_is_said_of_the_host(tmp_path) -> None:
+def test_without_a_host_clock_there_are_no_host_fields(tmp_path) -> None:
     log = LineLog(tmp_path / "decisions.jsonl")
     cockpit = Cockpit(
         aircraft=[Clock()], camera=Views(), camera_model=CAMERA, log=log, frames_dir=tmp_path,

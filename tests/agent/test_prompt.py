@@ -61,7 +61,7 @@ def test_a_prompt_without_its_fields_is_refused(tmp_path):
         Prompt.load(tmp_path / "missing.txt")
 
 
-def test_a_fleet_is_asked_for_an_array_and_told_about_its_pictures():
+def test_the_prompt_of_a_fleet_asks_for_an_array_and_labels_the_pictures():
     text = Prompt.load().render("find the blue car", "Drone 1:\n1. THINK", 5, drones=4)
     assert re.search(r"array\D*4", text)
     assert "{" not in text.split("# Answer")[0]

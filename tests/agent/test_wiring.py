@@ -98,7 +98,7 @@ def test_a_fleet_sends_every_picture_in_order_and_every_drones_own_history(tmp_p
 @pytest.mark.parametrize(
     ("order", "shown", "pixels"), [("xy", "[x, y]", "x=783 y=310"), ("yx", "[y, x]", "x=550 y=441")]
 )
-def test_the_axis_order_is_told_and_read_alike(tmp_path, order, shown, pixels):
+def test_prompt_and_parser_use_the_same_axis_order(tmp_path, order, shown, pixels):
     with Endpoint([GO, DONE]) as endpoint:
         decisions, *_ = fly(endpoint, tmp_path, steps=2, axis_order=order)
     assert f'"point":{shown}' in endpoint.texts[0]

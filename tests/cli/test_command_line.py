@@ -109,7 +109,7 @@ def test_an_api_key_that_is_missing_is_asked_for_by_its_variable(capsys, monkeyp
     assert "OPENAI_API_KEY" in capsys.readouterr().err
 
 
-def test_an_unreachable_model_is_said_before_anything_starts(capsys, tmp_path):
+def test_an_unreachable_model_is_reported_before_the_start(capsys, tmp_path):
     endpoint = ["--model", "local/m", "--base-url", "http://127.0.0.1:1/v1"]
     arguments = ["fly", "--sitl", *endpoint, "--out", str(tmp_path / "r")]
     assert main(arguments) == 2
@@ -117,7 +117,7 @@ def test_an_unreachable_model_is_said_before_anything_starts(capsys, tmp_path):
     assert not (tmp_path / "r").exists()
 
 
-def test_a_camera_that_gives_no_frame_is_said_before_anything_moves(capsys, tmp_path):
+def test_a_camera_without_frames_is_reported_before_the_start(capsys, tmp_path):
     arguments = ["fly", "--connect", "udpin://127.0.0.1:0", "--camera", "http://127.0.0.1:1/frame.jpg",
                  "--instruction", "go to the car", "--out", str(tmp_path)]  # fmt: skip
     assert main(arguments) == 2

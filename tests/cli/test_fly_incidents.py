@@ -26,7 +26,7 @@ def printed(tmp_path, monkeypatch, capsys):
     return printed
 
 
-def test_incidents_are_said_once(printed):
+def test_incidents_are_printed_once(printed):
     lines = printed(*INCIDENTS)
     [hits] = [line for line in lines if "mailbox-3" in line]
     assert all(word in hits for word in ("2 hits", "1.1 m/s", "1.5 s"))

@@ -307,7 +307,7 @@ def test_a_server_that_lists_none_is_one_sentence(capsys):
         assert server.url in error
 
 
-def test_an_unknown_model_is_told_its_neighbours(capsys):
+def test_an_unknown_model_gets_suggestions(capsys):
     with Recording(b'{"error": "no such model"}', 404, listed=json.dumps(LISTS[0]).encode()) as server:
         assert main(["models", "check", "local/maker/modle-1", "--base-url", server.url + "/v1"]) == 3
         assert "maker/model-1" in capsys.readouterr().err

@@ -81,7 +81,7 @@ def test_flights_with_incidents_have_a_table_and_can_be_left_out(place, metric):
     assert f"1 of 3 flights: {metric} above 0" in page.replace("\\", "")
 
 
-def test_another_radius_judges_anew_and_is_said(place):
+def test_another_radius_judges_anew_and_is_printed(place):
     assert main(["report", "runs", "--out", "report", "--no-page", "--delta", "0.5"]) == 0
     assert set(rates(place / "report").values()) == {"0.0"}
     text = (place / "report" / "report.md").read_text(encoding="utf-8")

@@ -341,7 +341,7 @@ def test_a_study_on_a_cluster_has_the_same_bytes(tmp_path):
     assert (tmp_path / "here" / "study.json").read_bytes() == (tmp_path / "there" / "study.json").read_bytes()
 
 
-def test_a_factor_is_said_once_and_beside_what_it_refines(tmp_path):
+def test_a_factor_is_given_once_and_beside_the_factor_that_it_refines(tmp_path):
     for text, parts in (
         ("[factors]\nlatency = [0, 1]\n[held]\nlink_loss = 0.1\n'link-loss' = 0.2\n", r"\[held\] .*link_loss .*twice"),
         ("[factors]\nlink_loss = [0.1]\n'link-loss' = [0.2]\n", r"\[factors\] .*link_loss .*twice"),

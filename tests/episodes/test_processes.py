@@ -43,7 +43,7 @@ def test_every_item_is_worked_on() -> None:
         list(share_out(abs, items, jobs=2))
 
 
-def test_a_process_that_dies_is_said() -> None:
+def test_a_dead_process_is_reported() -> None:
     with pytest.raises(InfrastructureError, match="process"):
         list(share_out(os._exit, [1, 1], jobs=2))
 

@@ -37,7 +37,7 @@ def test_a_prompt_tells_what_a_dataset_tells():
     ).any()
 
 
-def test_the_newest_action_is_told_first_and_no_depth_is():
+def test_the_newest_action_comes_first_and_without_depth():
     near, far = (features.history([features.as_past(Go(250.0, 500.0, depth_m))]) for depth_m in (3.0, 30.0))
     np.testing.assert_array_equal(near, far)
     vector = features.history([features.as_past(one) for one in (Rotate(90.0), Go(250.0, 500.0, 3.0))])

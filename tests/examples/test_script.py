@@ -9,13 +9,13 @@ from examples.action_head import script, serve
 from foundation.errors import UsageError
 
 
-def test_without_pytorch_it_is_told_what_to_install(monkeypatch, capsys):
+def test_without_pytorch_the_error_names_the_package(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "torch", None)  # as without an installed PyTorch
     assert exit_status("action_head", lambda: serve.main(["head.pt"])) == 2
     assert "dronecats[train]" in capsys.readouterr().err
 
 
-def test_where_no_folder_can_be_is_told(tmp_path):
+def test_an_impossible_folder_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(UsageError, match="file/out"):
         script.make_folder(tmp_path / "file" / "out")

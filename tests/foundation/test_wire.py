@@ -199,7 +199,7 @@ def test_messages_survive_any_chunking(messages: list[Any], size: int) -> None:
     assert parser.bad == 0
 
 
-def test_a_damaged_frame_is_counted_and_the_next_one_is_heard() -> None:
+def test_a_damaged_frame_is_counted_and_the_next_one_is_parsed() -> None:
     packer, parser = Packer(1, 1), Parser()
     heartbeat = dialect.MAVLink_heartbeat_message(2, 12, 81, 0, 4, 3)
     broken = bytearray(packer.pack(heartbeat))

@@ -26,7 +26,7 @@ def test_the_small_report_is_as_it_was_looked_at(tmp_path):
     assert files(tmp_path) == files(golden.FOLDER)
 
 
-def test_a_full_disk_is_said(tmp_path):
+def test_a_full_disk_is_reported(tmp_path):
     (tmp_path / "tables").write_text("a file where a folder should be")
     with pytest.raises(InfrastructureError, match=str(tmp_path)):
         write((), {}, (), tmp_path)

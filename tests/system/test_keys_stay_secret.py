@@ -78,7 +78,7 @@ class RecordingEndpoint(ThreadingHTTPServer):
 
 
 @pytest.mark.parametrize("end", ENDS)
-def test_a_key_in_the_address_is_told_nowhere(tmp_path, monkeypatch, capfdbinary, end):
+def test_a_key_in_the_address_appears_nowhere(tmp_path, monkeypatch, capfdbinary, end):
     server = RecordingEndpoint(end)
     threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
     path = f"/{IN_THE_PATH}/v1"

@@ -139,7 +139,7 @@ def test_four_drones_fly_again_what_was_recorded(tmp_path, capsys):
 
 
 @pytest.mark.slow("a fleet flies for a minute, twice")
-def test_a_hierarchy_flies_again_with_what_its_commander_said(tmp_path, capsys):
+def test_a_hierarchy_flies_again_with_the_replies_of_its_commander(tmp_path, capsys):
     unseen = Simulated(speed=None, rendered=False)
     spec = replace(LOCKSTEP, episode="residential-commanding-02", pilot="oracle", command="hierarchical", full=True)
     spec = replace(spec, simulated=unseen, seconds=60.0, latency=LatencyPolicy.parse("lognormal:1,0.5"))

@@ -76,7 +76,7 @@ def test_those_who_keep_apart_feel_nothing() -> None:
     assert [craft.state.tobytes() for craft in fleet] == [craft.state.tobytes() for craft in alone]
 
 
-def test_it_is_said_once_and_what_it_was() -> None:
+def test_the_incident_is_printed_once_with_its_kind() -> None:
     fleet = pair("x500", 1.2, 0.0, 1.0)
     reports = [CollisionReport(craft) for craft in fleet]
     encounters, texts = Encounters(fleet), []

@@ -113,7 +113,7 @@ def test_invalid_responses_are_model_errors():
         assert "Anthropic" in refusal(ask, response, error=ModelError)
 
 
-def test_a_key_that_is_echoed_is_not_said(monkeypatch):
+def test_an_echoed_key_is_redacted(monkeypatch):
     monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
     with pytest.raises(ModelError, match=r"401.*\*\*\*") as refused:
         ask({"type": "error", "error": {"message": f"invalid x-api-key {KEY}"}}, status=401)

@@ -113,7 +113,7 @@ def test_a_busy_endpoint_is_asked_again_and_the_wait_is_not_the_models(endpoint)
     assert reply.latency_s < reply.waited_s
 
 
-def test_a_key_that_is_echoed_and_a_password_in_a_url_are_never_said(endpoint, monkeypatch):
+def test_an_echoed_key_and_a_password_in_a_url_are_redacted(endpoint, monkeypatch):
     url, answers, _ = endpoint
     monkeypatch.setenv("OPENAI_API_KEY", KEY)
     answers.append((401, f"wrong key {KEY}, sir".encode(), {}))

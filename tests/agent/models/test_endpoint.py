@@ -275,7 +275,7 @@ def test_an_invalid_url_is_not_in_the_error(url):
     assert "SECRET9" not in str(refused.value)
 
 
-def test_a_key_that_cannot_be_sent_is_not_said(monkeypatch):
+def test_an_unusable_key_is_redacted(monkeypatch):
     monkeypatch.setenv("OPENAI_API_KEY", "sk-Schlüssel")
     with pytest.raises(UsageError, match=r"api\.openai\.com") as refused:
         open_model(ModelSpec(provider="openai", name="m"))

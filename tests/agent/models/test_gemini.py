@@ -103,7 +103,7 @@ def test_invalid_responses_are_model_errors():
         assert "Gemini" in refusal(ask, response, error=ModelError)
 
 
-def test_a_key_that_is_echoed_is_not_said(monkeypatch):
+def test_an_echoed_key_is_redacted(monkeypatch):
     monkeypatch.setenv("GEMINI_API_KEY", KEY)
     with pytest.raises(ModelError, match=r"400.*\*\*\*") as refused:
         ask({"error": {"message": f"key {KEY} not valid"}}, status=400)

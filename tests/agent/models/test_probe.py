@@ -27,7 +27,7 @@ def probed(answer, **declared) -> tuple[ProbeResult, Recording]:
             model.close()
 
 
-def test_the_mark_is_where_it_is_said_to_be_and_nowhere_near_its_mirror():
+def test_the_mark_is_at_its_stated_place_and_not_at_the_mirrored_one():
     x, y = mark(marked_picture())
     assert (x, y) == pytest.approx(MARK, abs=5)
     assert abs(x - y) > 500

@@ -203,7 +203,7 @@ def test_ones_own_file_adds_rows_and_changes_what_it_states(own):
     assert all_rows["gpt-6-luna"].file == SHIPPED
 
 
-def test_two_rows_of_one_identifier_are_told_apart_by_name(own):
+def test_two_rows_with_one_identifier_differ_by_name(own):
     own('[careful]\nprovider = "openai"\nidentifier = "gpt-5"\nreasoning_off = {reasoning_effort = "high"}')
     assert model_of("careful").quick == {"reasoning_effort": "high"}
     assert model_of("gpt-5").quick == {"reasoning_effort": "minimal"}

@@ -85,7 +85,7 @@ def test_a_standing_target_has_almost_no_velocity():
     assert np.median(believed) < 0.03
 
 
-def test_a_velocity_is_told_of_the_third_sighting_at_the_soonest():
+def test_a_velocity_is_known_from_the_third_sighting_on():
     track, _ = seen([(12.0, 0.0, 0.0), (12.0, 3.0, 0.0)], [0.0, 4.0])
     now = track.at(4.0)
     assert now is not None

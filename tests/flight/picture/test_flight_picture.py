@@ -80,7 +80,7 @@ def test_a_whole_flight_has_map_trace_ring_and_both_kinds_of_declaration(tmp_pat
     assert colour(path, (72, 128, 96), 3) > 100_000  # the map is there
 
 
-def test_declarations_are_told_apart_by_the_truth_of_their_own_frame(tmp_path):
+def test_declarations_are_marked_by_the_truth_of_their_own_frame(tmp_path):
     logs = read(flight(tmp_path / "run"))
     qualifying = {d.step: qualifies(d, logs) for d in logs.decisions}
     assert qualifying[7] is False  # 10.5 m north of the start: still more than 5 m away

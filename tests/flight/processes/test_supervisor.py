@@ -42,7 +42,7 @@ def test_a_child_says_what_it_bound_and_ends_with_its_parent(supervisor):
 
 
 @pytest.mark.parametrize("asks", [False, True], ids=["looked after", "told something"])
-def test_a_child_that_ends_is_told_of_in_its_own_words(supervisor, asks):
+def test_the_error_of_an_ended_child_quotes_its_output(supervisor, asks):
     child = supervisor.start(ENDING, EndingConfig(turns=3))
     child.ready()
     os.waitid(os.P_PID, child.pid, os.WEXITED | os.WNOWAIT)

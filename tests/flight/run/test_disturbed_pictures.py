@@ -96,7 +96,7 @@ def test_a_go_flies_along_the_pixels_ray_of_the_picture_wherever_the_nose_is_mea
 
 
 @pytest.mark.slow
-def test_the_oracle_is_told_what_was_to_be_seen_when_the_picture_was_taken(tmp_path):
+def test_the_oracle_gets_the_truth_at_the_time_of_the_picture(tmp_path):
     """Its goes therefore point at the target in their own pictures, however late the pictures are."""
     for name, faults in (("rate", {"rate_hz": 1.0, "delay_s": 2.0}), ("stale", {"stale": 0.6})):
         folder = fly_with_faults(tmp_path / name, replace(UNSEEN, pilot="oracle", seconds=40.0), **faults)

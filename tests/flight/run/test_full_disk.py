@@ -47,7 +47,7 @@ def concluded(folder, limit):
         return fly_and_judge(lambda: EpisodeEnd("decided", None, 6.0, 1.0, 1), folder, "e", "blind", afterwards)
 
 
-def test_a_verdict_that_cannot_be_written_is_told_and_known_all_the_same(folder):
+def test_a_verdict_that_cannot_be_written_is_reported_and_returned(folder):
     result = concluded(folder, 100)
     assert (result["status"], result["outcome"]) == (3, "success")
     assert re.search(r"verdict\.json.*File too large", result["error"])

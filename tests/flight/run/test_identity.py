@@ -89,7 +89,7 @@ def test_it_is_computed_once_and_kept(sources, monkeypatch):
     assert digest_now() == before
 
 
-def test_the_protocol_is_told_number_by_number():
+def test_the_page_states_each_number_of_the_protocol():
     numbers = protocol_numbers()
     assert numbers["CAP_S"] == protocol.CAP_S
     assert numbers["GO"] == "go"

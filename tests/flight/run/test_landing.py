@@ -59,7 +59,7 @@ def test_a_process_that_hangs_is_the_error_of_the_flight_and_of_its_log(vehicle)
     assert vehicle.mode == "LAND"
 
 
-def test_the_other_drones_are_kept_up_with_while_one_is_told_to_land(vehicle, monkeypatch):
+def test_the_other_drones_are_served_while_one_is_landing(vehicle, monkeypatch):
     first, second = flying(vehicle), flying(Landing())
     kept = []
     monkeypatch.setattr(second, "keep_up", lambda: kept.append(vehicle.mode))
@@ -102,7 +102,7 @@ def test_a_landing_that_does_not_end_says_whose_it_is_and_what_it_costs(vehicle)
     assert [line for line in alone if "end of the landing" in line and "drone" not in line]
 
 
-def test_a_vehicle_that_cannot_be_told_to_land_costs_no_score_either(vehicle):
+def test_a_vehicle_that_cannot_be_landed_does_not_change_the_score(vehicle):
     def gone():
         raise LinkError("the cable is out")
 

@@ -23,7 +23,7 @@ def two_drones(tmp_path):
     return links, SafetyLog(file, links, notices.append), notices, file
 
 
-def test_a_limit_that_acts_at_every_step_is_said_twice_in_all(two_drones):
+def test_a_limit_that_acts_at_every_step_is_reported_twice(two_drones):
     links, log, notices, file = two_drones
     for _ in range(70):
         links[1].on_limit(("climb",))
@@ -37,7 +37,7 @@ def test_a_limit_that_acts_at_every_step_is_said_twice_in_all(two_drones):
     assert [json.loads(line)["limits"] for line in file.read_text().splitlines()] == [["climb"], []] * 70
 
 
-def test_each_limit_of_each_drone_is_said_when_it_first_acts(two_drones):
+def test_each_limit_of_each_drone_is_reported_when_it_first_acts(two_drones):
     links, log, notices, _ = two_drones
     links[0].on_limit(("climb",))
     links[0].on_limit(("climb", "ceiling"))

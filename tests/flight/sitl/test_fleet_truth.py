@@ -92,7 +92,7 @@ def test_a_drone_before_the_lens_makes_the_target_invisible_in_the_log(bus, log,
         assert frame["target_frd"][0] > 0.0
 
 
-def test_a_pose_is_measured_with_the_others_where_they_are_then_although_they_are_heard_later(bus, log):
+def test_a_pose_is_measured_with_the_other_poses_of_its_time_although_they_arrive_later(bus, log):
     recorder, written = log
     recorder.truth(bus.all(980_000, bus.away))
     recorder.truth(bus.pose(0, 1_000_000, bus.facing))

@@ -154,7 +154,7 @@ def test_a_vehicle_that_moves_is_not_taken_for_one_that_stands(port):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("timed", [None, False])
-def test_a_stream_without_truth_or_without_time_is_said(tmp_path, port, timed):
+def test_a_stream_without_truth_or_without_time_is_reported(tmp_path, port, timed):
     vehicle = None if timed is None else ReportingVehicle(port, timed=timed)
     config = TruthBridgeConfig(episode=EPISODE, truth=f"udpin://127.0.0.1:{port}")
     bridge = ChildProcess(TRUTH_BRIDGE, config, tmp_path / "bridge.log")

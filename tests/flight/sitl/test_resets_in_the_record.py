@@ -105,7 +105,7 @@ def test_a_reset_of_our_estimator_stands_in_the_record(tmp_path):
     assert verdict.as_json()["contacts"]["hits"] == 0
 
 
-def test_without_odometry_nothing_is_said_of_resets(tmp_path):
+def test_without_odometry_resets_are_unknown(tmp_path):
     recorder = Recorder(tmp_path, ORIGIN, lambda *_: NOTHING, CameraModel())
     (tmp_path / "decisions.jsonl").write_text("")
     recorder.begin(5, 300.0)

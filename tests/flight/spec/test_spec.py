@@ -176,7 +176,7 @@ def test_a_record_of_ones_own_is_in_the_flight_and_not_its_files_name(tmp_path):
         look_up(replace(spec, record={"id": "mine"}))
 
 
-def test_the_file_of_a_run_of_several_wants_to_be_told_which(tmp_path, capsys):
+def test_a_file_with_several_runs_needs_the_name_of_one(tmp_path, capsys):
     spec = FlightSpec(pilot="oracle", simulated=Simulated(speed=None))
     file = tmp_path / "run.json"
     file.write_text(json.dumps({"flight": as_kept(spec), "versions": {}}))
@@ -184,7 +184,7 @@ def test_the_file_of_a_run_of_several_wants_to_be_told_which(tmp_path, capsys):
     assert "--episode" in capsys.readouterr().err
 
 
-def test_the_file_of_an_older_run_is_told_from_a_wrong_one(tmp_path, capsys):
+def test_the_error_for_an_older_run_differs_from_that_for_a_wrong_file(tmp_path, capsys):
     file = tmp_path / "run.json"
     file.write_text(json.dumps({"pilot": "oracle", "versions": {"dronecats": "0.1.0"}}))
     assert main(["fly", "--spec", str(file)]) == 2

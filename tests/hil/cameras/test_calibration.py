@@ -104,7 +104,7 @@ def test_a_fisheye_becomes_a_pinhole_too():
     assert heights[0] == pytest.approx(0.45 * model.focal_px + 239.5, abs=0.5)
 
 
-def test_without_a_calibration_pictures_stay_and_the_field_of_view_is_what_was_said():
+def test_without_a_calibration_pictures_and_the_stated_field_of_view_stay():
     lens, picture = Lens(hfov_deg=70.0), np.random.default_rng(1).integers(0, 255, (90, 160, 3)).astype(np.uint8)
     assert lens.model is None
     assert lens.straightened(picture) is picture

@@ -106,7 +106,7 @@ def test_delay_is_one_way_and_as_long_as_asked_for() -> None:
         assert time.monotonic() - sent_s < 0.25
 
 
-def test_it_is_impaired_for_as_long_as_is_said_and_then_perfect() -> None:
+def test_the_wire_is_impaired_for_the_stated_time_and_then_perfect() -> None:
     wire, agent, autopilot = udp_wire(PERFECT)
     with wire:
         agent.send(pings(1)[0])
@@ -136,7 +136,7 @@ def test_tcp_from_end_to_end_and_a_client_that_comes_again() -> None:
     far.close()
 
 
-def test_an_end_that_breaks_is_told() -> None:
+def test_a_broken_end_is_reported() -> None:
     listener = socket.create_server(("127.0.0.1", 0))
     wire = ImpairedWire(
         connect("udpin://127.0.0.1:0"), connect(f"tcp://127.0.0.1:{listener.getsockname()[1]}"), PERFECT, PERFECT

@@ -154,7 +154,7 @@ def test_no_place_is_flown_to_faster_than_the_limits(north, east, down):
     ("least", "remaining", "expected"),
     [(0.3, None, "battery_min = 0.3"), (0.3, 0.2, None), (None, None, None)],
 )
-def test_a_battery_that_tells_no_level_is_said_not_to_be_watched(least, remaining, expected):
+def test_a_battery_without_a_level_is_reported_as_unwatched(least, remaining, expected):
     warning = unwatched(state((0, 0, -2), battery_remaining=remaining), Limits(battery_min=least))
     assert warning is None if expected is None else (warning or "").startswith(expected)
 

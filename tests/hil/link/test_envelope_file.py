@@ -36,6 +36,6 @@ def test_errors_in_an_envelope_are_named(tmp_path):
         assert [word for word in (str(path), *words) if word not in message] == [], text
 
 
-def test_no_file_is_said(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(UsageError, match=r"nowhere\.toml"):
         load(tmp_path / "nowhere.toml", Limits())

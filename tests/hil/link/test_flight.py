@@ -68,7 +68,7 @@ def test_telemetry_that_newer_has_overtaken_is_of_its_own_time(vehicle):
     assert link.sight(link.time_us).position_ned[0] == pytest.approx(here[0], abs=0.05)
 
 
-def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle):
+def test_offboard_is_requested_again_until_the_stream_has_arrived(vehicle):
     vehicle.refuses[176] = (1, "Mode OFFBOARD refused: no offboard signal")
     link = Link(vehicle.transport())
     link.connect(10.0)
@@ -80,7 +80,7 @@ def test_offboard_is_asked_for_again_while_the_stream_has_not_been_heard(vehicle
 
 
 @pytest.mark.parametrize(("result", "attempts"), [(1, range(3, 20)), (2, range(1, 2))])
-def test_an_offboard_that_stays_refused_is_said_with_the_autopilot_s_words(vehicle, result, attempts):
+def test_a_lasting_refusal_of_offboard_is_reported_in_the_autopilots_words(vehicle, result, attempts):
     vehicle.refuses[176] = (result, "no valid position")
     link = Link(vehicle.transport())
     link.connect(10.0)

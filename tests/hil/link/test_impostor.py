@@ -182,7 +182,7 @@ def test_a_burst_of_old_time_stamps_is_no_reboot_while_the_vehicle_goes_on(vehic
 
 
 @pytest.mark.parametrize("handed_over", [True, False])
-def test_a_vehicle_that_has_rebooted_is_noticed_and_told_to_hold(vehicle, port, handed_over):
+def test_a_rebooted_vehicle_is_noticed_and_holds(vehicle, port, handed_over):
     link = Link(port)
     link.connect(10.0)
     if not handed_over:

@@ -15,7 +15,7 @@ def message(stream, position, velocity=STILL, yaw=0.0, time_us=1_000_000):
     return None if target is None else PX4.setpoint_message(target, time_us // 1000, 1, 1)
 
 
-def test_streams_nothing_until_told():
+def test_no_stream_before_a_request():
     stream = OffboardStream()
     assert message(stream, (0, 0, 0)) is None
     stream.fly(Hold())
@@ -148,7 +148,7 @@ def test_a_step_ends_at_the_same_place_whatever_tick_notices_its_end(late_us):
 
 
 @pytest.mark.parametrize("tick_us", [48_000, 50_000, 52_000, 70_000])
-def test_a_turn_is_as_long_as_was_said_whatever_the_ticks(tick_us):
+def test_a_turn_has_the_stated_duration_at_any_tick(tick_us):
     stream = OffboardStream()
     stream.fly(Hold())
     message(stream, (0, 0, -2.0), yaw=0.3, time_us=1_000_000)

@@ -42,13 +42,13 @@ def test_set_parameters_keep_their_value(meet, name, value):
     assert type(autopilot.parameters[name]) is type(value)
 
 
-def test_an_autopilot_that_keeps_its_value_is_told_on(meet):
+def test_an_autopilot_that_keeps_its_value_is_reported(meet):
     _, link = meet(keeps=("COM_OBL_RC_ACT",))
     with pytest.raises(LinkError, match=r"COM_OBL_RC_ACT.* 0 .* 5"):
         Parameters(link).set("COM_OBL_RC_ACT", 5)
 
 
-def test_an_autopilot_that_does_not_answer_settings_is_told_on(meet):
+def test_an_autopilot_that_does_not_answer_settings_is_reported(meet):
     _, link = meet(deaf_to=("PARAM_SET",))
     with pytest.raises(LinkError, match=r"COM_OBL_RC_ACT.* 0 "):
         Parameters(link).set("COM_OBL_RC_ACT", 5)

@@ -116,13 +116,13 @@ def test_one_forged_time_does_not_shut_the_vehicle_out():
     ],
     ids=["no key", "PX4 without a key", "another key"],
 )
-def test_why_nothing_is_believed_is_said_without_the_key(vehicle, key, expected):
+def test_the_reason_of_disbelief_is_stated_without_the_key(vehicle, key, expected):
     with pytest.raises(LinkError, match=expected) as refusal:
         link_to(vehicle, key).connect(5.0)
     assert all(str(part) not in str(refusal.value) for part in (KEY, KEY.hex(), OTHER.hex()))
 
 
-def test_a_link_without_a_key_is_told_that_the_vehicle_wants_one():
+def test_a_link_without_a_key_gets_an_error_that_asks_for_one():
     vehicle = SigningVehicle()
     link = link_to(vehicle, key=b"")
     link.connect(10.0)
@@ -130,7 +130,7 @@ def test_a_link_without_a_key_is_told_that_the_vehicle_wants_one():
         link.set_mode("HOLD")
 
 
-def test_a_link_to_a_px4_without_a_key_is_not_told_that_it_wants_one():
+def test_a_link_to_a_px4_without_a_key_gets_no_such_error():
     vehicle = SigningVehicle(key=NO_KEY)
     link = link_to(vehicle, key=b"")
     link.connect(10.0)
@@ -165,7 +165,7 @@ def test_our_simulator_is_given_a_key_and_then_flies_for_its_owner_alone():
     again.connect()
 
 
-def test_a_vehicle_that_takes_no_key_is_said_so():
+def test_a_vehicle_that_rejects_the_key_is_reported():
     vehicle = ScriptedVehicle()
     vehicle.armed = False
     link = link_to(vehicle, key=b"")

@@ -99,7 +99,7 @@ class Stopping(Transport):
         return link
 
 
-def test_a_vehicle_that_was_stopped_is_told_with_the_time_lost():
+def test_a_stopped_vehicle_is_reported_with_the_time_lost():
     wire = Stopping()
     silences: list[float] = []
     link = wire.flying_link()

@@ -56,7 +56,7 @@ def test_times_before_the_first_report_return_the_first_pose():
     assert track.at(1_000_000).heading == 0.5
 
 
-def test_nothing_is_known_before_place_and_heading_have_been_told():
+def test_nothing_is_known_before_place_and_heading_have_arrived():
     assert make_track(places=STANDING).at(1_000_000) is None
     assert make_track(headings=STANDING).at(1_000_000) is None
 

@@ -105,7 +105,7 @@ def test_parameters_that_nobody_tells_are_a_failure_where_they_are_vital(meet, t
 
 
 @pytest.mark.slow
-def test_an_old_firmware_and_one_that_is_not_told(meet, tmp_path):
+def test_an_old_and_an_unknown_firmware(meet, tmp_path):
     _, link = meet(version=1 << 24 | 12 << 16 | 3 << 8 | 255)
     result = looked_at(link, tmp_path)
     assert failed(result) == FINE | {"firmware", "COM_RCL_EXCEPT = 0"}

@@ -55,7 +55,7 @@ def test_the_prearm_check_counts():
     assert (row.passed, "Preflight Fail: compass" in row.why) == (False, True)
 
 
-def test_a_vehicle_left_in_offboard_is_told_apart_from_one_that_is_not_fit():
+def test_a_vehicle_left_in_offboard_gets_another_error_than_an_unfit_one():
     def fix(mode):
         beat = dialect.MAVLink_heartbeat_message(2, 12, 1, MODES[mode].custom_mode, 3, 3)
         return vehicle.health_rows(observed(beat, status(healthy=0x2F)))[3].fix
@@ -155,7 +155,7 @@ def test_a_calendar_that_is_off_is_noticed_and_a_simulated_one_is_not():
         assert passed(ground_side.wire_rows(observation), "clocks") is expected, calendar
 
 
-def test_nothing_heard_is_never_a_pass():
+def test_silence_is_never_a_pass():
     rows = [
         *vehicle.health_rows(Observation()),
         *vehicle.position_rows(Observation()),

@@ -46,6 +46,6 @@ def test_a_gap_in_the_truth_is_not_bridged(tmp_path):
     assert against_truth(folder_of(tmp_path, true, half), ORIGIN)["poses"] == 19 - 6
 
 
-def test_no_time_in_common_is_said(tmp_path):
+def test_two_logs_without_common_time_are_an_error(tmp_path):
     with pytest.raises(UsageError, match=re.escape(str(tmp_path))):
         against_truth(folder_of(tmp_path, [0.01, 0.51], [5.0, 5.5]), ORIGIN)

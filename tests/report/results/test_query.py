@@ -233,14 +233,14 @@ def test_an_export_is_a_file_a_table(runs, tmp_path):
         write_tables("parquet", recorded_runs([runs]), tmp_path / "file")
 
 
-def test_runs_of_one_name_are_told_apart(tmp_path):
+def test_runs_with_one_name_get_different_labels(tmp_path):
     for which in ("a", "b"):
         write_run(tmp_path / which / "oracle", EPISODES[:1])
     same_named = recorded_runs([tmp_path / "a", tmp_path / "b"])
     assert [row[0] for row in query("SELECT run FROM runs", same_named).rows] == ["a/oracle", "b/oracle"]
 
 
-def test_columns_of_one_name_are_told_apart(runs):
+def test_columns_with_one_name_get_different_labels(runs):
     answer = query("SELECT 1 AS a, 2 AS a, 3 AS a_2, 4 AS a FROM runs", recorded_runs([runs]))
     assert isinstance(answer, Selected)
     assert answer.columns == ("a", "a_2", "a_2_2", "a_3")

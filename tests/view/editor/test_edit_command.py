@@ -11,7 +11,7 @@ from dronecats.cli.main import main
 from tests.support.command_line import DRONECATS
 
 
-def test_the_address_is_told_and_an_interrupt_ends_it(yard, tmp_path, port):
+def test_the_address_is_printed_and_an_interrupt_ends_the_command(yard, tmp_path, port):
     command = [*DRONECATS, "edit", yard, "--no-browser", "--port", str(port)]
     out = tmp_path / "my records"
     with subprocess.Popen(

@@ -43,7 +43,7 @@ def test_the_ring_is_around_the_chosen_point_once_it_is_chosen(flight, going, co
     assert not (np.abs(earlier.astype(int) - YELLOW).max(axis=-1) < 60).any()
 
 
-def test_the_frame_is_shown_as_it_is_and_one_that_is_missing_is_said_to_be(flight, going, tmp_path):
+def test_the_frame_is_shown_unchanged_and_a_missing_one_is_marked(flight, going, tmp_path):
     shown = pilot_view(flight, 0, going.t_frame, 400, 225, 1.0)
     assert np.abs(shown[20:180, 20:380].astype(int) - GREY).max() <= 2
     unrendered = tmp_path / "unrendered" / flight.id

@@ -76,7 +76,7 @@ def follower(writer, world):
     return FlightFollower(writer.folder, world, 1)
 
 
-def test_nothing_is_known_before_anything_is_told(follower, world):
+def test_without_messages_nothing_is_known(follower, world):
     moment = follower.turn()
     assert moment.drones[0].position_ned is None
     assert "ready" in moment.state

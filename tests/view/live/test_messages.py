@@ -270,7 +270,7 @@ def test_nobodys_words_become_markup(world):
     assert set(re.findall(r"</?([a-z]+)", html)) <= ours
 
 
-def test_a_reply_for_several_drones_is_said_once(world):
+def test_a_reply_for_several_drones_is_shown_once(world):
     fleet = moment(world, drones=4).drones
     assert markup.decisions_html(fleet).count('class="reply"') == 1
     assert markup.decisions_html(fleet).count('class="action"') == 4

@@ -59,7 +59,7 @@ def test_no_page_is_no_process(tmp_path, children):
     assert children == []
 
 
-def test_the_address_is_said_and_the_page_ends_with_the_command(tmp_path, children, port):
+def test_the_address_is_printed_and_the_page_ends_with_the_command(tmp_path, children, port):
     log = Notices()
     with opened(WantedPage(port=port), tmp_path, "vision", log):
         log.wait(f"http://127.0.0.1:{port}")
@@ -76,7 +76,7 @@ def test_a_page_that_hangs_from_the_start_holds_nobody_up(tmp_path, children, po
     assert log.lines == []
 
 
-def test_a_page_that_cannot_be_opened_is_told_of_and_that_is_all(tmp_path, monkeypatch, port):
+def test_a_page_that_cannot_be_opened_is_only_reported(tmp_path, monkeypatch, port):
     monkeypatch.setattr(opening, "VIEWER", ChildKind("viewer", "dronecats.view.live.nowhere", ViewerConfig))
     log, has_flown = Notices(), False
     with opened(WantedPage(port=port), tmp_path, "", log):

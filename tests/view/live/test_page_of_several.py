@@ -55,7 +55,7 @@ def test_a_run_and_an_episode_are_folders_too(bench):
     assert [one.name for one in EpisodeList(bench / "run-a/two").look()] == ["two"]
 
 
-def test_a_folder_that_is_not_there_or_not_told_yet_holds_no_flight(tmp_path):
+def test_a_missing_or_unset_folder_has_no_flight(tmp_path):
     assert EpisodeList(tmp_path / "nowhere").look() == []
     (tmp_path / "run" / "made").mkdir(parents=True)
     (tmp_path / "run" / "made" / layout.DECISIONS).touch()

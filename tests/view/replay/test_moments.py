@@ -74,7 +74,7 @@ def test_pictures_and_decisions_come_when_they_came(flight, folder):
     assert flight.moment(decisions[0]["t_frame"] - SOON).drones[0].picture is None
 
 
-def test_the_chosen_place_is_behind_its_pixel_as_deep_as_the_pilot_said(flight):
+def test_the_chosen_place_is_behind_its_pixel_at_the_pilots_depth(flight):
     gos = [one for one in flight.recorded.logs.decisions if one.kind == "go"]
     assert gos
     camera = CameraModel()
@@ -134,7 +134,7 @@ def test_a_torn_tlog_is_read_as_far_as_it_goes(copied, flight):
     assert math.dist(flight_moments(copied).pose(0, 1.0).position_ned, flight.pose(0, 1.0).position_ned) < 0.02
 
 
-def test_pictures_that_are_not_there_are_said(copied, runs):
+def test_missing_pictures_are_reported(copied, runs):
     shutil.rmtree(copied / layout.FRAMES)
     flight = flight_moments(copied)
     assert flight.missing == (moments.NO_PICTURES,)

@@ -19,7 +19,7 @@ from tests.support.run_folders import run_folder
 
 
 @pytest.mark.slow
-def test_the_address_is_told_and_an_interrupt_ends_it(runs):
+def test_the_address_is_printed_and_an_interrupt_ends_the_command(runs):
     port = str(free_port(socket.SOCK_STREAM))  # the page takes the next free one if this is gone
     command = [*DRONECATS, "replay", str(runs / "paper"), str(runs / "other"), "--no-browser", "--port", port]
     before = sorted(runs.rglob("*"))

@@ -45,7 +45,7 @@ def test_a_sheet_shows_each_asset_at_each_distance(tmp_path: Path) -> None:
     assert again.read_bytes() == out.read_bytes()
 
 
-def test_wrong_names_and_places_are_told_in_a_sentence(tmp_path: Path) -> None:
+def test_wrong_names_and_places_are_reported_in_one_sentence(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"'quadrotr'.* 'quadrotor'"):
         write_contact_sheet(["quadrotr"], tmp_path / "sheet.jpg")
     (tmp_path / "file").write_text("")

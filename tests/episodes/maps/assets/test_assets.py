@@ -156,7 +156,7 @@ def seen(name: str, color: str, text: str, away: float) -> np.ndarray:
 
 @pytest.mark.parametrize(("name", "color", "away"), [("sign", "blue", 8.0), ("sign", "yellow", 8.0),
                                                      ("sedan", "white", 6.0), ("bus", "black", 6.0)])  # fmt: skip
-def test_characters_that_look_alike_are_told_apart(name: str, color: str, away: float) -> None:
+def test_similar_characters_are_distinguished(name: str, color: str, away: float) -> None:
     """If the paper's models still read them, a changed character changes the picture by much of its contrast."""
     texts = ("RB 8063", "RB 8083", "PB 8063", "RB 3063", "R8 8063", "RB 8068")
     pictures = [seen(name, color, text, away) for text in texts]

@@ -63,7 +63,7 @@ time.sleep(600)
     wait_for(lambda: running(folder) == [])
 
 
-def test_its_exit_status_is_told_and_it_can_be_started_again(tmp_path):
+def test_its_exit_status_is_reported_and_it_can_be_started_again(tmp_path):
     process = Px4Process("sh -c 'exit 7'", 0, tmp_path, tmp_path / "px4.log", 1.0)
     for _ in range(2):
         wait_for(lambda: process.poll() is not None)
@@ -85,7 +85,7 @@ def test_paths_in_the_command_may_be_relative_to_here(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["", "no-such-program -d", "'unfinished"])
-def test_a_command_that_cannot_be_run_is_said(command):
+def test_a_command_that_cannot_be_run_is_reported(command):
     with pytest.raises(UsageError, match="--px4"):
         arguments(command, 0)
 
